@@ -1,9 +1,9 @@
-"""Every bench, one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
+"""Run all benches and print one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
 
-Each bench runs as a command of its own, shortly (all of them in about twelve minutes on two quiet cores); its rows
-(``bench/table.py``) go into the one table, all that it prints into a section below. One that fails, takes too long or
-lacks its peer is a row with the reason. PYTHON is an interpreter with vtk, panda3d, viser and meshcat; without it, what
-needs it is skipped and says so.
+Run each bench as a command of its own (about twelve minutes in all on two quiet cores). Its rows
+(``bench/table.py``) go into one table, its other output into a section below. A bench that fails, takes too long or
+lacks its peer becomes a row with the reason. PYTHON is an interpreter with vtk, panda3d, viser and meshcat; benches
+that need it are skipped without it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bench.table import HEAD, Row, at_least, skipped
 
 PLOT = "docs/images/memory.svg"
 LIMIT = 900.0
-"""Seconds that one bench may take: several times what it takes on a quiet machine."""
+"""Time limit of one bench in seconds: several times its duration on a quiet machine."""
 PEERS = ("vtk", "panda3d", "viser", "meshcat")
 _VERSIONS = """
 import json, importlib.metadata as m
@@ -41,19 +41,19 @@ print(json.dumps(found))
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """How one is run here, and how rows are made of what it prints beyond its own rows."""
+    """A bench: its command-line arguments, and a parser for results that it prints outside its table."""
 
     arguments: tuple[str, ...] = ()
     quick: tuple[str, ...] = ()
-    """More arguments for a run that shows whether everything works; its figures are poor."""
+    """Arguments that shorten the run to a smoke test; its figures are poor."""
     peers: tuple[str, ...] = ()
-    """What the interpreter of ``--peers`` has to have for it."""
+    """Packages that the interpreter of ``--peers`` needs."""
     rows: Callable[[str], list[Row]] = lambda _: []
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Of one bench."""
+    """Output of one bench."""
 
     name: str
     command: str
@@ -62,7 +62,7 @@ class Result:
 
 
 def stream_rows(text: str) -> list[Row]:
-    """Of the live camera's lines: name, clients, sets/s, MB/s, CPU, ms/set ..."""
+    """Parse the live camera's lines: name, clients, sets/s, MB/s, CPU, ms/set ..."""
     rows = []
     for rate, clients, sets, cpu in re.findall(r"live \S+ \S+ (max|device) +(\d+) +([\d.]+) +\d+ +([\d.]+)", text):
         what = f"stereo stream, {clients} clients, rate {rate}: sets per second and client (server {cpu} cores)"
@@ -73,13 +73,13 @@ def stream_rows(text: str) -> list[Row]:
 
 
 def tree_rows(text: str) -> list[Row]:
-    """Of lines such as ``ratio meshcat / ours, udp, 1 transform: 31.2``."""
+    """Parse lines such as ``ratio meshcat / ours, udp, 1 transform: 31.2``."""
     found = re.findall(r"ratio (.+?) / ([^:]+): ([\d.]+)$", text, re.MULTILINE)
     return [Row(f"tree viewer, {what}", "", peer, f"{ratio}×") for peer, what, ratio in found]
 
 
 def viewer_rows(text: str) -> list[Row]:
-    """Of lines such as ``ours against viser: 2.1 x the rate, 12 x less CPU per update``."""
+    """Parse lines such as ``ours against viser: 2.1 x the rate, 12 x less CPU per update``."""
     rows, clients = [], "1"
     for line in text.splitlines():
         if found := re.match(r"ours +(\d+) clients", line):
@@ -109,7 +109,7 @@ BENCHES = {
 
 
 def peers_in(python: str | None) -> tuple[dict[str, str], str]:
-    """Versions of the peers that an interpreter has, and why it has none."""
+    """Return the versions of the peers that an interpreter has, and the reason if it has none."""
     if python is None:
         return {}, "no --peers"
     try:
@@ -120,7 +120,7 @@ def peers_in(python: str | None) -> tuple[dict[str, str], str]:
 
 
 def machine(peers: dict[str, str], load: float) -> str:
-    """What the figures were measured on; ``load``: the load average before."""
+    """Describe the machine and the package versions; ``load``: the load average before the run."""
     cpu = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -137,7 +137,7 @@ def machine(peers: dict[str, str], load: float) -> str:
 
 
 def measured(name: str, python: str | None, found: dict[str, str], reason: str, quick: bool) -> Result:
-    """Runs one bench."""
+    """Run one bench and return its rows and output."""
     bench = BENCHES[name]
     missing = [peer for peer in bench.peers if peer not in found]
     command = ["-m", f"bench.{name}", *bench.arguments, *(bench.quick if quick else ())]
@@ -166,13 +166,13 @@ def _parsed(line: str) -> Row:
 
 
 def table(results: list[Result]) -> str:
-    """All rows."""
+    """Return the rows of all benches as one Markdown table."""
     lines = [row.markdown() for result in results for row in result.rows]
     return "\n".join([HEAD, *lines])
 
 
 def document(results: list[Result], where: str) -> str:
-    """docs/performance.md."""
+    """Return the text of docs/performance.md."""
     head = Path(__file__).with_name("performance.md").read_text(encoding="utf-8")
     sections = []
     for result in results:

@@ -116,7 +116,7 @@ class Pictures:
 
 
 def tcpq_url(running: Gateway) -> str:
-    """Where its hub listens."""
+    """Return the URL of the gateway's TCPQ hub."""
     with urllib.request.urlopen(f"http://127.0.0.1:{running.port}/healthz", timeout=60) as answer:
         return str(json.load(answer)["interfaces"]["treeviewer"]["tcpq"]["url"])
 

@@ -73,7 +73,7 @@ def alone(scenes: Path, out: Path, orbit: int) -> float:
 
 @contextmanager
 def cluster(python: str, scenes: Path, out: Path, orbit: int) -> Iterator[dict[str, Any]]:
-    """What a cluster says of the dataset that it has made."""
+    """Render a dataset on a local Ray cluster; yield the report that it prints."""
     command = [python, "-m", "bench.ray_nodes", str(scenes), str(out), str(orbit)]
     command.append(msgspec.json.encode(settings()).decode())
     process = subprocess.Popen(

@@ -1,11 +1,11 @@
-"""Two renders at once, one frame on two cores, the event loop's stalls meanwhile, and what overload does.
+"""Measure concurrent renders, one frame on two cores, event loop stalls, and overload.
 
     python -m bench.concurrency
 
-What two threads reach that share nothing, each with a hash of its own, is the most that the machine gives.
+Two threads that hash a block each show the largest speed-up that the machine allows.
 
-The loop's stall is how much later than asked a ticker of 1 ms wakes up while frames of a million triangles are drawn in
-the gateway's worker threads. Overload: 96 clients at once against a gateway that lets 16 requests wait.
+A stall is the delay of a 1 ms ticker on the event loop while worker threads render a million triangles. Overload sends
+96 requests at once to a gateway whose queue holds 16.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from renderers.raster import CpuRenderer
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
 SIZE = (640, 480)
 FRAMES = 96
-"""Of one run: of fewer, the last one of each thread and the threads' start are a percent of what is measured."""
+"""Frames per run; with fewer, starting and ending the threads takes more than 1 % of the time."""
 TICK = 0.001
 BLOCK = bytes(1 << 20)
 
 
 def elements(scene: DrawList) -> int:
-    """Triangles of all instances."""
+    """Return the number of triangles of all instances."""
     return sum(len(instance.mesh.elements) for instance in scene.instances)
 
 
@@ -50,12 +50,12 @@ def draw(renderer: CpuRenderer, scene: DrawList, frame: int) -> None:
 
 
 def hash_alone(_: int) -> None:
-    """Nothing but one processor: it reads what is in its cache and lets go of the interpreter."""
+    """Hash one block with the GIL released: work that only needs a core."""
     hashlib.sha256(BLOCK).digest()
 
 
 def seconds_for(threads: int, work: Callable[[int], None]) -> float:
-    """Wall time of ``FRAMES`` calls shared by so many threads."""
+    """Return the wall time of ``FRAMES`` calls shared by this many threads."""
     numbers = iter(range(FRAMES))
     lock = threading.Lock()
 
@@ -77,7 +77,7 @@ def seconds_for(threads: int, work: Callable[[int], None]) -> float:
 
 
 def scaling() -> list[Row]:
-    """Two callers, and two threads for one caller; each against one."""
+    """Measure two concurrent renders, and one render on two threads, against one render on one thread."""
     print("\n" + heading("640×480, all outputs", "two renders at once", "one frame on two threads"))
     alone, pair = CpuRenderer(1), CpuRenderer(2)
     callers: dict[str, float] = {}
@@ -114,7 +114,7 @@ def percentile(values: list[float], part: float) -> float:
 
 
 async def stalls(seconds: float, renderer: CpuRenderer, scene: DrawList | None) -> list[float]:
-    """How late the ticker wakes, ms."""
+    """Return the delays of a 1 ms ticker on the event loop, ms."""
     workers = WorkerPool()
     ended = False
 
@@ -137,7 +137,7 @@ async def stalls(seconds: float, renderer: CpuRenderer, scene: DrawList | None) 
 
 
 def event_loop() -> list[Row]:
-    """Idle and busy."""
+    """Measure event loop stalls, idle and while frames are rendered."""
     scene = max(scenes().values(), key=elements)
     draw(CpuRenderer(1), scene, 0)
     renderer = CpuRenderer()  # its helper is started by a worker, whose priority it takes over, as in the gateway
@@ -152,7 +152,7 @@ def event_loop() -> list[Row]:
 
 
 def overload() -> list[Row]:
-    """96 clients against 16 places."""
+    """Send 96 requests at once to a gateway whose queue holds 16."""
     scene = posted.textured("color", copies=2, unique=1, side=512)
     with gateway("--only", "render", "--queue", "16") as running:
         post(running.port, scene.moved(*SIZE))

@@ -23,14 +23,14 @@ _FORK = multiprocessing.get_context("fork")  # the requests are there already
 
 @dataclass(frozen=True, slots=True)
 class Crowded:
-    """What a crowd of clients saw, and what it took."""
+    """Throughput of concurrent clients, and its cost."""
 
     rate: float
     """Requests a second."""
     server_ms: float
     """CPU time a request."""
     loop_ms: float
-    """Of it, the time of the server's first thread: our event loop."""
+    """CPU time of the server's main thread (the event loop) per request."""
     client_ms: float
 
     others: float

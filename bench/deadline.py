@@ -1,11 +1,11 @@
-"""Small requests that would take minutes: how long others wait for them.
+"""Measure how long requests wait behind small requests that would render for minutes.
 
     python -m bench.deadline [--seconds 3] [--instances 10 100 1000]
 
-10,000 triangles that each fill the picture (0.5 MB), 1024 x 1024 pixels, some instances of them, to a gateway of two
-threads. First four such requests, all at once, and behind them one of four pixels, which has its turn after two
-deadlines; then two whose clients leave after a second, and the four pixels again. Times from the deadline, or from
-when the clients have left, to their answer.
+The slow request has 10,000 triangles that each fill the image (0.5 MB, 1024 x 1024 pixels) and some instances of them;
+the gateway has two threads. Four slow requests are sent at once, then a 2 x 2 image, which starts after two deadlines.
+Then two slow requests whose clients disconnect after a second, and the 2 x 2 image again. Times run from the deadline,
+or from the disconnection, to the small image's response.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ GOAL = 1.0
 """Seconds."""
 _THREADS = 2
 _ALONE = 1.0
-"""Seconds that clients wait before they leave."""
+"""Seconds before the slow clients disconnect."""
 
 
 def request(side: int, instances: int) -> bytes:
-    """A form for a picture of ``side`` x ``side`` pixels."""
+    """Return the form of a slow request with ``side`` x ``side`` pixels."""
     return body(slow_gltf(10_000 if side > 2 else 1, instances), fields_for("color"), side, side)
 
 
 def pixel(running: Gateway) -> None:
-    """A picture of two by two pixels, which takes a millisecond."""
+    """Render 2 x 2 pixels, which takes a millisecond."""
     answer = post(running.port, request(2, 1))
     if answer.status != 200:
         raise SystemExit(f"{answer.status}: {answer.body.decode()}")
 
 
 def held(running: Gateway, slow: bytes, seconds: float) -> tuple[float, list[Answer]]:
-    """Seconds that four pixels wait beyond the deadlines of those before them, and their answers."""
+    """Return the wait of the small image beyond two deadlines, s, and the responses of the slow requests."""
     with ThreadPoolExecutor(2 * _THREADS) as pool:
         sent = [pool.submit(post, running.port, slow) for _ in range(2 * _THREADS)]
         begin = time.perf_counter()
@@ -51,7 +51,7 @@ def held(running: Gateway, slow: bytes, seconds: float) -> tuple[float, list[Ans
 
 
 def left(running: Gateway, slow: bytes) -> float:
-    """Seconds that four pixels take when those before them have left."""
+    """Return the wait of the small image after the slow clients disconnected, s."""
     head = (
         f"POST /render HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: {CONTENT_TYPE}\r\nContent-Length: {len(slow)}\r\n"
     )

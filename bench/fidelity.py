@@ -52,14 +52,14 @@ DEFAULTS: Final[dict[str, Any]] = {
     "verticalFoV": 45.0,
     "renderSkybox": False,
 }
-"""Of the suite's configuration reader."""
+"""Default values of the suite's configuration files."""
 DENSITY: Final = 2
 """Pixels of the engines' pictures to one of the scenario's."""
 LARGEST: Final = 35215.0
 """The largest YIQ distance (Kotsarenko and Ramos 2010)."""
 
 LINEAR: Final = np.array([linear_from_srgb(level / 255.0) for level in range(256)])
-"""Of each stored value."""
+"""Linear value of each 8-bit sRGB value, (256,) float64."""
 
 Picture = NDArray[np.float64]
 """(H, W, 4): straight RGB and coverage, 0 .. 255."""
@@ -85,7 +85,7 @@ class Scenario:
 
     @property
     def camera(self) -> Camera:
-        """Of the size that the engines draw, in our world: Z up."""
+        """The scenario's camera at the engines' image size, in our Z-up world."""
         theta, phi = math.radians(self.theta), math.radians(self.phi)
         back = np.array((math.sin(phi) * math.sin(theta), math.cos(phi), math.sin(phi) * math.cos(theta)))
         right = np.array((math.cos(theta), 0.0, -math.sin(theta)))
@@ -220,7 +220,7 @@ def silhouette(a: Picture, b: Picture) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Of one scenario and one engine."""
+    """Comparison of one engine's image with all others, for one scenario."""
 
     scenario: str
     engine: str
@@ -235,12 +235,12 @@ class Line:
 
     @property
     def near(self) -> bool:
-        """Whether some engine lies as far from this one as we do."""
+        """True if at least one other engine differs as much from this one as we do."""
         return self.ours <= self.others[-1]
 
     @property
     def farther(self) -> int:
-        """How many engines lie farther from this one than we do."""
+        """Number of engines that differ more from this one than we do."""
         return sum(other >= self.ours for other in self.others)
 
 
@@ -283,7 +283,7 @@ def sheet(ours: Picture, goldens: dict[str, Picture]) -> Image.Image:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Of one scenario."""
+    """Comparison of our image with all engines, for one scenario."""
 
     scenario: str
     engines: int
@@ -317,7 +317,7 @@ def summaries(lines: Sequence[Line]) -> list[Summary]:
 
 
 def summary_table(found: Sequence[Summary]) -> str:
-    """As Markdown."""
+    """Return a Markdown table."""
     head = (
         "| scenario | engines | ours to them, median 1/255 | they to one another | near | silhouette |\n"
         "|---|---|---|---|---|---|\n"
@@ -330,7 +330,7 @@ def summary_table(found: Sequence[Summary]) -> str:
 
 
 def table(lines: Sequence[Line]) -> str:
-    """As Markdown."""
+    """Return a Markdown table."""
     head = (
         "| scenario | engine | ours, 1/255 | others: least .. median .. most | ours, dB | others, dB "
         "| silhouette | others | engines farther |\n|---|---|---|---|---|---|---|---|---|\n"

@@ -286,8 +286,7 @@ class Gallery:
         return np.vstack(strips)
 
     def stereo(self) -> Picture:
-        """What the stereo camera streams: images with the projector's dots and noise, disparity matched from them, and
-        the exact one."""
+        """Draw the stereo camera's stream: images with projector dots and noise, matched disparity, exact disparity."""
         model, divisor = MODELS["rc_visard 160-4"], 2
         k = model.intrinsics(divisor)
         pose = camera("eye=1.55,-1.5,1.3;target=0,0.1,0.62", drawn=self._demo).X_world_camera

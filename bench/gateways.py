@@ -24,7 +24,7 @@ TIMEOUT = 600.0
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came back, and when."""
+    """Response to a request, and its timing."""
 
     status: int
     body: bytes

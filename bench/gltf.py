@@ -115,10 +115,10 @@ def trimesh_with_normals(data: bytes, *, missing: bool) -> None:
 
 
 def check_pictures(name: str, data: bytes, kind: str = "gltf") -> int:
-    """That the peer does what ours does with pictures: opens them, but decodes none. How many it opened.
+    """Check that the peer opens images as ours does, without decoding them; return the number of images opened.
 
     Raises:
-        SystemExit: it decoded one, or Pillow did not know one, whereupon it tries every format there is.
+        SystemExit: the peer decoded an image, or Pillow did not recognise one and tried every format.
     """
     opened: list[str | None] = []
     open_picture = PIL.Image.open
@@ -141,7 +141,7 @@ def check_pictures(name: str, data: bytes, kind: str = "gltf") -> int:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """What reading a document took, in ms."""
+    """Times of reading a document, ms."""
 
     median: float
     first: float
@@ -256,7 +256,7 @@ def of_files() -> Row:
 
 
 def rows() -> list[Row]:
-    """Of both."""
+    """Measure requests of Drake's client and files of modelling tools."""
     return [*of_requests(), of_files()]
 
 

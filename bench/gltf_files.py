@@ -24,12 +24,12 @@ WORDS: Final = 5125
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What a file has."""
+    """Size of a generated glTF file."""
 
     name: str
     meshes: int
     vertices: int
-    """Of all meshes together."""
+    """Vertices of all meshes together."""
     triangles: int
     nodes: int
     depth: int = 1

@@ -40,7 +40,7 @@ class Posted:
 
     name: str
     fields: dict[str, str]
-    """Of its picture as recorded."""
+    """Form fields of the recorded request."""
     nodes: list[dict[str, Any]]
     before: bytes
     """The document's text before its nodes ..."""

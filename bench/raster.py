@@ -99,7 +99,7 @@ def view(width: int, height: int, frame: int) -> Camera:
 
 
 def write(scene: DrawList, path: Path) -> None:
-    """What ``raster_peer.py`` reads: meshes by number, and mesh, pose, colour and label of every instance."""
+    """Write the scene for ``raster_peer.py``: meshes by number; mesh, pose, colour and label of each instance."""
     meshes = list(dict.fromkeys(i.mesh for i in scene.instances))
     arrays: dict[str, Any] = {"meshes": len(meshes)}
     for k, mesh in enumerate(meshes):

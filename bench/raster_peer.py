@@ -24,7 +24,7 @@ BACKGROUND = (204 / 255, 229 / 255, 1.0)
 
 
 def camera(frame: int) -> np.ndarray:
-    """Where the camera is, looking along +Z, +Y down; as in ``raster.view``."""
+    """Return the camera position (+Z forward, +Y down) of ``raster.view``."""
     return np.array((0.01 * math.sin(frame), 0.01 * math.cos(frame), -3.0))
 
 

@@ -1,4 +1,4 @@
-"""Where the CPU time of our frames goes: the scenes of ``raster``, one thread, every phase called by itself.
+"""Measure the CPU time of each phase of a frame, on one thread, with the scenes of ``raster``.
 
     python -m bench.raster_stages [--look phong] [--frames 30]
 
@@ -29,7 +29,7 @@ PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
 
 
 def laps(spent: dict[str, float]) -> Callable[[str], None]:
-    """What adds the CPU time of the calling thread since its last call, or since now, to the phase of that name, s."""
+    """Return a function that adds the thread's CPU time (s) since its previous call to the named phase."""
     now = time.thread_time()
 
     def note(phase: str) -> None:
@@ -41,7 +41,7 @@ def laps(spent: dict[str, float]) -> Callable[[str], None]:
 
 
 def by_phase(address: int, spent: dict[str, float]) -> None:
-    """What ``work.work`` does, phase by phase; adds the CPU time of each, s."""
+    """Run the phases of a frame one by one; add the CPU time (s) of each to ``spent``."""
     task = read_task(address)
     frame_address, layer, split = task.frame, task.band_memory, task.keeps_backs
     note = laps(spent)

@@ -35,9 +35,9 @@ ENVIRONMENT = {
     "RAY_agent_register_timeout_ms": "300000",  # 30 s are too few on a busy machine
     "RAY_worker_register_timeout_seconds": "300",
 }
-"""Of whoever runs this, and talks to it."""
+"""Environment variables of Ray's processes."""
 STORE_BYTES = 100 << 20
-"""Of a node's object store: tasks carry names of files."""
+"""Size of a node's object store; tasks only carry file names."""
 
 
 def job_of(scenes: Path, out: Path, orbit: int, settings: Settings) -> Job:

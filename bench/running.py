@@ -1,4 +1,4 @@
-"""A bench in processes of its own, of which nothing is left: no process, no temporary file."""
+"""Run a bench in a process group of its own, and remove its processes and temporary files afterwards."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from pathlib import Path
 from typing import Any
 
 GRACE = 10.0
-"""Seconds in which processes may end by themselves."""
+"""Seconds between SIGTERM and SIGKILL."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """What came of a command."""
+    """Outcome of a command."""
 
     output: str
     failure: str
-    """Why it did not reach its end; empty: it did."""
+    """Reason why the command did not succeed; empty if it did."""
     seconds: float
 
 
 def run(arguments: Sequence[str], limit: float) -> Ran:
-    """This Python with ``arguments``, for ``limit`` seconds at most; what it started ends with it, however it ends."""
+    """Run this Python with ``arguments`` for at most ``limit`` seconds, and end all processes that it started."""
     begin = time.perf_counter()
     failure = ""
     with tempfile.TemporaryDirectory(prefix="scenegate-bench-", ignore_cleanup_errors=True) as folder:
-        # Files, not pipes: whoever inherits a pipe keeps its reader waiting.
+        # Files, not pipes: a child that inherits a pipe would keep the reader waiting.
         said, complained = Path(folder, "stdout"), Path(folder, "stderr")
         with said.open("wb") as stdout, complained.open("wb") as stderr:
             process = subprocess.Popen(

@@ -113,7 +113,7 @@ PEERS: dict[str, tuple[str, Look, float]] = {
     "vtk-8": ("VTK, 8 samples", Look("phong", samples=8), 9.0),
     "moderngl-4": ("llvmpipe, 4 samples", Look("phong", samples=4), 4.0),
 }
-"""What each is called, our look that does equal work, and the goal."""
+"""Display name, our look that does equal work, and the goal."""
 
 
 def frames(threads: int, python: str | None, count: int) -> list[Row]:
@@ -156,7 +156,7 @@ STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "ar
 
 
 def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
-    """What ``work.work`` does in a frame with several samples, stage by stage; adds the CPU time of each, s."""
+    """Run the stages of a multisampled frame one by one; add the CPU time (s) of each to ``spent``."""
     task = read_task(address)
     frame_address, memory = task.frame, task.band_memory
     note = laps(spent)
@@ -176,7 +176,7 @@ def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
 
 
 def stages(count: int) -> None:
-    """Prints where frames with several samples go."""
+    """Print the CPU time of each stage of multisampled frames."""
     drawer = CpuRenderer(1)
     print(f"{'one thread, ms CPU':30}" + "".join(f"{name:>14}" for name in (*STAGES, "whole")))
     for name, scene in scenes().items():

@@ -1,4 +1,4 @@
-"""Nothing is left behind, overload is answered, and nothing grows: the whole gateway under clients of every kind.
+"""Load the whole gateway with clients of every kind; check for leaks, growth and overload handling.
 
     python -m bench.soak [--clients 1000] [--minutes 3] [--plot soak.svg] [--parts churn,overload,turns,mixed]
 
@@ -40,7 +40,7 @@ from gateway.runtime.process_tuning import tune
 QUEUE = 32
 THREADS = 2
 COUNTED = ("tasks", "threads", "files")
-"""Of the gateway: what must not be left."""
+"""Resources of the gateway that must return to their initial number."""
 SETTLE_SECONDS = 45
 TOGETHER = 100
 """Churning clients at a time."""
@@ -161,7 +161,7 @@ async def _wave(ports: Ports, count: int) -> Counter[str]:
 
 
 async def mixed(running: Gateway, minutes: float, target: Path) -> None:
-    """Everything at once."""
+    """Run all kinds of load at once and plot memory and stalls."""
     counts: Counter[str] = Counter()
 
     def count(what: str) -> None:
@@ -216,7 +216,7 @@ async def _churning(ports: Ports, count: Any) -> None:
 
 
 def _slope(x: list[float], y: list[float]) -> float:
-    """Of the least squares line."""
+    """Return the slope of the least-squares line."""
     mx, my = sum(x) / len(x), sum(y) / len(y)
     return sum((a - mx) * (b - my) for a, b in zip(x, y, strict=True)) / sum((a - mx) ** 2 for a in x)
 

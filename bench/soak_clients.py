@@ -19,7 +19,7 @@ from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header,
 from gateway.treeviewer import wire
 
 HELD_SECONDS: Final = 2.0
-"""How long a client that does nothing stays."""
+"""Seconds that an idle client stays connected."""
 BOUNDARY: Final = "soak"
 TRIANGLE: Final = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"
 GLTF: Final = {
@@ -37,7 +37,7 @@ GLTF: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Of the gateway, on 127.0.0.1."""
+    """The gateway's ports on 127.0.0.1."""
 
     http: int
     grpc: int
@@ -83,7 +83,7 @@ def pose(path: list[str]) -> dict[str, Any]:
 
 
 def opening(kind: str) -> bytes:
-    """What a client of an interface says first: a whole request."""
+    """Return the first request of a client of this kind."""
     name = f"churn{random.randrange(50)}"
     return {
         "http": http_request("GET", "/scene", close=False),
@@ -97,7 +97,7 @@ def opening(kind: str) -> bytes:
 
 
 def port_of(kind: str, ports: Ports) -> int:
-    """Where an interface listens."""
+    """Return the port of the interface that this kind of client uses."""
     return {"grpc": ports.grpc, "tcpq": ports.tcpq}.get(kind, ports.http)
 
 

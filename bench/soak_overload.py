@@ -25,7 +25,7 @@ WARM_SECONDS = 2.0
 
 @dataclass(slots=True)
 class Answers:
-    """Of all clients of a run, milliseconds from connecting to the end of the answer."""
+    """Milliseconds from connecting to the end of the response, for all clients of a run."""
 
     accepted: list[float] = field(default_factory=list)
     refused: list[float] = field(default_factory=list)

@@ -26,8 +26,7 @@ from gateway.server import http_server
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
 WORKER = re.compile(r"[_-]\d+$")
-"""What a pool puts behind its name for each worker. A pool counts once: it is bounded, and grows whenever more is asked
-of it at the same time than ever before."""
+"""Suffix of a pool's thread names. A pool is counted once: it is bounded and grows with concurrent demand."""
 
 
 async def tell() -> None:

@@ -1,7 +1,7 @@
-"""How long the gateway's event loop is held by each kind of work: one at a time, a few seconds each.
+"""Measure how long each kind of work blocks the gateway's event loop, one kind at a time.
 
-The gateway measures it (bench/soak_server.py): the CPU time that the loop's own thread took between two ticks a
-millisecond apart, which no other program on the machine can make longer.
+The gateway itself measures (bench/soak_server.py): CPU time of the loop's thread between two ticks 1 ms apart, which
+other programs on the machine cannot extend.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription
 
 SECONDS = 6.0
 NODES = 50_000
-"""Of the big scene."""
+"""Number of nodes of the big scene."""
 BODY_BYTES = 25_000_000
-"""Of a big render request, as Drake's users have them."""
+"""Body size of a big render request, as Drake's users send them."""
 
 Work = Callable[[Ports], Coroutine[Any, Any, None]]
 

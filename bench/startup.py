@@ -32,14 +32,14 @@ MESH_CACHE_MB, SCENE_CACHE_MB = 64, 32
 
 
 def cpu_seconds(pid: int) -> tuple[float, float]:
-    """Of the process itself, and of its children that have ended."""
+    """Return the CPU time of a process and of its children that have ended, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     own, children = sum(map(int, fields[11:13])), sum(map(int, fields[13:15]))
     return own / os.sysconf("SC_CLK_TCK"), children / os.sysconf("SC_CLK_TCK")
 
 
 def warm_starts(starts: int) -> list[Row]:
-    """Everything that is served by default, the kernels in the cache."""
+    """Measure starts with kernels in the cache, all interfaces and ``--only render``."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:
         installed = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
@@ -67,7 +67,7 @@ def _warm_starts(starts: int, environment: dict[str, str]) -> list[Row]:
 
 
 def cold_start() -> list[Row]:
-    """With an empty cache."""
+    """Measure a start with an empty kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         empty = {"SCENEGATE_CACHE_DIR": folder, "NUMBA_CACHE_DIR": ""}
         environment = {name: value for name, value in empty.items() if value}
@@ -84,7 +84,7 @@ def cold_start() -> list[Row]:
 
 
 def different_scenes(count: int) -> Iterator[bytes]:
-    """Requests of which no two share a byte of geometry."""
+    """Yield render requests that share no geometry."""
     positions, normals, uv, triangles = posted.sphere(32, 32)
     rng = np.random.default_rng(5)
     names = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes")
@@ -106,7 +106,7 @@ def different_scenes(count: int) -> Iterator[bytes]:
 
 
 def memory(count: int, plot: Path | None) -> list[Row]:
-    """Resident memory of a gateway through so many scenes."""
+    """Measure resident memory of a gateway over ``count`` different scenes."""
     flags = ("--only", "render", "--mesh-cache-mb", str(MESH_CACHE_MB), "--scene-cache-mb", str(SCENE_CACHE_MB))
     seen: list[tuple[int, float]] = []
     with gateway(*flags) as running:

@@ -1,11 +1,10 @@
-"""What ``--state`` costs: the tree viewer's jobs over TCPQ with and without it, and a flood.
+"""Measure the cost of ``--state``: tree viewer jobs over TCPQ with and without it, and a flood.
 
     python -m bench.state [--seconds S] [--folder FOLDER]
 
-Both run as the service that the gateway runs, each in a process of its own; the client asks them in turn, so that
-whatever else the machine does meets both alike. Every figure is a median (p99 after the slash) in ms from the client's
-call to the answer, which with a state comes after the commit. FOLDER is where the file lies; its disk is what is
-measured.
+Two services run in processes of their own and get requests in turns. Each figure is a median (p99 after the slash) in
+ms from the client's call to the response, which with a state comes after the commit. FOLDER holds the state file; its
+disk is measured.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ FLOODS = {"flood of 3000 single transforms": (1, 3000), "flood of 200 x 1000 tra
 
 
 async def serve(port: int, path: Path | None) -> None:
-    """The service, until it is killed."""
+    """Serve until the process is killed."""
     tune()
     live = LiveTree()
     state = PersistentState(StateConfig(path)) if path is not None else None
@@ -69,7 +68,7 @@ async def serve(port: int, path: Path | None) -> None:
 
 
 def commits(folder: Path) -> None:
-    """Print the CPU time of a commit, which other load on the machine does not change."""
+    """Print the CPU time of commits."""
     live = LiveTree()
     database, store, protocol = Database(folder / "bench.commits"), TreeStore(live), TreeViewerProtocol(live)
     connection = database.connection
@@ -90,7 +89,7 @@ def commits(folder: Path) -> None:
 
 
 def compare(seconds: float, folder: Path) -> None:
-    """Prints the table."""
+    """Print times with and without a state file."""
     ports = {"without": 7811, "with": 7812}
     with ExitStack() as stack:
         for name, port in ports.items():

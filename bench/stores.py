@@ -1,9 +1,8 @@
-"""The innermost store of the rasterizer: ``python -m bench.stores``.
+"""Measure the innermost store of the rasterizer: ``python -m bench.stores``.
 
 LLVM may turn "store the new value where the mask is set, else the old one" into masked stores, which are microcoded on
 Zen 1 to 3: 0.95 to 1.0 ns a pixel instead of 0.15 to 0.2 (``renderers.compiler.simd``). The kernels read the old
-value by ``load_again`` to prevent that. Printed are both ways, so that the trap shows where it is, and a goal that is
-missed should it ever come back.
+value by ``load_volatile`` to prevent that. Both ways are measured.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ def _plainly(new: int, depths: int, ids: int, times: int) -> None:
 
 
 def nanoseconds(kernel: Callable[[int, int, int, int], None]) -> float:
-    """A depth test and write of a pixel of a band that stays in the cache, CPU time."""
+    """Return the CPU time (ns) of a depth test and write of one pixel, in cache."""
     new = np.random.default_rng(0).random(PIXELS + 528, np.float32)
     depths, ids = np.zeros(PIXELS + 1056, np.float32), np.zeros(PIXELS, np.int32)
     values = []

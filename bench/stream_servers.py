@@ -165,7 +165,7 @@ def _table() -> tuple[SceneSource, PoseSource, None]:
 
 
 def _demo() -> tuple[SceneSource, PoseSource, Any]:
-    """What ``serve --demo`` shows, in motion, from where its camera is."""
+    """Return the moving scene of ``serve --demo`` and its camera."""
     from gateway.scene.flatten import Flattener
     from gateway.scene.labels import LabelTable
     from gateway.scene.live import LiveTree

@@ -36,10 +36,10 @@ POINTS = {"cloud 100k": 100_000, "cloud 100k, colours of bytes": 100_000, "cloud
 JOBS = ("mesh 100k", *POINTS)
 CPU = "CPU, "
 FEW_MS = 10.0
-"""What "a few milliseconds" is held to."""
+"""Limit in ms for "a few milliseconds"."""
 
 Ask = Callable[[str], float]
-"""Does a job and returns milliseconds; infinite: it cannot."""
+"""Performs the named job; returns milliseconds, or infinity if the peer cannot do it."""
 
 
 @dataclass

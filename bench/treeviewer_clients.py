@@ -69,7 +69,7 @@ class Client:
 
 @dataclass
 class Figures:
-    """Of one contestant."""
+    """Times of one contestant, by job."""
 
     name: str
     jobs: dict[str, list[float]] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What ``bench.treeviewer`` and its like ask of a viewer: messages as clients of the protocol send them."""
+"""Tree viewer requests, as clients send them, for ``bench.treeviewer`` and similar benches."""
 
 from __future__ import annotations
 

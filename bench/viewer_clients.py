@@ -25,7 +25,7 @@ _VISER_HEAD = 16
 
 
 def reader(kind: str) -> Callable[[bytes], bytes]:
-    """What makes a message readable."""
+    """Return a function that decodes a message of this kind of server."""
     if kind != "viser":
         return lambda data: data
     import zstandard  # viser depends on it

@@ -1,4 +1,4 @@
-"""What the type checker is told to leave alone is what it cannot know."""
+"""Modules exempt from type checking are those with kernels, and no others."""
 
 from __future__ import annotations
 

@@ -15,14 +15,14 @@ import pytest
 
 TESTS = Path(__file__).parent
 HOLDERS = (TESTS / "support" / "clients.py", TESTS / "support" / "browser.py")
-"""Where the limit is given to libraries."""
+"""Files that pass the time limit to libraries."""
 LIMITED = {"timeout": 0, "wait_for": 1, "wait": 0, "join": 0, "recv": 0, "handle_timeout": 0, "Barrier": 1}
 """Calls with a time limit, and which of their arguments it is."""
 SLEEPS = {"sleep", "wait_for_timeout"}
 HTTP = {"get", "post", "put", "patch", "delete", "head", "options", "request", "stream", "Client"}
 IMPATIENT = {"TreeViewer", "AsyncTreeViewer"}
 MEASURED_IN_BYTES = {"recv"}
-"""Of sockets; a limit in seconds is no power of two."""
+"""Calls whose number is a size in bytes."""
 
 
 def faults(source: str) -> Iterator[tuple[int, str]]:

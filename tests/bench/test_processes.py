@@ -52,7 +52,7 @@ GEOMETRY = "def __getattr__(name): return lambda *arguments, **options: None"
 
 
 def runs(pid: int) -> bool:
-    """Whether this process is there and no zombie."""
+    """Return True if the process exists and is no zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

@@ -159,7 +159,7 @@ def slow_gltf() -> str:
 
 
 def refusal(folder: Path, base_url: str) -> str:
-    """What Drake raises for a picture that takes too long; empty: it was drawn."""
+    """Return the message of the error that Drake raises for an image that takes too long; empty if it was rendered."""
     (folder / "slow.gltf").write_text(slow_gltf())
     upright = RigidTransform(RollPitchYaw(-np.pi / 2, 0, 0), [0, 0, 0])  # Drake turns glTF's Y to its own Z
     shapes = [

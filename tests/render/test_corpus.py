@@ -34,7 +34,7 @@ COLOR_STEP = 20
 MAX_COLOR_FRACTION = 0.01
 """Fraction of values that may differ by more; Drake's test accepts 0.2."""
 MAX_INNER_ERROR = 1.0
-"""Of 255, mean over what is no edge (``inner``), on scenes whose colour is to be the same."""
+"""Largest mean colour difference (of 255) away from edges, on scenes whose colour must match."""
 COLOR_APART = frozenset(("019_hierarchy",))
 """RenderEngineVtk lights mirrored boxes black; we do not."""
 

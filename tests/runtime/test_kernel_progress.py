@@ -1,4 +1,4 @@
-"""How far compiling has got, for JSON, for lines and for a terminal."""
+"""Progress of kernel compilation as JSON, as lines and on a terminal."""
 
 from __future__ import annotations
 

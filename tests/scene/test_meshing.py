@@ -255,7 +255,7 @@ def test_every_bend_is_covered(turn: Any) -> None:
 
 
 def ray_hits(solid: trimesh.Trimesh, origin: np.ndarray, direction: np.ndarray) -> bool:
-    """Whether a ray meets a triangle within 0.45: Moeller and Trumbore's test on all triangles."""
+    """Return True if a ray hits a triangle within 0.45: Moeller and Trumbore's test on all triangles."""
     a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
     e1, e2 = b - a, c - a
     p = np.cross(direction, e2)

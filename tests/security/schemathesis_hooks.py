@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 SIDE = 16
 """Pixels; the smallest image that the stereo camera's test mode takes."""
 MAX_PIXELS = 1 << 20
-"""Of an image: less than allowed, so that the run stays short."""
+"""Pixel limit of generated image sizes: below the server's, so that the run stays short."""
 
 
 def _png() -> bytes:
@@ -92,7 +92,7 @@ def _number(values: Mapping[str, Any], name: str, default: float) -> float:
 
 
 def _looks_somewhere(camera: str) -> bool:
-    """Whether eye and target differ, and up is not zero."""
+    """Return True if eye and target differ and up is not zero."""
     parts = dict(part.split("=", 1) for part in camera.split(";") if "=" in part)
     vectors = {name: [float(value) for value in text.split(",")] for name, text in parts.items() if name != "fovy"}
     return vectors.get("eye", [0]) != vectors.get("target", [1]) and any(vectors.get("up", [1]))

@@ -15,7 +15,7 @@ from tests.support.waiting import SECONDS
 
 
 def raw(url: str, data: bytes, *, finish: bool = True) -> bytes:
-    """Everything that comes back for these bytes until the connection ends. ``finish``: nothing more is sent, ever."""
+    """Send bytes and return the response up to the end of the connection. ``finish``: half-close after sending."""
     parts = urlsplit(url)
     with socket.create_connection((parts.hostname or "", parts.port or 0), timeout=SECONDS) as connection:
         connection.sendall(data)

@@ -1,4 +1,4 @@
-"""Where the recorded requests of real clients are, and how to read them.
+"""Find and read the recorded requests of real clients.
 
 ``SCENEGATE_CORPUS`` names a folder with ``drake/`` (render requests) and ``treeviewer/``. The recordings are no part of
 the project; tests that need them are marked ``corpus`` and skip, with a reason, where they are absent.
@@ -23,7 +23,7 @@ IMAGE_TYPES = ("color", "depth", "label")
 EMPTY_LABEL = 32766
 """The background of the reference labels (RenderLabel::kEmpty), which no server can answer."""
 DONT_CARE_LABEL = 32764
-"""What the client makes of a white pixel (RenderLabel::kDontCare)."""
+"""Label that the client makes of a white pixel (RenderLabel::kDontCare)."""
 
 
 def corpus_path() -> Path | None:
@@ -84,7 +84,7 @@ class DrakeScene:
     path: Path
     name: str
     version: str
-    """Of the client: ``scenes`` was recorded from 1.58.0, the other folder says."""
+    """Version of the client: ``scenes`` was recorded from 1.58.0; the other folder names its own."""
     expect: str
     """From index.json: ``match``, or in words what is different."""
 
@@ -136,7 +136,7 @@ def drake_scene(name: str, version: str = "scenes") -> DrakeScene:
 
 @dataclass(frozen=True)
 class Row:
-    """What was measured of one picture."""
+    """Differences between our image and the reference."""
 
     scene: str
     kind: str

@@ -17,15 +17,15 @@ from tests.support.ports import free_ports
 
 ROOT = Path(__file__).parents[2]
 BASE = "python:3.11-slim-bookworm"
-"""What both of our images start from."""
+"""Base image of both of our images."""
 BUILD_SECONDS = 1800.0
 PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT", "SCALE_PORT", "PROMETHEUS_PORT")
-"""What docker-compose.yml publishes."""
+"""Port variables of docker-compose.yml."""
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """How to speak to one."""
+    """A container engine."""
 
     name: str
     """``docker`` or ``podman``."""
@@ -41,13 +41,13 @@ class Engine:
         return _run(*command, ".", env={"DOCKER_BUILDKIT": "1"}, seconds=BUILD_SECONDS)
 
     def has(self, image: str) -> bool:
-        """Whether the image is here, or can be pulled."""
+        """Return True if the image is present or can be pulled."""
         return (
             not _run(self.name, "image", "inspect", image).returncode or not _run(self.name, "pull", image).returncode
         )
 
     def has_for(self, service: str) -> bool:
-        """Whether the image that docker-compose.yml names for a service is here, or can be pulled."""
+        """Return True if the service's image in docker-compose.yml is present or can be pulled."""
         text = (ROOT / "docker-compose.yml").read_text()
         named = re.search(rf"^  {service}:\n(?:    .*\n)*?    image: (\S+)$", text, re.MULTILINE)
         assert named is not None, f"docker-compose.yml names no image for {service}"
@@ -58,7 +58,7 @@ class Engine:
         return int(self.run("image", "inspect", "--format", "{{.Size}}", image).strip()) / 1e6
 
     def run(self, *arguments: str) -> str:
-        """What the engine's own command prints with these arguments."""
+        """Run the engine's command and return its output."""
         ran = _run(self.name, *arguments)
         assert ran.returncode == 0, f"{self.name} {' '.join(arguments)}: {ran.stderr[-4000:]}"
         return ran.stdout

@@ -1,4 +1,4 @@
-"""How long tests wait, and waiting for what has no event of its own."""
+"""The time limit of all tests, and polling for conditions without an event."""
 
 from __future__ import annotations
 
