@@ -1,4 +1,4 @@
-"""Multisample anti-aliasing: sample positions, and what is known of a band's samples.
+"""Multisample anti-aliasing: sample positions, and the memory for a band's samples.
 
 The samples of each pixel are rasterized, and each surface that they see is shaded once. Opaque images are rasterized
 with all samples at once (``renderers.raster.msaa``), and only pixels at edges are shaded more than once. Translucent

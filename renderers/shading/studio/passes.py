@@ -79,7 +79,7 @@ def paint(
     def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
         """Return where a layer is not cut out."""
         no_light = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
-        job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, no_light)
+        job, keep = _job(shading, view.X_camera_mesh, view.first_ids, lens, no_light)
         alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
         table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
 
@@ -114,7 +114,7 @@ def paint(
 
         def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
             """Shade a layer into ``target``; None: into the image."""
-            job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, light)
+            job, keep = _job(shading, view.X_camera_mesh, view.first_ids, lens, light)
             table, to = address_of(job, np.int64), address_of(target, np.float32)
             ids = address_of(view.ids, np.int32)
 
@@ -127,7 +127,7 @@ def paint(
 
         def begin_edges(view: SampledView) -> SampledShader:
             """Return the shader of a band's samples."""
-            job, keep = _job(shading, view.X_camera_mesh, view.first_record, camera, light)
+            job, keep = _job(shading, view.X_camera_mesh, view.first_ids, camera, light)
             own = np.zeros(k.B_COLUMNS, np.int64)
             own[k.B_SHADE] = kernel_address(k.shade_rows)
             own[k.B_JOB] = address_of(job, np.int64)
@@ -139,7 +139,7 @@ def paint(
             if samples == 1 and seen is not None:
                 shade(seen, camera, k.ADD, None)
             else:
-                rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
+                rasterizer.shade_samples(scene, camera, samples, begin_edges, cull_back=cull)
             return
         shape = height, 4, at.line_of(width)
         out = np.zeros(shape, np.float32)
