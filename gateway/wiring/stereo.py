@@ -10,13 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 
 from gateway.assets.scene_file import read_scene_file
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
 from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
-from gateway.server.error_handlers import HeadAsGet
+from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
@@ -56,11 +57,13 @@ def setup(context: Context) -> None:
     watch_stereo(context.metrics, *services)
     apps = [context.app]
     if settings.rest_port is not None:
-        apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        context.security.protect(apps[1])
-        apps[1].add_middleware(HeadAsGet)
+        rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
+        rest.add_exception_handler(RequestValidationError, invalid_parameters)
+        context.security.protect(rest)
+        rest.add_middleware(HeadAsGet)
+        apps.append(rest)
         context.run_service(
-            "rest", PortService(apps[1], settings.host, settings.rest_port, context.security.tls), where="/api"
+            "rest", PortService(rest, settings.host, settings.rest_port, context.security.tls), where="/api"
         )
     for app in apps:
         app.include_router(system_router(*services))
