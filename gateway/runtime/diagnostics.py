@@ -8,7 +8,7 @@ import errno
 import platform
 import resource
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
@@ -43,13 +43,14 @@ class Finding:
     detail: str
 
 
-def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Finding]:
+def findings(host: str, ports: Mapping[str, int], threads: int, kernel_parts: Collection[str]) -> Iterator[Finding]:
     """Run all checks.
 
     Args:
         host: address on which the interfaces would listen.
         ports: TCP ports by interface; 0 is any.
         threads: number of rendering threads.
+        kernel_parts: names of all parts that the kernel cache should contain.
     """
     yield Finding("scenegate", Verdict.OK, __version__)
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
@@ -58,7 +59,7 @@ def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Find
     yield _glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
-    yield _kernels()
+    yield _kernels(kernel_parts)
     instances: list[RunningInstance] = []
     for name, port in ports.items():
         yield _port(name, host, port, instances)
@@ -88,9 +89,9 @@ def _open_files() -> Finding:
     return Finding("open files", verdict, f"{soft} now, up to {hard}")
 
 
-def _kernels() -> Finding:
+def _kernels(parts: Collection[str]) -> Finding:
     folder = kernels.configure()
-    if not (reason := cache_folder.missing()):
+    if not (reason := cache_folder.missing(parts=parts)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
     return Finding("kernels", Verdict.NOTE, f"{reason}; the next start compiles them: scenegate warmup ({folder})")
 

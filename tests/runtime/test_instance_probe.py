@@ -79,7 +79,7 @@ def test_check_names_the_gateway_at_all_its_ports() -> None:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
         with answering(lambda _: (200, json.dumps(health).encode())) as port:
             ports = {"HTTP": port, "gRPC": grpc.getsockname()[1]}
-            found = {finding.what: finding for finding in findings("127.0.0.1", ports, 1)}
+            found = {finding.what: finding for finding in findings("127.0.0.1", ports, 1, ())}
     for name, number in ports.items():
         finding = found[f"port {number}"]
         assert finding.verdict is Verdict.NOTE
