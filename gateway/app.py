@@ -67,7 +67,7 @@ def create_app(settings: Settings, state: PersistentState | None = None) -> Fast
         registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
         metrics=Metrics(),
         workers=_workers(settings),
-        security=Security.of(settings),
+        security=Security.from_settings(settings),
         state=state,
     )
     app.state.context = context

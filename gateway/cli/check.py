@@ -25,6 +25,6 @@ def print_findings() -> bool:
     good = True
     for finding in findings(settings.host, ports, settings.threads or usable_cpus(), warmup.PARTS):
         good = good and finding.verdict is not Verdict.BAD
-        table.add_row(finding.what, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
+        table.add_row(finding.subject, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
     Console(highlight=False).print(table)
     return good

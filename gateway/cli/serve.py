@@ -85,7 +85,7 @@ def run(settings: Settings) -> int:
     from gateway.wiring.state import open_state
 
     try:
-        tls = Security.of(settings).tls
+        tls = Security.from_settings(settings).tls
         state = open_state(settings)
     except (SettingsError, StateError) as error:
         log.error(str(error))

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 class HeadAsGet:
     """ASGI middleware: run GET for HEAD and omit the body, so that status and headers are the same (RFC 9110, 9.3.2).
 
-    The response is complete with the first piece of the body. A stream then sees its client disconnected and stops.
+    The response ends at the first piece of the body. The application of a stream then gets a disconnect, and stops.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -34,12 +34,12 @@ class HeadAsGet:
                 complete = True
                 await send({"type": "http.response.body", "body": b"", "more_body": False})
 
-        get = {**scope, "method": "GET"}
+        get_scope = {**scope, "method": "GET"}
         try:
-            await self._app(get, receive, send_head)
+            await self._app(get_scope, receive, send_head)
         finally:
-            if "route" in get:  # metrics use it
-                scope["route"] = get["route"]
+            if "route" in get_scope:  # metrics use it
+                scope["route"] = get_scope["route"]
 
 
 _METHODS: Final = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
-from gateway.server.access import COOKIE, QUERY
+from gateway.server.access import COOKIE_NAME, TOKEN_PARAMETER
 from gateway.server.error_handlers import JSON_PATHS
 
 Responses = dict[int | str, dict[str, Any]]
@@ -24,8 +24,8 @@ SECURITY_SCHEMES: Final[Mapping[str, Any]] = {
     "cookie": {
         "type": "apiKey",
         "in": "cookie",
-        "name": COOKIE,
-        "description": f"Cookie that a browser gets after a GET with `?{QUERY}=TOKEN`.",
+        "name": COOKIE_NAME,
+        "description": f"Cookie that a browser gets after a GET with `?{TOKEN_PARAMETER}=TOKEN`.",
     },
 }
 _COMMON_ERRORS: Final[Mapping[int, str]] = {

@@ -53,7 +53,7 @@ def setup(context: Context) -> None:
     settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_join_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    services = [_start_camera(context, number, mount) for number, mount in enumerate(mounts)]
     watch_stereo(context.metrics, *services)
     apps = [context.app]
     if settings.rest_port is not None:
@@ -80,7 +80,7 @@ def _mount(text: str) -> Mount:
     return Mount(parse_mount_pose(text), None)
 
 
-def _join_camera(context: Context, number: int, mount: Mount) -> StereoService:
+def _start_camera(context: Context, number: int, mount: Mount) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API."""
     settings = context.settings
     config = replace(config_of(settings), tokens=context.security.grpc)
@@ -217,7 +217,7 @@ class StereoSensor:
         if not valid.size:
             return {"disparity": "no depth", "confidence": ""}
         model = self._service.config.model
-        ft = model.intrinsics(settings.quality.divisor).focal_length * model.baseline
-        far, near = ft / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
-        share = 100.0 * valid.size / images.disparity.size
-        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{share:.0f} %"}
+        pixel_metres = model.intrinsics(settings.quality.divisor).focal_length * model.baseline  # disparity times depth
+        far, near = pixel_metres / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
+        valid_percent = 100.0 * valid.size / images.disparity.size
+        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{valid_percent:.0f} %"}

@@ -53,7 +53,7 @@ def test_check_is_one_table_and_needs_no_kernels() -> None:
 
 
 def test_check_reports_a_taken_port(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(instance_probe, "SECONDS", PAUSE)  # the port's owner does not respond
+    monkeypatch.setattr(instance_probe, "READ_SECONDS", PAUSE)  # the port's owner does not respond
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         environment = {"COLUMNS": "200", "SCENEGATE_HTTP_PORT": str(port)}

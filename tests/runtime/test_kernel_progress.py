@@ -25,7 +25,7 @@ def test_the_part_of_how_many_and_the_seconds() -> None:
     described = progress.describe()["compiling"]
     assert described.pop("seconds") >= 0.0
     assert described == {"part": 2, "of": 3, "done": 1, "now": ["setup"]}
-    progress.wait(True)
+    progress.set_waiting(True)
     assert progress.describe()["waiting"] == "another process compiles the kernels"
 
 
@@ -34,8 +34,8 @@ def test_a_line_for_each_part_where_there_is_no_terminal(monkeypatch: pytest.Mon
     lines: list[tuple[str, dict[str, Any]]] = []
     progress = Progress(2)
     with shown(progress, lambda event, **fields: lines.append((event, fields))):
-        progress.wait(True)
-        progress.wait(False)
+        progress.set_waiting(True)
+        progress.set_waiting(False)
         progress.begin("shading")
         progress.end("shading")
         progress.begin("rest")
