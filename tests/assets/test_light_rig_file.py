@@ -88,7 +88,7 @@ def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
         ("exposure = ", "rig.toml: Invalid value"),
     ],
 )
-def test_what_cannot_be_used_is_a_sentence(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_value_is_one_sentence_with_its_source(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(RigFileError) as error:

@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from gateway.cli.limits import _number, _row, _texts
+from gateway.cli.limits import _docstrings, _number, _row
 
 
 @pytest.mark.parametrize(
@@ -45,4 +45,4 @@ D.e = 4
 def f(): ...
 """Not an assignment."""
 '''
-    assert _texts(ast.parse(source).body) == {"A": "One `unit`, on two lines.", "B": "Two."}
+    assert _docstrings(ast.parse(source).body) == {"A": "One `unit`, on two lines.", "B": "Two."}

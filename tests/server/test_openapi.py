@@ -1,4 +1,4 @@
-"""The OpenAPI description of a whole gateway, without starting one."""
+"""The OpenAPI description of a whole gateway."""
 
 from __future__ import annotations
 
