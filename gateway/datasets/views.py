@@ -122,7 +122,9 @@ def camera_of(
         degrees = given.fovy or fovy
         if given.fy is not None:
             degrees = math.degrees(2.0 * math.atan(0.5 * height / given.fy))
-        camera = resolve_camera(spec, root, width, height, fovy=degrees, near=given.near, far=given.far, drawn=drawn)
+        camera = resolve_camera(
+            spec, root, width, height, fovy=degrees, near=given.near, far=given.far, draw_list=drawn
+        )
     focal = given.fy or camera.fy
     try:
         return Camera(

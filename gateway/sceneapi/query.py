@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, cast, get_args
 
 from gateway.scene.cameras import (
+    CAMERA_PATTERN,
     DEFAULT_FOVY,
-    LIMIT,
+    MAX_COORDINATE,
     MIN_FOVY,
-    NEAREST,
-    PATTERN,
+    MIN_PLANE_DISTANCE,
     CameraError,
     CameraSpec,
     parse_camera,
+    quoted,
 )
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
@@ -88,13 +89,15 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
         raise QueryError(f"width x height = {width}x{height} has more than {config.max_pixels} pixels")
     fovy = _number(query, "fovy")
     if fovy is not None and not MIN_FOVY <= fovy < 180.0:
-        raise QueryError(f"fovy={_quoted(query['fovy'])} must be at least {MIN_FOVY:g} and less than 180 degrees")
+        raise QueryError(f"fovy={quoted(query['fovy'])} must be at least {MIN_FOVY:g} and less than 180 degrees")
     near, far = _number(query, "near"), _number(query, "far")
     for name, value in (("near", near), ("far", far)):
-        if value is not None and not NEAREST <= value <= LIMIT:
-            raise QueryError(f"{name}={_quoted(query[name])} must be from {NEAREST:g} to {LIMIT:g} metres")
+        if value is not None and not MIN_PLANE_DISTANCE <= value <= MAX_COORDINATE:
+            raise QueryError(
+                f"{name}={quoted(query[name])} must be from {MIN_PLANE_DISTANCE:g} to {MAX_COORDINATE:g} metres"
+            )
     if near is not None and far is not None and near >= far:
-        raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
+        raise QueryError(f"near={quoted(query['near'])} must be less than far={quoted(query['far'])}")
     look = cast("LookName", _choice(query, "look", LOOKS, config.look))
     return ImageQuery(
         camera=camera,
@@ -113,17 +116,13 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
 def _check_names(query: Mapping[str, str], names: tuple[str, ...]) -> None:
     unknown = [name for name in query if name not in names]
     if unknown:
-        raise QueryError(f"{_quoted(unknown[0])} is not a parameter; the parameters are {', '.join(names)}")
-
-
-def _quoted(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
+        raise QueryError(f"{quoted(unknown[0])} is not a parameter; the parameters are {', '.join(names)}")
 
 
 def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], default: str) -> str:
     value = query.get(name, default)
     if value not in choices:
-        raise QueryError(f"{name}={_quoted(value)} is not one of {', '.join(choices)}")
+        raise QueryError(f"{name}={quoted(value)} is not one of {', '.join(choices)}")
     return value
 
 
@@ -137,7 +136,7 @@ def _size(query: Mapping[str, str], name: str, default: int, config: SceneApiCon
         return default
     value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
     if not 1 <= value <= config.max_side:
-        raise QueryError(f"{name}={_quoted(text)} is not a number of pixels between 1 and {config.max_side}")
+        raise QueryError(f"{name}={quoted(text)} is not a number of pixels between 1 and {config.max_side}")
     return value
 
 
@@ -150,7 +149,7 @@ def _number(query: Mapping[str, str], name: str) -> float | None:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise QueryError(f"{name}={_quoted(text)} is not a number")
+        raise QueryError(f"{name}={quoted(text)} is not a number")
     return value
 
 
@@ -181,7 +180,7 @@ def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
 def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
     """Return the OpenAPI description of the parameters of ``GET /scene/render``."""
     size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
-    plane: dict[str, Any] = {"minimum": NEAREST, "maximum": LIMIT}
+    plane: dict[str, Any] = {"minimum": MIN_PLANE_DISTANCE, "maximum": MAX_COORDINATE}
     pixels = f"Pixels; width x height is at most {config.max_pixels}."
     return [
         _parameter(
@@ -191,7 +190,7 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
             _CAMERA_EXAMPLE,
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
-            pattern=PATTERN,
+            pattern=CAMERA_PATTERN,
         ),
         _parameter("type", "string", "color", "color", "Type of the image.", enum=list(TYPES)),
         _parameter("width", "integer", config.width, 640, pixels, **size),

@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.requests import ClientDisconnect
 
-from gateway.scene.cameras import PATTERN, CameraError, NoSuchCameraError, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
 from gateway.server.unavailable import PoolErrors, unavailable
@@ -42,7 +42,7 @@ CameraText = Annotated[
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees"
         ),
-        json_schema_extra={"pattern": PATTERN},
+        json_schema_extra={"pattern": CAMERA_PATTERN},
         openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
     ),
 ]

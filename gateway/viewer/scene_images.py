@@ -89,13 +89,18 @@ class SceneImages:
         return data, snapshot.revision
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
-        drawn = self._flattener.flatten(snapshot)
+        draw_list = self._flattener.flatten(snapshot)
         camera = resolve_camera(
-            request.camera, snapshot.root, request.width, request.height, stereo=self._stereo_camera(), drawn=drawn
+            request.camera,
+            snapshot.root,
+            request.width,
+            request.height,
+            stereo=self._stereo_camera(),
+            draw_list=draw_list,
         )
         samples = self.config.samples if request.look == "studio" else 1
         look = Look(request.look, self.config.background, samples, self.config.rig)
-        with self._renderer.render(drawn, camera, Output.COLOR, look) as frame:
+        with self._renderer.render(draw_list, camera, Output.COLOR, look) as frame:
             assert frame.color is not None
             return jpeg_rgb(frame.color, quality=request.quality)
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gateway.scene.crease_normals import MOST_FACES, smooth_mesh, with_creases
+from gateway.scene.crease_normals import MAX_FACES_PER_VERTEX, smooth_mesh, with_creases
 from renderers import primitives
 from renderers.drawlist import Mesh
 
@@ -56,7 +56,7 @@ def test_texture_coordinates_and_colours_stay_with_their_corners() -> None:
 
 
 def test_tip_of_a_fan_of_too_many_faces_is_flat() -> None:
-    count = MOST_FACES * 4
+    count = MAX_FACES_PER_VERTEX * 4
     angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
     rim = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
     points = np.concatenate((rim, [(0, 0, 1)])).astype(np.float32)
