@@ -15,7 +15,7 @@ from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 _NEAR_FAR_RATIO: Final = 1e-6
 """Near plane over far plane, where neither the form nor the scene's camera has a near plane."""
 _MIN_NEAR: Final = 1e-9
-"""Minimum near plane, metres: the rasterizer's 1/z stays within float32."""
+"""Minimum near plane, metres: the rasterizer's 1/z stays within float32. Less than ``form.MIN_FAR``."""
 _MAX_DISTANCE: Final = 1e12
 """Maximum distance of the camera from the origin, metres. Beyond, float64 does not resolve millimetres."""
 _RIGID_TOLERANCE: Final = 1e-6
@@ -46,7 +46,6 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
     if near == 0.0:  # the client formats small numbers as 0 (std::to_string); the scene's camera has all digits
         znear = camera.znear if camera is not None else 0.0
         near = znear if 0.0 < znear < request.far else request.far * _NEAR_FAR_RATIO
-    near = max(near, min(_MIN_NEAR, request.far * 0.5))
     return Camera(
         width=request.width,
         height=request.height,
@@ -54,7 +53,7 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
         fy=request.focal_y,
         cx=request.center_x,
         cy=request.center_y,
-        near=near,
+        near=max(near, _MIN_NEAR),
         far=request.far,
         X_world_camera=OPENGL_FROM_OPTICAL if camera is None else rigid_pose(camera.X_world_camera, camera.name),
     )

@@ -90,8 +90,8 @@ class Resources:
         values = None if cloud is None else cloud.channels.get(name)
         if cloud is None or values is None or len(values) != len(cloud.points):
             return None
-        drawn = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
-        return np.ascontiguousarray(values.reshape(len(values), -1)[drawn], dtype=np.float32)
+        is_drawn = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
+        return np.ascontiguousarray(values.reshape(len(values), -1)[is_drawn], dtype=np.float32)
 
     def take_removed_meshes(self) -> set[int]:
         """Return the ids of meshes that no longer exist, each id once."""
