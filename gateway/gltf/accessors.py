@@ -29,7 +29,7 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
 COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MAX_STRIDE: Final = 252
 """Maximum ``byteStride``, by the specification."""
-_pack_layout: Final = Struct("<3qcB?").pack
+_pack_key: Final = Struct("<B32s3qc??").pack
 _NO_BUFFER: Final = bytes(32)
 
 
@@ -54,12 +54,17 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     @property
     def key(self) -> bytes:
         """Content of the accessor: equal keys mean equal values. The length of a key follows from its own bytes."""
-        digest = _NO_BUFFER if self.buffer is None else self.buffer.digest
-        dtype, sparse = self.dtype.char.encode(), self.sparse
-        layout = _pack_layout(self.offset, self.stride, self.count, dtype, self.components, self.normalized)
-        if sparse is None:
-            return b"%b%b\0" % (digest, layout)
-        return b"%b%b\1%b%b" % (digest, layout, sparse[0].key, sparse[1].key)
+        key = _pack_key(
+            self.components,  # never 0, unlike the key of an absent accessor
+            _NO_BUFFER if self.buffer is None else self.buffer.digest,
+            self.offset,
+            self.stride,
+            self.count,
+            self.dtype.char.encode(),
+            self.normalized,
+            self.sparse is not None,
+        )
+        return key if self.sparse is None else key + self.sparse[0].key + self.sparse[1].key
 
     def values(self, begin: int = 0, end: int | None = None) -> Array:
         """Return the values from ``begin`` to ``end`` as stored.

@@ -153,12 +153,12 @@ def decode_data_uri(uri: str | memoryview) -> bytes:
     Raises:
         ValueError: There is no comma, or the text is not base64.
     """
-    head = uri[:_MAX_HEAD] if isinstance(uri, str) else bytes(uri[:_MAX_HEAD]).decode("latin-1")
-    comma = head.find(",")
-    if comma < 0:
+    start = uri[:_MAX_HEAD] if isinstance(uri, str) else bytes(uri[:_MAX_HEAD]).decode("latin-1")
+    header, comma, _ = start.partition(",")
+    if not comma:
         raise ValueError(f"there is no comma within its first {_MAX_HEAD} bytes")
-    text = uri[comma + 1 :]
-    if head[:comma].rstrip()[-7:].lower() != ";base64":
+    text = uri[len(header) + 1 :]
+    if not header.rstrip().lower().endswith(";base64"):
         return unquote_to_bytes(text if isinstance(text, str) else bytes(text))
     try:
         return pybase64.b64decode(text, None, True)  # keyword arguments take as long as decoding a small buffer

@@ -29,8 +29,6 @@ class Container:
     """The JSON text, its long data URIs replaced by tokens."""
     uris: dict[str, memoryview]
     """Data URIs as they stand in the file (escapes included), by token."""
-    tail: int | None
-    """Offset in the file of the text after the last replaced URI; None for a ``.glb``."""
     bin: memoryview | None
     """Binary chunk of a ``.glb``."""
 
@@ -49,12 +47,12 @@ def open_container(data: bytes | bytearray | memoryview) -> Container:
     start = bytes(view[:4])
     if start == _MAGIC:
         text, binary = _glb_chunks(view)
-        json, uris, _ = _extract_data_uris(bytes(text))
-        return Container(json.rstrip(b"\0"), uris, None, binary)  # some writers pad the chunk with zeros
+        json, uris = _extract_data_uris(bytes(text))
+        return Container(json.rstrip(b"\0"), uris, binary)  # some writers pad the chunk with zeros
     if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
-    json, uris, tail = _extract_data_uris(data if isinstance(data, bytes | bytearray) else bytes(view))
-    return Container(json, uris, tail, None)
+    json, uris = _extract_data_uris(data if isinstance(data, bytes | bytearray) else bytes(view))
+    return Container(json, uris, None)
 
 
 def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
@@ -88,8 +86,8 @@ def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
     return text, binary
 
 
-def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview], int]:
-    """Return the JSON text with tokens for its long data URIs, these URIs, and the offset after the last one.
+def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview]]:
+    """Return the JSON text with tokens for its long data URIs, and these URIs.
 
     Parsing megabytes of base64 as JSON strings costs more than decoding them. A quote that no backslash precedes begins
     or ends a string, so a URI ends at the next quote; a URI with an escaped quote stays in the JSON.
@@ -111,4 +109,4 @@ def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memory
             pieces += view[done:begin], token.replace("\0", "\\u0000").encode()
             done = at
     pieces.append(view[done:])
-    return b"".join(pieces), uris, done
+    return b"".join(pieces), uris

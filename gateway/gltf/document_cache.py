@@ -11,6 +11,7 @@ import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import msgspec
@@ -25,6 +26,7 @@ from renderers.cache import Cache
 MIN_BYTES: Final = 4096
 """Shorter texts before the nodes are not kept: parsing them costs no more than hashing."""
 _NODES: Final = b'"nodes"'
+_DATA_URI: Final = b'"data:'
 _OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
 """Start of the nodes of a document; members of that name inside scenes are lists of numbers."""
 _MAX_CANDIDATES: Final = 64
@@ -37,28 +39,29 @@ _scenes: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
 _index: Final = msgspec.json.Decoder(int | None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class HashedDocument:
-    """The bytes of a ``.gltf`` or ``.glb`` file and their digests."""
+    """The bytes of a ``.gltf`` or ``.glb`` file and their digests, computed with the GIL released."""
 
-    data: bytes | bytearray
-    """The file; must not change."""
-    nodes_at: int
-    """Offset of the member ``nodes``; 0 where the text before it is too short to be kept, or there is none."""
-    prefix_digest: bytes
-    """SHA-256 of the ``nodes_at`` bytes before it."""
-    digest: str
-    """SHA-256 of all bytes, 64 hexadecimal digits."""
-
-    @classmethod
-    def of(cls, data: bytes | bytearray) -> HashedDocument:
-        """Hash a file in one pass, with the GIL released."""
-        nodes_at = _nodes_offset(data)
+    def __init__(self, data: bytes | bytearray) -> None:
+        """
+        Args:
+            data: The file; must not change.
+        """
+        self.data: Final = data
+        self.nodes_offset: Final = _nodes_offset(data)
+        """Offset of the member ``nodes``; 0 if the text cannot be split there (``_nodes_offset``)."""
         with memoryview(data) as view:
-            hashed = hashlib.sha256(view[:nodes_at])
-            prefix_digest = hashed.digest()
-            hashed.update(view[nodes_at:])
-        return cls(data, nodes_at, prefix_digest, hashed.hexdigest())
+            self._prefix_hash = hashlib.sha256(view[: self.nodes_offset])
+        self.prefix_digest: Final = self._prefix_hash.digest()
+        """SHA-256 of the ``nodes_offset`` bytes before the nodes."""
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all bytes, 64 hexadecimal digits. The bytes before the nodes are not hashed again."""
+        whole = self._prefix_hash.copy()
+        with memoryview(self.data) as view:
+            whole.update(view[self.nodes_offset :])
+        return whole.hexdigest()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +76,8 @@ class DocumentContent:
     """Primitives by mesh index, for the meshes in use."""
     used_meshes: tuple[int, ...]
     """``SceneNodes.used_meshes`` of the nodes that this was read for."""
+    element_counts: Mapping[int, int]
+    """Number of triangles, lines and points by mesh index."""
     morphed_meshes: int
     """Number of meshes with weights of their own."""
     warnings: tuple[str, ...]
@@ -100,14 +105,14 @@ class DocumentCache:
         Args:
             textures: True if textures are read, as for ``read_gltf``.
         """
-        if document.nodes_at == 0:
+        if document.nodes_offset == 0:
             return None
         found = self.cache.get((document.prefix_digest, limits, textures))
         if found is None:
             return None
         fixed, content = found
         with memoryview(document.data) as view:
-            rest = _parse_rest(bytes(view[document.nodes_at :]), fixed, limits)
+            rest = _parse_rest(bytes(view[document.nodes_offset :]), fixed, limits)
         return None if rest is None else (content, rest)
 
     def add(
@@ -134,9 +139,10 @@ class DocumentCache:
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:
-    """Return the offset of the last ``"nodes"`` followed by a list of objects; 0 where there is none.
+    """Return the offset of the last ``"nodes"`` followed by a list of objects.
 
-    Nothing is proved yet: the text may stand inside another member.
+    The result is 0 where there is none, where data URIs follow, and for a ``.glb``. A match is a candidate: it may be
+    inside another member, which ``_fixed_members`` finds out.
     """
     if text.startswith(b"glTF"):
         return 0
@@ -146,7 +152,7 @@ def _nodes_offset(text: bytes | bytearray) -> int:
         if at < 0:
             return 0
         if _OBJECTS.match(text, at + len(_NODES)):
-            return at
+            return at if text.find(_DATA_URI, at) < 0 else 0
     return 0
 
 
@@ -154,12 +160,12 @@ def _fixed_members(document: HashedDocument, container: Container) -> _Fixed | N
     """Return the members after the nodes that must not change; None where the text cannot be split before the nodes.
 
     That both halves are JSON objects proves that ``nodes`` is a member of the outermost object. A text is not split
-    when data URIs follow its nodes, when scenes come before them, or in a ``.glb``.
+    when scenes come before its nodes.
     """
-    if container.tail is None or document.nodes_at < container.tail or document.nodes_at == 0:
+    if document.nodes_offset == 0:
         return None
     text = container.json
-    at = len(text) - (len(document.data) - document.nodes_at)
+    at = len(text) - (len(document.data) - document.nodes_offset)  # no data URIs were taken out after the nodes
     before = text[:at].rstrip()
     if not before.endswith(b","):
         return None

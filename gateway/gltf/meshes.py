@@ -21,9 +21,23 @@ from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 from renderers.stop import check_stop
 
-_OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
-"""Attributes that are read besides POSITION, with their numbers of components."""
-_ATTRIBUTES: Final = ("POSITION", *_OPTIONAL)
+_COMPONENTS: Final = {
+    "POSITION": (3,),
+    "NORMAL": (3,),
+    "TANGENT": (4,),
+    "TEXCOORD_0": (2,),
+    "TEXCOORD_1": (2,),
+    "COLOR_0": (3, 4),
+}
+"""Attributes that are read, with their allowed numbers of components."""
+_CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
+    "TEXCOORD_0": ("uv0", finite),
+    "TEXCOORD_1": ("uv1", finite),
+    "COLOR_0": ("colors", rgba),
+    "TANGENT": ("tangents", unit_tangents),
+}
+"""Fields of ``Mesh`` and the functions that bring an attribute into their form."""
+_MODE_KEYS: Final = [bytes((mode,)) for mode in range(MODE_COUNT)]
 _DRACO: Final = "KHR_draco_mesh_compression"
 _RESTART: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart values, which glTF forbids, by the size of an index."""
@@ -35,15 +49,17 @@ class _Source(msgspec.Struct, frozen=True, gc=False, eq=False):
     """A primitive whose references are checked."""
 
     name: str
+    """``meshes[2].primitives[0]``, for messages."""
     mode: int
-    attributes: dict[str, Accessor]
-    """POSITION and the attributes of ``_OPTIONAL`` that can be used."""
+    position: Accessor
     indices: Accessor | None
+    attributes: dict[str, Accessor]
+    """POSITION and the other attributes of ``_COMPONENTS`` that can be used."""
 
     @property
     def key(self) -> MeshKey:
-        accessors = (self.indices, *map(self.attributes.get, _ATTRIBUTES))
-        return bytes((self.mode,)) + b"".join([b"\0" if a is None else b"\1" + a.key for a in accessors])
+        accessors = (self.indices, *map(self.attributes.get, _COMPONENTS))
+        return b"".join([_MODE_KEYS[self.mode], *[b"\0" if a is None else a.key for a in accessors]])
 
 
 class Meshes:
@@ -83,22 +99,24 @@ class Meshes:
         if source is None:
             return None
         key = source.key
-        if key in self._meshes:
-            return self._meshes[key]
-        mesh = self._meshes[key] = self._shared_or_new(key, source)
-        self.nbytes += 0 if mesh is None else mesh.nbytes
-        return mesh
+        if key not in self._meshes:
+            self._meshes[key] = self._cached_or_new(key, source)
+        return self._meshes[key]
 
-    def _shared_or_new(self, key: MeshKey, source: _Source) -> Mesh | None:
-        found = self._content.get(key)
-        if isinstance(found, Mesh):
-            self._charge(len(found.positions), len(found.elements), source.name)
-            return found
+    def _cached_or_new(self, key: MeshKey, source: _Source) -> Mesh | None:
+        cached = self._content.get(key)
+        if isinstance(cached, Mesh):
+            self._charge(len(cached.positions), len(cached.elements), source.name)
+            self.nbytes += cached.nbytes
+            return cached
         warning_count = len(self._warnings)
         mesh = self._build(source)
-        # A mesh with a warning is not shared: the next document would not get the warning.
-        if mesh is not None and len(self._warnings) == warning_count:
-            self._content.put(key, mesh, mesh.nbytes)
+        if mesh is None:
+            return None
+        nbytes = mesh.nbytes
+        self.nbytes += nbytes
+        if len(self._warnings) == warning_count:  # otherwise the next document would not get the warning
+            self._content.put(key, mesh, nbytes)
         return mesh
 
     def _check(self, primitive: Primitive, name: str) -> _Source | None:
@@ -106,36 +124,36 @@ class Meshes:
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
             raise GltfError(f"{name}.mode: {mode} is not between 0 and {MODE_COUNT - 1}")
-        references = {key: value for key, value in (primitive.attributes or {}).items() if value is not None}
-        if "POSITION" not in references:
+        references = primitive.attributes or {}
+        position_index = references.get("POSITION")
+        if position_index is None:
             self.first_without_positions = self.first_without_positions or name
             self._warnings.append(f"{name}: no POSITION, nothing to draw")
             return None
         self.any_positions = True
-        position = self._accessors.get(references["POSITION"], f"{name}.attributes.POSITION")
+        position = self._accessors.get(position_index, f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
         if position.buffer is None and position.sparse is None and _DRACO in (primitive.extensions or {}):
             raise GltfError(f"{name}: {_DRACO} is not supported")
         attributes = {"POSITION": position}
-        for key, components in _OPTIONAL.items():
-            if key not in references:
+        for attribute, index in references.items():
+            if index is None or attribute not in _COMPONENTS or attribute == "POSITION":
                 continue
-            accessor = self._accessors.get(references[key], f"{name}.attributes.{key}")
-            if accessor.components not in components:
-                self._warnings.append(f"{name}.attributes.{key}: {accessor.components} components, ignored")
+            where = f"{name}.attributes.{attribute}"
+            accessor = self._accessors.get(index, where)
+            if accessor.components not in _COMPONENTS[attribute]:
+                self._warnings.append(f"{where}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
-                self._warnings.append(
-                    f"{name}.attributes.{key}: {accessor.count} values for {position.count} vertices, ignored"
-                )
+                self._warnings.append(f"{where}: {accessor.count} values for {position.count} vertices, ignored")
             else:
-                attributes[key] = accessor
+                attributes[attribute] = accessor
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
-        return _Source(name, mode, attributes, indices)
+        return _Source(name, mode, position, indices, attributes)
 
     def _charge(self, vertices: int, elements: int, name: str) -> None:
         """Count a mesh against the limits before it is allocated."""
@@ -151,50 +169,48 @@ class Meshes:
             raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
     def _build(self, source: _Source) -> Mesh | None:
-        position, name = source.attributes["POSITION"], source.name
-        count = element_count(source.mode, position.count if source.indices is None else source.indices.count)
+        begin, end = 0, source.position.count
+        count = element_count(source.mode, end if source.indices is None else source.indices.count)
         if count == 0:
             return None
-        begin, end = 0, position.count
-        self._charge(0, count, name)
         if source.indices is None:
-            self._charge(end, 0, name)
+            self._charge(end, count, source.name)
             elements = elements_of(source.mode, np.arange(end, dtype=np.uint32))
         else:
+            self._charge(0, count, source.name)  # before the indices are searched
             indices = source.indices.values()[:, 0]
-            low, high = _index_range(source, indices)
-            if 2 * (high + 1 - low) <= position.count:
+            low, high = _index_range(source, source.indices, indices)
+            if 2 * (high + 1 - low) <= end:
                 # Exporters let primitives share one big vertex buffer: keep only the range that this one uses.
                 begin, end = low, high + 1
-            self._charge(end - begin, 0, name)
+            self._charge(end - begin, 0, source.name)
             elements = elements_of(source.mode, indices)
             if begin:
                 elements -= np.uint32(begin)
         return self._assemble(source, elements, begin, end)
 
     def _assemble(self, source: _Source, elements: NDArray[np.uint32], begin: int, end: int) -> Mesh | None:
-        """Read the attributes of the vertices from ``begin`` to ``end``."""
-
-        def read(name: str, convert: Callable[[Floats], Floats]) -> Floats | None:
-            accessor = source.attributes.get(name)
-            if accessor is None:
-                return None
-            check_stop()
-            return convert(accessor.floats(begin, end))
-
-        positions = source.attributes["POSITION"].floats(begin, end)
+        """Read the attributes of the vertices from ``begin`` to ``end``. Arrays of a ``Mesh`` are read-only."""
+        positions = source.position.floats(begin, end)
         if not np.isfinite(positions).all():
             positions, elements, dropped = without_invalid_vertices(positions, elements)
             self._warnings.append(f"{source.name}: {dropped} elements with vertices that are not finite are left out")
             if len(elements) == 0:
                 return None
-        normals = _normals(read("NORMAL", lambda normals: normals), positions, elements)
-        uv0, uv1 = read("TEXCOORD_0", finite), read("TEXCOORD_1", finite)
-        colors, tangents = read("COLOR_0", rgba), read("TANGENT", unit_tangents)
-        for array in (positions, elements, normals, uv0, uv1, colors, tangents):
-            if array is not None:
-                array.setflags(write=False)
-        return Mesh(positions, elements, normals, uv0, uv1, colors, tangents)
+        positions.setflags(write=False)
+        elements.setflags(write=False)
+        optional: dict[str, Floats] = {}
+        normal = source.attributes.get("NORMAL")
+        normals = _normals(None if normal is None else normal.floats(begin, end), positions, elements)
+        if normals is not None:
+            normals.setflags(write=False)
+            optional["normals"] = normals
+        for attribute, (field, convert) in _CONVERSIONS.items():
+            if (accessor := source.attributes.get(attribute)) is not None:
+                check_stop()
+                values = optional[field] = convert(accessor.floats(begin, end))
+                values.setflags(write=False)
+        return Mesh(positions, elements, **optional)
 
 
 def _normals(given: Floats | None, positions: Floats, elements: NDArray[np.uint32]) -> Floats | None:
@@ -209,24 +225,25 @@ def _normals(given: Floats | None, positions: Floats, elements: NDArray[np.uint3
     return normals
 
 
-def _index_range(source: _Source, indices: NDArray[Any]) -> tuple[int, int]:
+def _index_range(source: _Source, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:
     """Return the smallest and the largest index.
+
+    Args:
+        indices: (N,), N > 0, the values of ``accessor``.
 
     Raises:
         GltfError: An index is beyond the vertices, or the primitive restart value.
     """
-    assert source.indices is not None
-    position = source.attributes["POSITION"]
     low, high = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
     check_stop()
     if high == _RESTART[indices.itemsize]:
         raise GltfError(
-            f"{source.name}.indices: {source.indices.name} has the index {high}, the largest of its component "
+            f"{source.name}.indices: {accessor.name} has the index {high}, the largest of its component "
             "type, which glTF forbids: graphics libraries take it for the start of another primitive"
         )
-    if low < 0 or high >= position.count:
+    if low < 0 or high >= source.position.count:
         raise GltfError(
-            f"{source.name}.indices: {source.indices.name} has the index {low if low < 0 else high}, "
-            f"but {position.name} has {position.count} vertices"
+            f"{source.name}.indices: {accessor.name} has the index {low if low < 0 else high}, "
+            f"but {source.position.name} has {source.position.count} vertices"
         )
     return low, high

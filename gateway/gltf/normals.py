@@ -41,7 +41,9 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view: Numba would compile the kernel again for writable arrays."""
+    """Return a read-only array: Numba would compile the kernel again for writable ones."""
+    if not array.flags.writeable:
+        return array
     view = array.view()
     view.setflags(write=False)
     return view
@@ -108,7 +110,8 @@ def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
 
 def _are_units(vectors: NDArray[np.float32]) -> bool:
     check_stop()
-    squares = np.einsum("ij,ij->i", vectors, vectors)
+    x, y, z = vectors.T
+    squares = x * x + y * y + z * z
     return bool((np.abs(squares - 1.0) <= 2.0 * _UNIT_TOLERANCE).all())
 
 

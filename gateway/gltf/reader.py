@@ -63,7 +63,7 @@ def read_gltf(
     if isinstance(data, HashedDocument):
         hashed, data = data, data.data
     elif cache is not None and resolve is None:
-        hashed = HashedDocument.of(bytes(data))
+        hashed = HashedDocument(bytes(data))
     if cache is None:
         cache = GltfCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0)
     if hashed is not None and (found := cache.documents.find(hashed, limits, textures)) is not None:
@@ -103,18 +103,21 @@ def _read_content(
     meshes = Meshes(Accessors(document, buffers, limits, warnings, merged=merged), cache.content, limits, warnings)
     materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
     parts: dict[int, tuple[Part, ...]] = {}
+    element_counts: dict[int, int] = {}
     primitive_count = 0
     for index, node in nodes.first_users().items():
         primitives = item(document.meshes, index, "meshes", f"nodes[{node}].mesh").primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
             raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {limits.max_primitives}")
-        read: list[Part] = []
+        mesh_parts: list[Part] = []
+        element_counts[index] = 0
         for number, primitive in enumerate(primitives):
             name = f"meshes[{index}].primitives[{number}]"
             if primitive is not None and (mesh := meshes.read(primitive, name)) is not None:
-                read.append(Part(Surface(mesh), materials.get(primitive, name)))
-        parts[index] = tuple(read)
+                mesh_parts.append(Part(Surface(mesh), materials.get(primitive, name)))
+                element_counts[index] += len(mesh.elements)
+        parts[index] = tuple(mesh_parts)
     if meshes.first_without_positions and not meshes.any_positions:
         raise GltfError(f"{meshes.first_without_positions}: no POSITION, and no other primitive has one")
     return DocumentContent(
@@ -122,6 +125,7 @@ def _read_content(
         cameras=document.cameras or [],
         lights=lights,
         parts=parts,
+        element_counts=element_counts,
         used_meshes=nodes.used_meshes(),
         morphed_meshes=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
@@ -146,10 +150,6 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     Raises:
         GltfError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
     """
-    elements = {
-        index: sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
-        for index, parts in content.parts.items()
-    }
     result: NodeParts = []
     instance_count = element_count = 0
     for node, mesh in zip(nodes.indices, nodes.meshes, strict=True):
@@ -158,7 +158,7 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
             continue
         result.append(content.parts[mesh])
         instance_count += len(content.parts[mesh])
-        element_count += elements[mesh]
+        element_count += content.element_counts[mesh]
         if instance_count > limits.max_instances:
             limit = limits.max_instances
             raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")

@@ -194,10 +194,21 @@ def test_the_last_list_of_nodes_is_found() -> None:
     source["meshes"][0]["name"] = '"nodes":[{}],"x"'
     source["scenes"] = [{"nodes": [4], "name": '"nodes"'}, {"nodes": []}]
     data = dump(source)
-    hashed = HashedDocument.of(data)
-    assert data[hashed.nodes_at :].startswith(b'"nodes": [{"name": "g0"')
+    hashed = HashedDocument(data)
+    assert data[hashed.nodes_offset :].startswith(b'"nodes": [{"name": "g0"')
     assert hashed.digest == hashlib.sha256(data).hexdigest()
-    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_at]).digest()
+    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_offset]).digest()
+
+
+def test_text_is_not_split_before_data_uris() -> None:
+    source = document()
+    source["zzz"] = source.pop("buffers")
+    data = dump(source)
+    assert data.index(b'"nodes"') < data.index(b'"data:')
+    hashed = HashedDocument(data)
+    assert hashed.nodes_offset == 0
+    assert hashed.prefix_digest == hashlib.sha256(b"").digest()
+    assert hashed.digest == hashlib.sha256(data).hexdigest()
 
 
 @pytest.mark.parametrize(
