@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.gltf import schema
-from gateway.gltf.errors import item
+from gateway.gltf.errors import checked_item
 from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
 _SCALE_TOLERANCE: Final = 1e-12
+"""Deviation of an axis' length from 1 that is rounding, not scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +48,7 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
     for position, node in enumerate(nodes.sources):
         if node.camera is None:
             continue
-        source = item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
+        source = checked_item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
         perspective = source.perspective
         lens = perspective or source.orthographic
         camera = GltfCamera(
