@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.app import create_app
-from gateway.scene.cameras import PATTERN, CameraError, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, CameraError, parse_camera
 from gateway.server.openapi import SECURITY_SCHEMES
 from gateway.settings import Settings
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
@@ -78,7 +78,7 @@ def test_token_is_described_except_for_health(tmp_path: Path) -> None:
     assert "401" not in schema["paths"]["/healthz"]["get"]["responses"]
 
 
-@given(st.from_regex(PATTERN))
+@given(st.from_regex(CAMERA_PATTERN))
 def test_the_pattern_of_cameras_is_their_grammar(text: str) -> None:
     try:
         parse_camera(text)
