@@ -1,4 +1,4 @@
-"""Multisample anti-aliasing: sample positions, and a band's samples as raster and shading share them.
+"""Multisample anti-aliasing: sample positions, and the memory for a band's samples.
 
 Scenes of opaque surfaces are rasterized with all samples at once (``renderers.raster.msaa``); each surface is shaded
 once per pixel. Scenes with translucent surfaces are rendered once per sample position, by cameras with different

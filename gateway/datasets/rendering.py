@@ -142,6 +142,6 @@ class RequestRenderer:
         Raises:
             RequestError: the scene or its camera cannot be used.
         """
-        image = self._pipeline.picture(request)
+        image = self._pipeline.render(request)
         camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
         return camera, request.image_type, image.body

@@ -13,8 +13,8 @@ from gateway.datasets.files import locked, remove_temporary_files, temporary_nam
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset, valid_samples
-from gateway.runtime import kernel_cache
 from gateway.runtime.worker_pool import usable_cpus
+from renderers.compiler import cache_folder
 
 Execute = Callable[[list[Task]], Iterator[Result]]
 """Function that runs tasks in worker processes and yields their results in any order."""
@@ -67,7 +67,7 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
 
 def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
     out = job.out
-    renderer = kernel_cache.sources_digest()
+    renderer = cache_folder.sources_digest()
     existing = existing_dataset(job)
     description = manifest.Dataset(
         generator=f"scenegate {__version__}", renderer=renderer, settings=job.settings, conventions=CONVENTIONS

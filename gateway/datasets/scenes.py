@@ -161,7 +161,7 @@ def _flatten_numbered(root: Node) -> tuple[DrawList, Labels]:
     """Flatten a scene with one label per path, counted from 1 in tree order."""
     table = LabelTable()
     draw_list = flatten(root, label_of=lambda path, _: table.label_of(path))
-    return draw_list, {label: (path,) for label, path in table.known().items()}
+    return draw_list, {label: (path,) for label, path in table.paths_by_label().items()}
 
 
 def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:

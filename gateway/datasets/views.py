@@ -129,7 +129,7 @@ def camera_of(
         if intrinsics.fy is not None:
             degrees = math.degrees(2.0 * math.atan(0.5 * height / intrinsics.fy))
         camera = resolve_camera(
-            spec, root, width, height, fovy=degrees, near=intrinsics.near, far=intrinsics.far, drawn=draw_list
+            spec, root, width, height, fovy=degrees, near=intrinsics.near, far=intrinsics.far, draw_list=draw_list
         )
     focal = intrinsics.fy or camera.fy
     try:

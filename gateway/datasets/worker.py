@@ -19,9 +19,10 @@ from gateway.datasets.scenes import LoadedScene, SceneError, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
 from gateway.render.errors import RequestError
-from gateway.runtime import kernel_cache, process_tuning
+from gateway.runtime import process_tuning
 from gateway.scene.cameras import CameraError
 from renderers.camera import Camera
+from renderers.compiler import cache_folder
 from renderers.drawlist import ImageError
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
@@ -110,7 +111,7 @@ class Worker:
 def _task_problem(task: Task) -> str:
     """Return why this process cannot work on a task; empty if it can."""
     node = os.uname().nodename
-    if task.renderer != kernel_cache.sources_digest():
+    if task.renderer != cache_folder.sources_digest():
         return f"worker {node} has another version of Scenegate than the one that was started"
     if not (Path(task.out) / manifest.DATASET).is_file():
         return f"worker {node} does not see {task.out}: the folders must be shared by all nodes"

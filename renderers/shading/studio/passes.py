@@ -98,7 +98,7 @@ def paint(
                 _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
             else:
                 begin_edges = partial(_edge_shader, shading, lighting, camera, output_address)
-                rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
+                rasterizer.shade_samples(scene, camera, samples, begin_edges, cull_back=cull)
             return
         shape = camera.height, 4, layout.channel_values(camera.width)
         mean = np.zeros(shape, np.float32)
@@ -141,7 +141,7 @@ def _shade_layer(
         target: address of the accumulated rows; 0: none.
         output: address of an OUTPUT; 0: none.
     """
-    job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_record, camera)
+    job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
     job_address, ids, width = address_of(job, np.int64), address_of(layer.ids, np.int32), camera.width
 
     def shade(begin: int, end: int) -> None:
@@ -168,7 +168,7 @@ def _edge_shader(
     """Return the shader of a band's samples. ``output`` is the address of an OUTPUT."""
     from renderers.visibility_buffer import SampledShader
 
-    job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_record, camera)
+    job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
     shader = np.zeros(1, layout.EDGE_SHADER.dtype)
     shader["shade_rows"] = kernel_address(shade_rows)
     shader["job"] = address_of(job, np.int64)
