@@ -20,6 +20,7 @@ from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from tests.datasets.conftest import SETTINGS
+from tests.support import forms
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +94,10 @@ def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer,
         camera, image_type, data = RequestRenderer(renderer, settings).render(request)
         assert (camera.width, camera.height, image_type) == (64, 48, "depth")
         assert data.startswith(b"II*\0" if settings.depth_format == "tiff" else b"\x89PNG")
+    (scenes / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("color")))
+    colored = load_scene(source).request
+    assert colored is not None
+    settings = msgspec.structs.replace(SETTINGS, antialias="none")
+    one, four = (msgspec.structs.replace(settings, samples=samples) for samples in (1, 4))
+    images = [RequestRenderer(renderer, each).render(colored)[2] for each in (settings, one, four)]
+    assert images[0] == images[1] != images[2]

@@ -26,7 +26,9 @@ def test_used_vertices(count: int) -> None:
     used, compact = used_vertices(elements, count)
     assert used.tolist() == [1, 3, 5, 6]
     assert compact.tolist() == [[2, 0, 3], [0, 2, 1]]
-    assert (used.dtype, compact.dtype, compact.flags.c_contiguous) == (np.intp, np.uint32, True)
+    assert used.dtype == np.intp
+    assert compact.dtype == np.uint32
+    assert compact.flags.c_contiguous
 
 
 def test_no_vertices_are_used() -> None:
