@@ -125,12 +125,8 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
     room_before, room_after, stride = (x, width - 1 - x, 1) if is_horizontal else (y, height - 1 - y, width)
     before, luma_before = _edge_end(luma, row + x, pixel_across, -stride, room_before, c, luma_across)
     after, luma_after = _edge_end(luma, row + x, pixel_across, stride, room_after, c, luma_across)
-    # If both ends are equally far, OpenGL's order decides, in which rows are reversed.
-    if is_horizontal:
-        nearer_is_before = before < after
-    else:
-        nearer_is_before = before <= after
-    luma_end = luma_before if nearer_is_before else luma_after
+    # If both ends are equally far, either will do: the shift is 0.
+    luma_end = luma_before if before < after else luma_after
     shift = np.float32(0.0)
     if abs(luma_end - luma_across) < abs(luma_end - c):
         shift = np.float32(0.5) - np.float32(min(before, after)) / np.float32(before + after)

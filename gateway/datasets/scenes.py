@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from gateway.assets.mesh_formats import parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError, Up, read_scene_file
 from gateway.client import manifest
@@ -152,7 +154,7 @@ class _MeshFileReader:
     def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
         parts = parse_mesh(self._files(filename), Path(filename).suffix[1:].lower(), self._files, MESH_LIMITS)
         X = scaling(*scale)
-        return tuple(replace(part, X_node_part=X @ part.X_node_part) for part in parts)
+        return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
 def _flatten_numbered(root: Node) -> tuple[DrawList, Labels]:

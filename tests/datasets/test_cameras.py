@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,12 @@ from gateway.datasets.camera_file import CameraFile, read_camera_file
 from gateway.datasets.job import JobError, make_job
 from gateway.datasets.scenes import load_scene
 from gateway.datasets.sources import SourceError, find_sources
-from gateway.datasets.views import Intrinsics, View, camera_of
+from gateway.datasets.views import Intrinsics, View, camera_of, record_of
+from gateway.gltf import GltfCamera
 from gateway.scene.cameras import CameraError, OrbitCamera
+from gateway.scene.tree import Node
+from renderers.camera import Camera
+from renderers.drawlist import DrawList
 from tests.datasets.conftest import SETTINGS, job_of
 
 POSE = [[1, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 1], [0, 0, 0, 1]]
@@ -118,6 +123,87 @@ def test_every_camera_of_an_orbit_sees_everything_from_the_same_distance(scenes:
         assert offset[2] / distances[-1] == pytest.approx(np.sin(np.radians(20.0)))
     assert distances == pytest.approx([distances[0]] * 6)
     assert azimuths == pytest.approx([0, 60, 120, 180, 240, 300])
+
+
+def test_intrinsics_replace_those_of_the_pose(scenes: Path) -> None:
+    source = next(source for source in find_sources([scenes]) if source.name == "robot.tree.json")
+    scene = load_scene(source)
+
+    def resolved(intrinsics: Intrinsics) -> Camera:
+        return camera_of(View("v", "fit", intrinsics), scene.root, scene.draw_list, None, 64, 48, 90.0)
+
+    default = resolved(Intrinsics())
+    assert (default.width, default.height, default.cx, default.cy) == (64, 48, 32.0, 24.0)
+    assert default.fx == default.fy == pytest.approx(24.0)
+    assert resolved(Intrinsics(fovy=60.0)).fy == pytest.approx(24.0 / np.tan(np.radians(30.0)))
+    assert resolved(Intrinsics(fx=50.0)).fx == 50.0
+    assert resolved(Intrinsics(fx=50.0)).fy == pytest.approx(24.0)
+    assert (resolved(Intrinsics(fy=50.0)).fx, resolved(Intrinsics(fy=50.0)).fy) == (50.0, 50.0)
+    shifted = resolved(Intrinsics(width=100, height=80, cx=0.0, cy=1.5, near=0.25, far=9.0))
+    assert (shifted.width, shifted.height, shifted.cx, shifted.cy) == (100, 80, 0.0, 1.5)
+    assert (shifted.near, shifted.far) == (0.25, 9.0)
+    with pytest.raises(CameraError, match="camera: clipping planes"):
+        resolved(Intrinsics(near=9.0, far=9.0))
+
+
+def test_without_a_pose_the_camera_of_the_file_is_used(scenes: Path) -> None:
+    root, drawn = Node(), DrawList()
+    own = GltfCamera(0, "main", np.eye(4), yfov=np.pi / 2, znear=0.5, zfar=None, aspect=None)
+    camera = camera_of(View("v", None, Intrinsics(cx=1.0)), root, drawn, own, 64, 48, 45.0)
+    assert camera.fx == camera.fy == pytest.approx(24.0)
+    assert (camera.cx, camera.cy) == (1.0, 24.0)
+    assert (camera.near, camera.far) == (0.5, np.inf)
+    assert camera_of(View("v", None), root, drawn, replace(own, zfar=3.0), 64, 48, 45.0).far == 3.0
+    with pytest.raises(CameraError, match="'main' is orthographic; name another with --camera"):
+        camera_of(View("v", None), root, drawn, replace(own, yfov=None), 64, 48, 45.0)
+    with pytest.raises(CameraError, match="the file's camera 'main': "):
+        camera_of(View("v", None), root, drawn, replace(own, X_world_camera=np.zeros((4, 4))), 64, 48, 45.0)
+
+
+def test_records_of_cameras() -> None:
+    camera = Camera(4, 3, 2.0, 2.5, 1.5, 1.0, 0.1, np.inf, np.diag((1.0, -1.0, -1.0, 1.0)))
+    record = record_of(camera)
+    assert (record.width, record.height, record.fx, record.fy, record.cx, record.cy) == (4, 3, 2.0, 2.5, 1.5, 1.0)
+    assert (record.near, record.far) == (0.1, None)
+    assert record.X_world_camera[1] == (0.0, -1.0, 0.0, 0.0)
+    assert record_of(replace(camera, far=7.0)).far == 7.0
+
+
+@pytest.mark.parametrize(("deviation", "is_valid"), [(0.0, True), (4e-5, True), (6e-5, False), (float("nan"), False)])
+def test_poses_are_rotations_up_to_five_digits(deviation: float, is_valid: bool) -> None:
+    rows = ((1.0 + deviation, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    if is_valid:
+        assert View("v", rows).pose == rows
+    else:
+        with pytest.raises(CameraError, match="X_world_camera must be"):
+            View("v", rows)
+
+
+def test_mirrored_poses_are_refused() -> None:
+    rows = ((-1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    with pytest.raises(CameraError, match="mirrored"):
+        View("v", rows)
+
+
+@pytest.mark.parametrize("size", [1000, 1001])
+def test_unnamed_cameras_are_numbered_with_equal_width(tmp_path: Path, size: int) -> None:
+    file = read_camera_file(written(tmp_path, {"cameras": [{"camera": "fit"}] * size}))
+    assert file.cameras[7].name == ("camera-007" if size == 1000 else "camera-0007")
+    assert len({len(view.name) for view in file.cameras}) == 1
+
+
+def test_camera_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(CameraError, match=r"none\.json: No such file"):
+        read_camera_file(tmp_path / "none.json")
+    path = written(tmp_path, {"cameras": [{"camera": "fit"}]})
+    monkeypatch.setattr("gateway.datasets.camera_file.MAX_BYTES", path.stat().st_size)
+    assert len(read_camera_file(path).cameras) == 1
+    monkeypatch.setattr("gateway.datasets.camera_file.MAX_BYTES", path.stat().st_size - 1)
+    with pytest.raises(CameraError, match="more than"):
+        read_camera_file(path)
+    (tmp_path / "cameras.json").write_bytes(b"\xff")
+    with pytest.raises(CameraError, match=r"cameras\.json"):
+        read_camera_file(path)
 
 
 def test_different_views_have_different_descriptions() -> None:

@@ -24,15 +24,15 @@ def dataset(scenes: Path, tmp_path: Path, draw: Draw) -> Path:
 
 
 def edit(dataset: Path, number: int, change: Callable[[dict[str, Any]], object]) -> None:
-    """Changes a line of the manifest."""
+    """Change a line of the manifest."""
     path = dataset / manifest.MANIFEST
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     change(lines[number])
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
-def replace_picture(dataset: Path, number: int, image_type: str, pixels: Any) -> None:
-    """Another picture with its right hash."""
+def replace_image(dataset: Path, number: int, image_type: str, pixels: Any) -> None:
+    """Replace an image, and its hash in the manifest."""
 
     def change(line: dict[str, Any]) -> None:
         path = dataset / line["images"][image_type]["path"]
@@ -42,8 +42,16 @@ def replace_picture(dataset: Path, number: int, image_type: str, pixels: Any) ->
     edit(dataset, number, change)
 
 
-def test_a_whole_dataset(dataset: Path) -> None:
-    report = check_dataset(dataset, 2)
+def edit_scene(dataset: Path, **changes: object) -> None:
+    """Change the description of the first scene."""
+    path = dataset / "scenes" / "a.gltf" / manifest.SCENE
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_whole_dataset(dataset: Path, threads: int) -> None:
+    report = check_dataset(dataset, threads)
+    assert report.nbytes == sum(p.stat().st_size for p in dataset.rglob("*") if p.suffix in (".png", ".tiff"))
     assert report.problems == []
     assert report.notes == []
     assert (report.samples, report.scenes, report.images) == (7, 4, 19)
@@ -66,14 +74,37 @@ def test_a_whole_dataset(dataset: Path) -> None:
         (lambda d: edit(d, 0, lambda s: s["images"].pop("label")), "the label image is missing in the manifest"),
         (lambda d: edit(d, 1, lambda s: s.update(id="a.gltf/orbit-0")), "a.gltf/orbit-0 is there twice"),
         (lambda d: edit(d, 0, lambda s: s.update(scene_sha256="0")), "another state of the scene"),
+        (lambda d: edit(d, 0, lambda s: s.update(id="a.gltf/other")), "is not that of scene a.gltf and view orbit-0"),
+        (lambda d: edit(d, 0, lambda s: s["camera"].update(width=0)), "camera: size 0x24"),
+        (lambda d: edit(d, 0, lambda s: s["camera"].update(height=0)), "camera: size 32x0"),
+        (lambda d: edit(d, 0, lambda s: s["camera"].update(fy=0.0)), "are not positive"),
+        (lambda d: edit(d, 0, lambda s: s["camera"].update(near=0.0)), "planes near=0.0"),
+        (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][3].__setitem__(0, 1.0)), "no last row"),
+        (
+            lambda d: edit(d, 0, lambda s: [row.__setitem__(0, -row[0]) for row in s["camera"]["X_world_camera"]]),
+            "no r",
+        ),
+        (lambda d: edit(d, 0, lambda s: s["camera"].update(height=25)), "32x24 pixels, the camera has 32x25"),
+        (
+            lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="/etc/passwd")),
+            "outside of the dataset",
+        ),
+        (lambda d: edit_scene(d, scene="other"), "its scene.json is that of other"),
+        (lambda d: edit_scene(d, sha256="0"), "does not follow from those of its sources"),
+        (lambda d: replace_image(d, 0, "depth", np.full((24, 32), np.nan, np.float32)), "negative or not a number"),
+        (
+            lambda d: replace_image(d, 0, "depth", np.zeros((24, 32), np.uint8)),
+            "a depth image with 1 channels of uint8",
+        ),
+        (lambda d: replace_image(d, 0, "label", np.zeros((24, 32, 4), np.uint8)), "with 4 channels of uint8"),
         (
             lambda d: edit(d, 0, lambda s: s["images"]["color"].update(path="../../etc/passwd")),
             "outside of the dataset",
         ),
-        (lambda d: replace_picture(d, 0, "color", np.zeros((24, 32), np.uint8)), "with 1 channels of uint8"),
-        (lambda d: replace_picture(d, 0, "depth", np.full((24, 32), -1, np.float32)), "negative or not a number"),
+        (lambda d: replace_image(d, 0, "color", np.zeros((24, 32), np.uint8)), "with 1 channels of uint8"),
+        (lambda d: replace_image(d, 0, "depth", np.full((24, 32), -1, np.float32)), "negative or not a number"),
         (
-            lambda d: replace_picture(d, 0, "label", np.full((24, 32, 3), 7, np.uint8)),
+            lambda d: replace_image(d, 0, "label", np.full((24, 32, 3), 7, np.uint8)),
             "labels that scene.json does not",
         ),
     ],
@@ -84,8 +115,30 @@ def test_damage_is_named(dataset: Path, damage: Callable[[Path], object], senten
     assert any(sentence in problem for problem in report.problems), report.problems
 
 
-def test_strangers_are_noted(dataset: Path) -> None:
+def test_images_of_several_formats_are_valid(dataset: Path) -> None:
+    """Depth may be 16 bit or infinite, and labels may be NO_LABEL."""
+    replace_image(dataset, 0, "depth", np.full((24, 32), 65535, np.uint16))
+    replace_image(dataset, 1, "depth", np.full((24, 32), np.inf, np.float32))
+    replace_image(dataset, 0, "label", np.full((24, 32, 3), 255, np.uint8))
+    assert check_dataset(dataset, 1).problems == []
+
+
+def test_unknown_files_are_noted(dataset: Path) -> None:
     (dataset / "scenes" / "a.gltf" / "holiday.jpg").write_bytes(b"")
+    (dataset / "scenes" / "deep" / "image.png.7.part").write_bytes(b"")
+    (dataset / manifest.JOURNAL).write_bytes(b"")
     report = check_dataset(dataset, 1)
     assert report.problems == []
-    assert report.notes == ["scenes/a.gltf/holiday.jpg: not in the manifest"]
+    assert report.notes == [
+        "journal.jsonl is there: a run is going on, or was stopped",
+        "scenes/a.gltf/holiday.jpg: not in the manifest",
+        "scenes/deep/image.png.7.part: left by a process that was killed",
+    ]
+
+
+def test_failures_are_noted(dataset: Path) -> None:
+    failures = manifest.Failure("b.gltf", None, "it is torn"), manifest.Failure("a.gltf", "top", "no node")
+    (dataset / manifest.FAILED).write_bytes(b"".join(manifest.encode(each) + b"\n" for each in failures))
+    report = check_dataset(dataset, 1)
+    assert report.problems == []
+    assert report.notes == ["b.gltf was not drawn: it is torn", "a.gltf, top was not drawn: no node"]

@@ -1,0 +1,103 @@
+"""Encoded images of a scene, and the style in a dataset's settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.client.manifest import ImageType
+from gateway.datasets.rendering import RequestRenderer, Style, render_images, style_of
+from gateway.datasets.scenes import LoadedScene, load_scene
+from gateway.datasets.sources import find_sources
+from gateway.datasets.views import View, camera_of
+from renderers.camera import Camera
+from renderers.light_rig import STUDIO
+from renderers.raster import CpuRenderer
+from tests.datasets.conftest import SETTINGS
+from tests.support import forms
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[CpuRenderer]:
+    renderer = CpuRenderer(1)
+    yield renderer
+    renderer.close()
+
+
+@pytest.fixture
+def robot(scenes: Path) -> LoadedScene:
+    return load_scene(next(source for source in find_sources([scenes]) if source.name == "robot.tree.json"))
+
+
+def fit(scene: LoadedScene) -> Camera:
+    return camera_of(View("v", "fit"), scene.root, scene.draw_list, None, 32, 24, 45.0)
+
+
+def color(renderer: CpuRenderer, scene: LoadedScene, style: Style) -> NDArray[np.uint8]:
+    data = render_images(renderer, scene, fit(scene), {"color": "png"}, style)["color"]
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def test_file_formats(renderer: CpuRenderer, robot: LoadedScene) -> None:
+    starts: list[tuple[ImageType, str, bytes]] = [
+        ("color", "png", b"\x89PNG"),
+        ("color", "jpg", b"\xff\xd8"),
+        ("color", "jpeg", b"\xff\xd8"),
+        ("depth", "tiff", b"II*\0"),
+        ("depth", "tif", b"II*\0"),
+        ("depth", "png", b"\x89PNG"),
+        ("label", "png", b"\x89PNG"),
+    ]
+    for image_type, file_format, start in starts:
+        images = render_images(renderer, robot, fit(robot), {image_type: file_format}, Style())
+        assert images.keys() == {image_type}
+        assert images[image_type].startswith(start)
+
+
+def test_style_of_settings(tmp_path: Path) -> None:
+    settings = msgspec.structs.replace(
+        SETTINGS, look="phong", background=(1, 2, 3), antialias="none", samples=8, rig=None
+    )
+    assert style_of(settings) == Style("phong", (1, 2, 3), "none", 8, STUDIO)
+    rig = tmp_path / "rig.toml"
+    rig.write_text("exposure = 0.25\n")
+    assert style_of(msgspec.structs.replace(settings, rig=str(rig))).rig.exposure == 0.25
+
+
+def test_samples_and_antialiasing_by_look(renderer: CpuRenderer, robot: LoadedScene) -> None:
+    """The studio look has 4 samples and no FXAA; the others have one sample, with FXAA."""
+    studio = color(renderer, robot, Style())
+    np.testing.assert_array_equal(studio, color(renderer, robot, Style("studio", antialias="none", samples=4)))
+    np.testing.assert_array_equal(
+        color(renderer, robot, Style("studio", samples=1)),
+        color(renderer, robot, Style("studio", antialias="none", samples=1)),
+    )
+    assert (studio != color(renderer, robot, Style("studio", samples=1))).any()
+    smooth = color(renderer, robot, Style("phong"))
+    np.testing.assert_array_equal(smooth, color(renderer, robot, Style("phong", samples=1)))
+    assert (smooth != color(renderer, robot, Style("phong", antialias="none"))).any()
+    many = color(renderer, robot, Style("phong", samples=8))
+    np.testing.assert_array_equal(many, color(renderer, robot, Style("phong", antialias="none", samples=8)))
+
+
+def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer, scenes: Path) -> None:
+    (source,) = [source for source in find_sources([scenes]) if source.name == "depth.multipart"]
+    request = load_scene(source).request
+    assert request is not None
+    for settings in (SETTINGS, msgspec.structs.replace(SETTINGS, samples=4, depth_format="png")):
+        camera, image_type, data = RequestRenderer(renderer, settings).render(request)
+        assert (camera.width, camera.height, image_type) == (64, 48, "depth")
+        assert data.startswith(b"II*\0" if settings.depth_format == "tiff" else b"\x89PNG")
+    (scenes / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("color")))
+    colored = load_scene(source).request
+    assert colored is not None
+    settings = msgspec.structs.replace(SETTINGS, antialias="none")
+    one, four = (msgspec.structs.replace(settings, samples=samples) for samples in (1, 4))
+    images = [RequestRenderer(renderer, each).render(colored)[2] for each in (settings, one, four)]
+    assert images[0] == images[1] != images[2]

@@ -1,0 +1,110 @@
+"""Loading scenes of each kind, and their description."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from gateway.client import manifest
+from gateway.datasets.scenes import LoadedScene, SceneError, digest_of, load_scene
+from gateway.datasets.sources import find_sources
+from renderers.drawlist import LABEL_NONE
+from tests.datasets.conftest import TREE
+from tests.support import forms
+
+
+def loaded(path: Path) -> LoadedScene:
+    (source,) = find_sources([path])
+    return load_scene(source)
+
+
+def labels(scene: LoadedScene) -> list[int]:
+    return [instance.label for instance in scene.draw_list.instances]
+
+
+@pytest.mark.parametrize(
+    ("generator", "look", "is_numbered"),
+    [("another program", "studio", True), ("VTK", "phong", False), ("VTK/Drake", "pbr", None)],
+)
+def test_look_and_labels_follow_the_generator(
+    tmp_path: Path, generator: str, look: str, is_numbered: bool | None
+) -> None:
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps(forms.gltf(generator=generator)))
+    scene = loaded(path)
+    if is_numbered is not None:
+        assert scene.look == look
+        assert (labels(scene) == [1]) is is_numbered
+    assert scene.description.generator == generator
+    assert scene.description.labels.keys() == {str(label) for label in labels(scene) if label != LABEL_NONE}
+    assert scene.request is None
+
+
+def test_description_lists_all_files(tmp_path: Path, scenes: Path) -> None:
+    document = forms.gltf(buffers=[{"byteLength": 36, "uri": "corners.bin"}], generator="another program")
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    (tmp_path / "corners.bin").write_bytes(bytes(36))
+    description = loaded(tmp_path / "a.gltf").description
+    assert [file.path for file in description.sources] == ["a.gltf", "corners.bin"]
+    for file in description.sources:
+        assert file.sha256 == hashlib.sha256((tmp_path / file.path).read_bytes()).hexdigest()
+    assert description.sha256 == digest_of(description.sources)
+    assert description.scene == "a.gltf"
+    assert description.generator == "another program"
+
+
+def test_the_digest_depends_on_names_and_contents() -> None:
+    files = (manifest.SourceFile("a", "1"), manifest.SourceFile("b", "2"))
+    others = (
+        files[:1],
+        files[::-1],
+        (manifest.SourceFile("a", "2"), manifest.SourceFile("b", "1")),
+        (manifest.SourceFile("c", "1"), manifest.SourceFile("b", "2")),
+    )
+    assert digest_of(files) not in {digest_of(each) for each in others}
+    assert digest_of(files) == digest_of(tuple(files))
+
+
+def test_tree_viewer_requests(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(TREE))
+    scene = loaded(path)
+    assert (labels(scene), scene.look, scene.own_camera) == ([1, 2], "studio", None)
+    assert scene.description.labels == {"1": (("robot", "base"),), "2": (("robot", "arm"),)}
+    path.write_text("{}")
+    with pytest.raises(SceneError, match="no setgeometry and no settransform command is in it"):
+        loaded(path)
+
+
+def test_meshes_of_tree_viewer_requests_are_beside_them(tmp_path: Path, scenes: Path) -> None:
+    facet = scenes / "deep" / "mesh.stl"
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "t.stl").write_bytes(facet.read_bytes())
+    geometry = {"type": "mesh_file", "filename": "meshes/t.stl", "scale": [2, 3, 4]}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"setgeometry": [{"path": ["m"], "geometry": geometry}]}))
+    (instance,) = loaded(path).draw_list.instances
+    assert instance.X_world_mesh.diagonal().tolist() == [2.0, 3.0, 4.0, 1.0]
+
+
+def test_recorded_requests_are_read_without_their_scene(tmp_path: Path) -> None:
+    path = tmp_path / "a.multipart"
+    path.write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))
+    scene = loaded(path)
+    assert scene.request is not None
+    assert scene.request.image_type == "depth"
+    assert scene.look == "pbr"
+    assert len(scene.draw_list.instances) == 0
+    assert scene.description.labels == {}
+
+
+def test_errors_do_not_name_the_scene(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    path.write_text("no mesh")
+    (source,) = find_sources([path])
+    path.unlink()
+    with pytest.raises(SceneError, match=r"^No such file"):
+        load_scene(source)

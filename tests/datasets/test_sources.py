@@ -1,0 +1,74 @@
+"""Kinds and names of scene files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gateway.datasets.sources import MAX_NAME, Kind, Source, SourceError, find_sources, kind_of
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("a.gltf", Kind.GLTF),
+        ("A.GLB", Kind.GLTF),
+        ("a.obj", Kind.MESH),
+        ("a.STL", Kind.MESH),
+        ("a.ply", Kind.MESH),
+        ("a.dae", Kind.MESH),
+        ("a.tree.json", Kind.TREE),
+        ("a.json", None),
+        ("a.multipart", Kind.REQUEST),
+        ("a.txt", None),
+        ("obj", None),
+    ],
+)
+def test_kind_of_a_file(name: str, kind: Kind | None) -> None:
+    assert kind_of(Path(name)) is kind
+
+
+def test_folders_are_searched_and_sorted_by_name(tmp_path: Path) -> None:
+    for name in ("b.stl", "a/c.stl", "a/notes.txt", ".hidden.stl", ".git/d.stl", "folder.stl/e.stl"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    sources = find_sources([tmp_path])
+    assert [source.name for source in sources] == ["a/c.stl", "b.stl", "folder.stl/e.stl"]
+    assert sources[0] == Source("a/c.stl", str(tmp_path / "a" / "c.stl"), Kind.MESH)
+
+
+def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "robot.JSON"
+    path.parent.mkdir()
+    path.write_text("{}")
+    assert find_sources([path]) == (Source("robot.JSON", str(path), Kind.TREE),)
+    with pytest.raises(
+        SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.tree\.json, \.multipart$"
+    ):
+        find_sources([path.parent])
+
+
+def test_a_scene_that_is_named_twice_is_one(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_text("")
+    assert len(find_sources([tmp_path, tmp_path / "a.stl"])) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "problem", "printable"),
+    [
+        ("a" * (MAX_NAME - 4) + ".stl", "", None),
+        ("a" * (MAX_NAME - 3) + ".stl", f"a name of {MAX_NAME + 1} characters", None),
+        ("a b-ä.stl", "", None),
+        ("a\\b.stl", r"a name with the character '\\'", None),
+        ("a\tb.stl", r"a name with the character '\t'", r"a\tb.stl"),
+    ],
+)
+def test_names_that_cannot_be_used(tmp_path: Path, name: str, problem: str, printable: str | None) -> None:
+    (tmp_path / name).write_text("")
+    (source,) = find_sources([tmp_path])
+    assert source.name == name
+    assert source.problem.startswith(problem)
+    assert bool(source.problem) is bool(problem)
+    assert source.printable_name == (printable or name)
