@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check
-from gateway.stereo.request import SetKind
+from gateway.stereo.request import SetKind, set_kind_of
 from gateway.stereo.settings import Region, StreamSettings, read_settings
 from gateway.stereo.trigger import Trigger
 from renderers.stereo.exposure import Exposure
@@ -221,3 +222,22 @@ def test_nearest_depth_and_number_of_disparities() -> None:
     assert model.disparity_count(1, 1.0, 100.0) == 100
     assert model.disparity_count(2, 0.1) == 200
     assert model.disparity_count(Quality.LOW.divisor, 0.1) == 67
+
+
+def test_descriptions_have_the_devices_fields() -> None:
+    parameters = Parameters()
+    switch, choice = parameters.describe("rc_camera", "exp_auto"), parameters.describe("rc_camera", "exp_control")
+    assert [switch[name] for name in ("type", "value", "min", "max", "default")] == ["bool", True, False, True, True]
+    assert [choice[name] for name in ("type", "value", "min", "max", "default")] == ["string", "Auto", "", "", "Auto"]
+    seg = parameters.describe("rc_stereomatching", "seg")
+    assert [seg[name] for name in ("name", "type", "value", "min", "max")] == ["seg", "int32", 200, 0, 4000]
+
+
+def test_mesh_options_of_a_request() -> None:
+    options = pb.MeshOptions(max_points=1000, binning_method=pb.MeshOptions.MIN_DEPTH, watertight=True)
+    request = pb.ImageSetRequest(mesh_enabled=True, mesh_options=options)
+    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, min_depth=True, watertight=True)
+    request.mesh_options.textured = True
+    request.mesh_options.binning_method = pb.MeshOptions.AVERAGE
+    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
+    assert set_kind_of(request).mesh == MeshOptions(1000, watertight=True, textured=True)
