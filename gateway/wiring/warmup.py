@@ -54,7 +54,7 @@ def _stereo() -> None:
 
 
 _STUDIO: Final = ("renderers.shading.studio",)
-_ANTIALIASING: Final = ("renderers.raster.msaa", "renderers.fxaa")
+_ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
 _SETUP: Final = ("renderers.raster.setup",)
 

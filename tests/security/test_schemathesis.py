@@ -28,5 +28,5 @@ def test_every_response_is_as_described(gateway_url: str, tmp_path: Path) -> Non
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"(\d+) generated, \1 passed", result.stdout), result.stdout[-2000:]
     untried = result.stdout.partition(" WARNINGS ")[2].partition(" SUMMARY ")[0]
-    # No frame was taken: that needs a client of the image stream.
-    assert re.findall(r"^  - (.*)$", untried, re.MULTILINE) == ["GET /stereo/truth.npz"], untried
+    # The truth needs a frame, which exists if an earlier test had a client of the image stream.
+    assert {*re.findall(r"^  - (.*)$", untried, re.MULTILINE)} <= {"GET /stereo/truth.npz"}, untried

@@ -36,7 +36,7 @@ frame_at, draw_at, view_at = FRAME.at, DRAW.at, VIEW.at
 
 
 @njit(error_model="numpy")
-def _seen(frame_address, draw_address, count, view_address, out):  # type: ignore[no-untyped-def]
+def _visible_clusters(frame_address, draw_address, count, view_address, out):  # type: ignore[no-untyped-def]
     view = view_at(view_address)
     view_clusters(frame_at(frame_address), draw_at(draw_address), view)
     if view.clusters == 0:
@@ -46,7 +46,9 @@ def _seen(frame_address, draw_address, count, view_address, out):  # type: ignor
     return True
 
 
-def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int, apart: int) -> NDArray[np.bool_]:
+def may_be_visible(
+    mesh: Mesh, X_camera_mesh: NDArray[np.float64], culled_sign: int, hidden_sign: int, kept_back_bins: int
+) -> NDArray[np.bool_]:
     """Return whether each cluster may be visible; empty if nothing can be culled."""
     count = -(-len(mesh.elements) // CLUSTER)
     values = np.zeros(cluster_values(len(mesh.elements)), np.float32)
@@ -56,12 +58,16 @@ def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int,
     for field, value in zip(("fx", "fy", "cx", "cy", "near", "far"), LENS, strict=True):
         frame[field] = value
     frame["width"], frame["height"] = WIDTH, HEIGHT
-    frame["band_count"], frame["bin_count"] = 15, 15 + apart
-    draw["clusters"], draw["culled_sign"], draw["hidden_sign"] = address_of(values, np.float32), cull, hidden
+    frame["band_count"], frame["bin_count"] = 15, 15 + kept_back_bins
+    draw["clusters"], draw["culled_sign"], draw["hidden_sign"] = (
+        address_of(values, np.float32),
+        culled_sign,
+        hidden_sign,
+    )
     draw["X_camera_mesh"] = X_camera_mesh[:3].ravel()
     out = np.zeros(-(-count // 8), np.uint8)
-    said = _seen(frame.ctypes.data, draw.ctypes.data, count, view.ctypes.data, out)
-    return np.unpackbits(out, bitorder="little")[: count if said else 0].astype(bool)
+    can_cull = _visible_clusters(frame.ctypes.data, draw.ctypes.data, count, view.ctypes.data, out)
+    return np.unpackbits(out, bitorder="little")[: count if can_cull else 0].astype(bool)
 
 
 def visible(mesh: Mesh, X_camera_mesh: NDArray[np.float64], mirrored: bool) -> tuple[NDArray[np.bool_], ...]:
@@ -79,7 +85,7 @@ def visible(mesh: Mesh, X_camera_mesh: NDArray[np.float64], mirrored: bool) -> t
     return inside, area > 0 if mirrored else area < 0
 
 
-def anywhere(rng: np.random.Generator, mirror: bool) -> NDArray[np.float64]:
+def random_pose(rng: np.random.Generator, mirror: bool) -> NDArray[np.float64]:
     """A ball of radius 1 in front of the camera, turned and stretched."""
     rotation, stretch = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.diag(rng.uniform(0.5, 2.0, 3))
     X = np.eye(4)
@@ -95,7 +101,7 @@ def test_no_visible_triangle_is_culled(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mirror = bool(seed & 1)
     mesh = bumpy(int(rng.integers(20, 400)), int(rng.integers(20, 200)), float(rng.choice((0.0, 0.1, 0.3))))
-    X = anywhere(rng, mirror)
+    X = random_pose(rng, mirror)
     side = -1 if mirror else 1
     inside, front = visible(mesh, X, mirror)
     missing = -len(front) % CLUSTER
@@ -103,37 +109,37 @@ def test_no_visible_triangle_is_culled(seed: int) -> None:
     def clusters_of(triangles: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return np.asarray(np.pad(triangles, (0, missing)).reshape(-1, CLUSTER).any(axis=1))
 
-    for cull, hidden, apart, wanted in (
+    for culled_sign, hidden_sign, kept_back_bins, wanted in (
         (side, 0, 0, inside & front),
         (0, side, 9, inside & front),
         (side, 0, 9, inside),
     ):
-        said = seen(mesh, X, cull, hidden, apart)
-        assert len(said) > 0
-        assert not (clusters_of(wanted) & ~said).any()
+        may_see = may_be_visible(mesh, X, culled_sign, hidden_sign, kept_back_bins)
+        assert len(may_see) > 0
+        assert not (clusters_of(wanted) & ~may_see).any()
 
 
 def test_most_back_facing_triangles_are_culled() -> None:
     X = np.eye(4)
     X[2, 3] = 3.0
     for mesh, most in ((bumpy(500, 250, 0.0), 0.45), (bumpy(500, 250, 0.1), 0.6)):
-        assert 0.2 < seen(mesh, X, 1, 0, 0).mean() < most
-    assert seen(mesh, X, 0, 0, 0).all()  # both sides are drawn
+        assert 0.2 < may_be_visible(mesh, X, 1, 0, 0).mean() < most
+    assert may_be_visible(mesh, X, 0, 0, 0).all()  # both sides are drawn
     X[0, 3] = 30.0
-    beside = seen(mesh, X, 0, 0, 0)
-    assert len(beside) > 0
-    assert not beside.any()
+    off_image = may_be_visible(mesh, X, 0, 0, 0)
+    assert len(off_image) > 0
+    assert not off_image.any()
 
 
 def test_invalid_transforms_and_positions_cull_nothing() -> None:
     mesh = bumpy(40, 20, 0.0)
     X = np.eye(4)
-    for nowhere in (np.diag((1.0, 1.0, 0.0, 1.0)), np.full((4, 4), np.nan)):
-        assert len(seen(mesh, nowhere, 1, 0, 0)) == 0
+    for pose in (np.diag((1.0, 1.0, 0.0, 1.0)), np.full((4, 4), np.nan)):
+        assert len(may_be_visible(mesh, pose, 1, 0, 0)) == 0
     X[2, 3] = 3.0
     positions = mesh.positions.copy()
     positions[:: CLUSTER // 2] = np.nan
-    assert seen(changed(mesh, positions), X, 1, 0, 0).all()
+    assert may_be_visible(changed(mesh, positions), X, 1, 0, 0).all()
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -141,22 +147,22 @@ def test_cluster_culling_does_not_change_the_image(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
     soup = Mesh(rng.normal(size=(90, 3)).astype(np.float32), rng.integers(0, 90, (150, 3)).astype(np.uint32))
     meshes = soup, bumpy(200, 60, 0.2), changed(bumpy(60, 90, 0.1), elements=bumpy(60, 90, 0.1).elements[:-35])
-    poses = [anywhere(rng, bool(rng.integers(2))) for _ in meshes]
+    poses = [random_pose(rng, bool(rng.integers(2))) for _ in meshes]
     f = rng.uniform(60.0, 400.0)
     camera = Camera(150, 110, f, 1.2 * f, 70.0, 60.0, 0.05, 100.0, np.eye(4))
     look = Look("phong", samples=4 if seed % 4 == 3 else 1)
     material = Material((0.4, 0.6, 0.8, 1.0), double_sided=bool(seed & 1))
 
-    def pictures() -> list[bytes]:
+    def images() -> list[bytes]:
         own = [Mesh(m.positions, m.elements) for m in meshes]  # prepared anew
         instances = tuple(Instance(m, material, X, k, k) for k, (m, X) in enumerate(zip(own, poses, strict=True)))
         with CpuRenderer(1).render(DrawList(instances), camera, ALL, look) as frame:
             arrays = frame.color, frame.depth, frame.label, frame.instance
             return [array.tobytes() for array in arrays if array is not None]
 
-    quick = pictures()
+    culled_images = images()
     with patch.object(scene, "MIN_TRIANGLES", 10**9):
-        assert pictures() == quick
+        assert images() == culled_images
 
 
 @pytest.mark.parametrize("seed", [2246, *range(20)])
@@ -176,14 +182,14 @@ def test_normal_cones_wider_than_a_half_turn(seed: int) -> None:
     away = height + 10.0 ** rng.uniform(-1, 1)
     X[:3, 3] = rng.normal() * 0.05, rng.normal() * 0.05, away
     view = Camera(64, 48, 30.0, 30.0, 32.0, 24.0, 0.01, 100.0, np.eye(4))
-    pictures = []
-    for worth in (MIN_TRIANGLES, 10**9):
+    images = []
+    for min_triangles in (MIN_TRIANGLES, 10**9):
         mesh = Mesh(points, np.tile(elements, (4, 1)).astype(np.uint32))
         with (
-            patch.object(scene, "MIN_TRIANGLES", worth),
+            patch.object(scene, "MIN_TRIANGLES", min_triangles),
             CpuRenderer(1).render(DrawList((Instance(mesh, Material(), X, 1, 1),)), view, Output.COLOR) as frame,
         ):
             assert frame.color is not None
-            pictures.append(frame.color.copy())
-    culled, whole = pictures
+            images.append(frame.color.copy())
+    culled, whole = images
     np.testing.assert_array_equal(culled, whole)

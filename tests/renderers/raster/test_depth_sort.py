@@ -71,3 +71,14 @@ def test_negative_depths_come_last() -> None:
     inv_z = np.full((3, 9), -1.0, np.float32)
     inv_z[2, 2] = 0.5
     assert ordered(inv_z, 0)[0] == 2 * CHUNK + 2
+
+
+def test_every_bucket_is_used() -> None:
+    """Depths of neighbouring buckets are told apart, where the range of depths is that of all buckets."""
+    steps = np.r_[np.arange(26), BUCKETS - 1]
+    bits = np.float32(1.0).view(np.int32) + (np.random.default_rng(1).permutation(steps) << 6)
+    inv_z = bits.astype(np.int32).view(np.float32).reshape(3, 9)
+    inv_z[0, 0], inv_z[0, 1] = inv_z.min(), inv_z.max()  # both in band 0
+    got = ordered(inv_z, 0)
+    values = [inv_z[index // CHUNK, index % CHUNK] for index in got]
+    assert values == sorted(values, reverse=True)

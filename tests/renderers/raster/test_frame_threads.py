@@ -23,47 +23,47 @@ from tests.support.waiting import SECONDS
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_every_unit_runs_once_and_before_the_call_returns(threads: int) -> None:
-    crew = FrameThreads(threads)
+    frame_threads = FrameThreads(threads)
     for _ in range(20):
         for units in (7, 0, 13, 1):
             done: list[int] = []
-            crew.run(units, done.append)
+            frame_threads.run(units, done.append)
             assert sorted(done) == [*range(units)]
-    crew.close()
+    frame_threads.close()
 
 
 def test_helpers_work_at_the_same_time() -> None:
-    crew = FrameThreads(3)
+    frame_threads = FrameThreads(3)
     meeting = threading.Barrier(3)
-    crew.run(3, lambda _: meeting.wait(timeout=SECONDS))
-    crew.close()
+    frame_threads.run(3, lambda _: meeting.wait(timeout=SECONDS))
+    frame_threads.close()
 
 
 def test_callers_count_as_threads() -> None:
     """With as many callers as threads, no helper runs."""
-    crew = FrameThreads(2)
-    with crew, crew:
+    frame_threads = FrameThreads(2)
+    with frame_threads, frame_threads:
         seen: set[int] = set()
-        crew.run(50, lambda _: seen.add(threading.get_ident()))
+        frame_threads.run(50, lambda _: seen.add(threading.get_ident()))
         assert seen == {threading.get_ident()}
-    crew.close()
+    frame_threads.close()
 
 
 def test_helpers_run_only_on_idle_processors() -> None:
     spare = 0
-    crew = FrameThreads(3, lambda: spare)
+    frame_threads = FrameThreads(3, lambda: spare)
     seen: set[int] = set()
-    crew.run(50, lambda _: seen.add(threading.get_ident()))
+    frame_threads.run(50, lambda _: seen.add(threading.get_ident()))
     assert seen == {threading.get_ident()}
     spare = 1
     meeting = threading.Barrier(2)
-    crew.run(2, lambda _: meeting.wait(timeout=SECONDS))
-    crew.close()
+    frame_threads.run(2, lambda _: meeting.wait(timeout=SECONDS))
+    frame_threads.close()
 
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_error_reaches_the_caller_and_skips_the_remaining_units(threads: int) -> None:
-    crew = FrameThreads(threads)
+    frame_threads = FrameThreads(threads)
     started: list[int] = []
 
     def fail(unit: int) -> None:
@@ -72,19 +72,19 @@ def test_an_error_reaches_the_caller_and_skips_the_remaining_units(threads: int)
             raise ArithmeticError("unit 2")
 
     with pytest.raises(ArithmeticError, match="unit 2"):
-        crew.run(5000, fail)
+        frame_threads.run(5000, fail)
     assert {0, 1, 2} <= set(started)
     assert len(started) < 5000
     done: list[int] = []
-    crew.run(2, done.append)
+    frame_threads.run(2, done.append)
     assert sorted(done) == [0, 1]
-    crew.close()
+    frame_threads.close()
 
 
 def test_an_interrupted_caller_still_completes_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    crew = FrameThreads(3)
-    jobs, done = crew._jobs, list[int]()  # noqa: SLF001 - the interrupt is to come between two of its puts
-    crew.run(3, lambda _: None)  # starts the helpers
+    frame_threads = FrameThreads(3)
+    jobs, done = frame_threads._jobs, list[int]()  # noqa: SLF001 - the interrupt is to come between two of its puts
+    frame_threads.run(3, lambda _: None)  # starts the helpers
 
     class Interrupted:
         def put(self, work: Callable[[], object]) -> None:
@@ -92,11 +92,11 @@ def test_an_interrupted_caller_still_completes_the_work(monkeypatch: pytest.Monk
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(crew, "_jobs", Interrupted())
+        patch.setattr(frame_threads, "_jobs", Interrupted())
         with pytest.raises(KeyboardInterrupt):
-            crew.run(50, done.append)
+            frame_threads.run(50, done.append)
     assert sorted(done) == [*range(50)]
-    crew.close()
+    frame_threads.close()
 
 
 def test_rejects_zero_threads() -> None:
@@ -257,26 +257,26 @@ def test_helpers_run_on_another_processor_than_the_caller() -> None:
     allowed = os.sched_getaffinity(0)
     if len(allowed) < 2:
         pytest.skip("there is one processor")
-    here = min(allowed)
-    crew, taken = FrameThreads(2), threading.Barrier(2)
-    places: dict[int, set[int]] = {}
+    processor = min(allowed)
+    frame_threads, taken = FrameThreads(2), threading.Barrier(2)
+    affinities: dict[int, set[int]] = {}
 
     def note(_: int) -> None:
-        places[threading.get_ident()] = os.sched_getaffinity(0)
+        affinities[threading.get_ident()] = os.sched_getaffinity(0)
         taken.wait()
 
     try:
-        os.sched_setaffinity(0, {here})
-        with crew:
-            crew.run(2, note)
-        assert places.pop(threading.get_ident()) == {here}
+        os.sched_setaffinity(0, {processor})
+        with frame_threads:
+            frame_threads.run(2, note)
+        assert affinities.pop(threading.get_ident()) == {processor}
         os.sched_setaffinity(0, allowed)
-        places.clear()
-        with crew:
-            crew.run(2, note)
-        assert places.pop(threading.get_ident()) == allowed
-        (helper,) = places.values()
+        affinities.clear()
+        with frame_threads:
+            frame_threads.run(2, note)
+        assert affinities.pop(threading.get_ident()) == allowed
+        (helper,) = affinities.values()
         assert len(helper) == len(allowed) - 1
     finally:
         os.sched_setaffinity(0, allowed)
-        crew.close()
+        frame_threads.close()
