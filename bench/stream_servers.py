@@ -27,7 +27,7 @@ from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame_scheduler import PoseSource, SceneSource
-from gateway.stereo.hub import Hub, Mailbox
+from gateway.stereo.hub import Hub, MailboxState
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.service import StereoService
 from renderers.drawlist import DrawList
@@ -48,7 +48,7 @@ def payload(name: str) -> list[wire.Chunk]:
     random = np.random.default_rng(0)
     model = MODELS["rc_visard 160-4"]
     full, k = model.intrinsics(), model.intrinsics(1 if name == "D" else 2)
-    metadata = ImageMetadata(time.time_ns(), Exposure(), noise=0.3, brightness=0.5, lines=0)
+    metadata = ImageMetadata(time.time_ns(), Exposure(), noise=0.3, brightness=0.5, gpio=0)
     size = (full.height, full.width, 3) if name in "CD" else (full.height, full.width)
 
     def noise(shape: tuple[int, ...], dtype: type) -> Any:
@@ -84,7 +84,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
         while True:
             hub.changed.clear()
             # As a camera does, not faster than its clients take: a new set when all have the last.
-            if len(hub) and not hub.kinds_in(Mailbox.FULL):
+            if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
                 kinds = hub.kinds()
                 number += 1
                 data = ready if again else await asyncio.to_thread(wire.join, chunks)
@@ -140,12 +140,12 @@ async def tcp(name: str) -> tuple[int, Any]:
 
 async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
+    from gateway.wiring.warmup import PARTS
     from renderers.raster import CpuRenderer
     from renderers.raster.warmup import warmup
-    from renderers.stereo.warmup import warm_up
 
     warmup()
-    warm_up()
+    PARTS["stereo"]()
     config = StereoConfig(port=0, rate=rate, look=look)
     source, pose, mover = {"table": _table, "demo": _demo}[scene]()
     service = StereoService(config, source, pose, CpuRenderer(2), WorkerPool(2))

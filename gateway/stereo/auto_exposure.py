@@ -47,14 +47,14 @@ def choose_exposure(
         settings: parameters of the frame.
         memory: state, changed.
     """
-    limits, manual = settings.auto, settings.manual
+    limits, manual = settings.auto_exposure, settings.manual_exposure
     if limits is None:
         return manual, 0.0
     dark, bright = (_metered_region(values, settings) for values in (dark, bright))
-    if settings.auto_mode == "AdaptiveOut1":
+    if settings.auto_exposure_mode == "AdaptiveOut1":
         low, high = auto_exposure(dark, limits, manual), auto_exposure(bright, limits, manual)
         return high, min(max(1.0 - high.light / low.light, 0.0), 1.0)
-    if settings.auto_mode == "Out1High":
+    if settings.auto_exposure_mode == "Out1High":
         if out1 or memory.out1_high is None:
             memory.out1_high = auto_exposure(bright, limits, manual)
         return memory.out1_high, 0.0

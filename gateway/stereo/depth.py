@@ -5,7 +5,8 @@ One function per depth mode: ``ground_truth_depth`` and ``matched_depth``.
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,13 +14,32 @@ from numpy.typing import NDArray
 
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.settings import StreamSettings
-from renderers.stereo.errors import DepthImages, ErrorModel, add_errors, error_scale
+from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.errors import add_errors, choose_error_scale
 from renderers.stereo.exposure import Exposure
-from renderers.stereo.filters import Filters, apply_filters, fill_holes
+from renderers.stereo.filters import apply_filters, fill_holes
 from renderers.stereo.matching import match_pair
+from renderers.stereo.model import StereoModel
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.sensor import SensorImage
 from renderers.stereo.truth import DepthRange, true_disparity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatcherPair:
+    """Images to match, at the depth images' resolution."""
+
+    left: SensorImage
+    right: SensorImage
+    exposure: Exposure
+    """Exposure of both images, which determines their noise."""
+
+
+def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRange:
+    """Return the range of depths that the camera can measure with these parameters."""
+    filters = settings.filters
+    nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, settings.quality.divisor)
+    return DepthRange(nearest, filters.maxdepth)
 
 
 def ground_truth_depth(
@@ -27,7 +47,7 @@ def ground_truth_depth(
     left: NDArray[np.float32],
     right: NDArray[np.float32],
     settings: StreamSettings,
-    number: int,
+    frame_number: int,
 ) -> DepthImages:
     """Return depth images from rendered depth, with modelled errors.
 
@@ -38,115 +58,104 @@ def ground_truth_depth(
         left: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
         right: (H, W) float32 depth from the right camera.
         settings: parameters of the frame.
-        number: frame number.
+        frame_number: selects the random numbers.
     """
-    divisor, filters = settings.quality.divisor, settings.filters
-    ft = _focal_times_baseline(config, divisor)
-    limits = DepthRange(config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
-    true = true_disparity(left, right, ft, limits)
-    _clear_outside_region(true, settings)
-    sigma = config.d_eps / divisor / settings.averaged**0.5 if config.noise else 0.0
-    scale = error_scale(sigma, config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth))
-    images = add_errors(true, ErrorModel(sigma, scale), frame_key(config.seed, number, NoiseStream.DISPARITY))
+    model, divisor, filters = config.model, settings.quality.divisor, settings.filters
+    focal_times_baseline = model.focal_times_baseline(divisor)
+    disparity = true_disparity(left, right, focal_times_baseline, measurable_depths(model, settings))
+    _clear_outside_region(disparity, settings)
+    sigma = config.d_eps / divisor / settings.averaged_images**0.5 if config.noise else 0.0
+    error_scale = choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth))
+    key = frame_key(config.seed, frame_number, NoiseStream.DISPARITY)
+    images = add_errors(disparity, sigma, key, error_scale)
     if not config.noise:
         # Every hole is one of the geometry, so segments and holes stay as they are.
-        filters = Filters(0.0, 0, 0, filters.maxdeptherr, filters.mindepth, filters.maxdepth)
-    apply_filters(images, filters, ft, divisor)
+        filters = replace(filters, minconf=0.0, seg=0, fill=0)
+    apply_filters(images, filters, focal_times_baseline, divisor)
     return images
 
 
 def matched_depth(
-    config: StereoConfig,
-    left: SensorImage,
-    right: SensorImage,
-    exposure: Exposure,
-    settings: StreamSettings,
-    second: tuple[SensorImage, SensorImage, Exposure] | None,
+    config: StereoConfig, pair: MatcherPair, settings: StreamSettings, dark_pair: MatcherPair | None
 ) -> DepthImages:
     """Return depth images by matching two images.
 
     Args:
         config: model and noise.
-        left: image at the depth images' resolution.
-        right: image at the depth images' resolution.
-        exposure: exposure of the images, which determines their noise.
+        pair: images to match.
         settings: parameters of the frame.
-        second: pair without the projector's light, for ``double_shot``; None: the first pair at half the resolution.
+        dark_pair: images without the projector's light, for ``double_shot``; None: ``pair`` at half the resolution.
     """
-    divisor, filters = settings.quality.divisor, settings.filters
-    ft = _focal_times_baseline(config, divisor)
-    nearest = config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor)
-    filters = replace(filters, mindepth=nearest)
-    disparities = config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth)
-    sigma = exposure.sigma(128.0) * config.noise_factor / settings.averaged**0.5
-    first = _match_region(left.image, right.image, disparities, sigma, settings)
+    model, divisor = config.model, settings.quality.divisor
+    nearest = measurable_depths(model, settings).min_depth
+    filters = replace(settings.filters, mindepth=nearest)
+    disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
+    focal_times_baseline = model.focal_times_baseline(divisor)
+
+    images = _match_region(pair, disparity_count, _noise_sigma(pair, config, settings), settings)
     if not settings.double_shot:
-        apply_filters(first, filters, ft, divisor)
-        return first
-    if second is not None:
-        other_sigma = second[2].sigma(128.0) * config.noise_factor / settings.averaged**0.5
-        other = _match_region(second[0].image, second[1].image, disparities, other_sigma, settings)
+        apply_filters(images, filters, focal_times_baseline, divisor)
+        return images
+    if dark_pair is not None:
+        others = _match_region(dark_pair, disparity_count, _noise_sigma(dark_pair, config, settings), settings)
     else:
-        other = _match_half_resolution(left.image, right.image, disparities, sigma)
-        _clear_outside_region(other.disparity, settings)
-    return _combine(first, other, filters, ft, divisor)
-
-
-def _focal_times_baseline(config: StereoConfig, divisor: int) -> float:
-    return config.model.intrinsics(divisor).focal_length * config.model.baseline
-
-
-def _combine(first: DepthImages, second: DepthImages, filters: Filters, ft: float, divisor: int) -> DepthImages:
-    """Filter both, fill holes of the first from the second, then fill the remaining holes."""
-    for images in (first, second):
-        apply_filters(images, replace(filters, fill=0), ft, divisor)
-    holes = first.disparity == 0
-    np.copyto(first.disparity, second.disparity, where=holes)
-    np.copyto(first.error, second.error, where=holes)
-    np.copyto(first.confidence, second.confidence, where=holes)
+        others = _match_half_resolution(pair, disparity_count, _noise_sigma(pair, config, settings))
+        _clear_outside_region(others.disparity, settings)
+    for each in (images, others):
+        apply_filters(each, replace(filters, fill=0), focal_times_baseline, divisor)
+    holes = images.disparity == 0
+    np.copyto(images.disparity, others.disparity, where=holes)
+    np.copyto(images.error, others.error, where=holes)
+    np.copyto(images.confidence, others.confidence, where=holes)
     if filters.fills:
-        fill_holes(first, filters.fill)
-    return first
+        fill_holes(images, filters.fill)
+    return images
 
 
-def _match_region(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, sigma: float, settings: StreamSettings
-) -> DepthImages:
+def _noise_sigma(pair: MatcherPair, config: StereoConfig, settings: StreamSettings) -> float:
+    """Return the standard deviation of the images' noise at mid grey, grey levels."""
+    return pair.exposure.sigma(128.0) * config.noise_factor / math.sqrt(settings.averaged_images)
+
+
+def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, settings: StreamSettings) -> DepthImages:
     """Match the rows and columns of the depth region only, to save time."""
-    region = settings.depth_region
+    left, right, region = pair.left.image, pair.right.image, settings.depth_region
     if region is None:
-        return match_pair(left, right, disparities, sigma)
+        return match_pair(left, right, disparity_count, noise_sigma)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     whole = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
     if rows.start >= height or columns.start >= width:
         return whole
-    # Points at the region's left edge lie up to `disparities` columns farther left in the right image.
-    begin = max(columns.start - disparities, 0)
-    cut = np.s_[rows, begin : columns.stop]
-    part = match_pair(np.ascontiguousarray(left[cut]), np.ascontiguousarray(right[cut]), disparities, sigma)
-    found = np.s_[:, columns.start - begin :]
-    whole.disparity[rows, columns] = part.disparity[found]
-    whole.error[rows, columns] = part.error[found]
-    whole.confidence[rows, columns] = part.confidence[found]
+    # Points at the region's left edge lie up to `disparity_count` columns farther left in the right image.
+    first_column = max(columns.start - disparity_count, 0)
+    searched = np.s_[rows, first_column : columns.stop]
+    part = match_pair(
+        np.ascontiguousarray(left[searched]), np.ascontiguousarray(right[searched]), disparity_count, noise_sigma
+    )
+    inside = np.s_[:, columns.start - first_column :]
+    whole.disparity[rows, columns] = part.disparity[inside]
+    whole.error[rows, columns] = part.error[inside]
+    whole.confidence[rows, columns] = part.confidence[inside]
     return whole
 
 
-def _match_half_resolution(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, sigma: float
-) -> DepthImages:
+def _match_half_resolution(pair: MatcherPair, disparity_count: int, noise_sigma: float) -> DepthImages:
     """Match at half the resolution, where windows cover four times the area, and enlarge the result."""
-    height, width = left.shape
-    size = (-(-width // 2), -(-height // 2))
-    small = [np.asarray(cv2.resize(i, size, interpolation=cv2.INTER_AREA), np.uint8) for i in (left, right)]
-    found = match_pair(small[0], small[1], -(-disparities // 2), sigma / 2)
+    height, width = pair.left.image.shape
+    half_size = (-(-width // 2), -(-height // 2))
+    left, right = (
+        np.asarray(cv2.resize(each.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
+        for each in (pair.left, pair.right)
+    )
+    half = match_pair(left, right, -(-disparity_count // 2), noise_sigma / 2)
 
     def enlarged(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         large = np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)[:height, :width]
         return np.ascontiguousarray(large.astype(np.uint16) * factor)
 
-    error = np.minimum(enlarged(found.error, 2), 255).astype(np.uint8)
-    return DepthImages(enlarged(found.disparity, 2), error, enlarged(found.confidence, 1).astype(np.uint8))
+    error = np.minimum(enlarged(half.error, 2), 255).astype(np.uint8)
+    return DepthImages(enlarged(half.disparity, 2), error, enlarged(half.confidence, 1).astype(np.uint8))
 
 
 def _clear_outside_region(disparity: NDArray[np.float32] | NDArray[np.uint16], settings: StreamSettings) -> None:

@@ -40,15 +40,16 @@ def service_info(node: str, name: str) -> dict[str, Any]:
 
 def status(service: StereoService, node: str) -> dict[str, Any]:
     """Return the device's NodeStatus. All values are strings."""
-    values = {"rc_camera": _camera, "rc_stereomatching": _matching, "rc_iocontrol": _io}[node](service)
-    return {"status": "running", "timestamp": time.time(), "values": {k: _text(v) for k, v in values.items()}}
+    read = {"rc_camera": _camera_status, "rc_stereomatching": _matching_status, "rc_iocontrol": _io_status}[node]
+    values = {name: _status_text(value) for name, value in read(service).items()}
+    return {"status": "running", "timestamp": time.time(), "values": values}
 
 
 def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
     """Call a service and return the device's response."""
     actions: dict[str, Callable[[], dict[str, Any]]] = {
         "reset_defaults": lambda: _reset(service, node),
-        "acquisition_trigger": lambda: {"return_code": _code(*service.fire_trigger())},
+        "acquisition_trigger": lambda: {"return_code": _return_code(*service.fire_trigger())},
         "get_io_values": lambda: _io_values(service),
     }
     return {"name": name, "response": actions[name]()}
@@ -109,7 +110,7 @@ def _pipeline(service: StereoService) -> dict[str, Any]:
     return {"type": "rc_visard", "model_name": service.config.model.name, "ready": service.ready}
 
 
-def _camera(service: StereoService) -> dict[str, object]:
+def _camera_status(service: StereoService) -> dict[str, object]:
     model, settings, metered = service.config.model, service.settings, service.last_metered
     return {
         "exp": metered.exposure.time,
@@ -134,13 +135,13 @@ def _camera(service: StereoService) -> dict[str, object]:
     }
 
 
-def _matching(service: StereoService) -> dict[str, object]:
+def _matching_status(service: StereoService) -> dict[str, object]:
     settings, model, counts = service.settings, service.config.model, service.counts
     divisor, filters = settings.quality.divisor, settings.filters
     k = model.intrinsics(divisor)
-    subscribed = any(kind.depth for kind in service.hub.kinds())
+    subscribed = any(kind.has_depth for kind in service.hub.kinds())
     return {
-        "fps": settings.depth_rate if subscribed and not settings.single else 0.0,
+        "fps": settings.depth_rate if subscribed and not settings.single_frame else 0.0,
         "latency": counts.depth_seconds,
         "time_matching": counts.depth_seconds,
         "time_postprocessing": 0.0,
@@ -148,36 +149,36 @@ def _matching(service: StereoService) -> dict[str, object]:
         "height": k.height,
         "mindepth": model.nearest_depth(filters.mindepth, filters.maxdepth, divisor),
         "maxdepth": filters.maxdepth,
-        "reduced_depth_range": int(model.reduced_range(filters.mindepth, filters.maxdepth, divisor)),
+        "reduced_depth_range": int(model.has_reduced_range(filters.mindepth, filters.maxdepth, divisor)),
     }
 
 
-def _io(service: StereoService) -> dict[str, object]:
-    lines = service.settings.lines(depth=False)
-    return {"out1": lines & 1, "out2": lines >> 1 & 1, "in1": 0, "in2": 0}
+def _io_status(service: StereoService) -> dict[str, object]:
+    gpio = service.settings.gpio(depth=False)
+    return {"out1": gpio & 1, "out2": gpio >> 1 & 1, "in1": 0, "in2": 0}
 
 
 def _io_values(service: StereoService) -> dict[str, Any]:
     sec, nsec = divmod(time.time_ns(), NANOSECONDS)
     return {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "values": service.settings.lines(depth=False),
+        "values": service.settings.gpio(depth=False),
         "input_mask": INPUT_MASK,
         "output_mask": OUTPUT_MASK,
         "inverter_mask": 0,
         "ratio_mask": 0,
-        "return_code": _code(0, ""),
+        "return_code": _return_code(0, ""),
     }
 
 
 def _reset(service: StereoService, node: str) -> dict[str, Any]:
     service.parameters.reset(node)
-    return {"return_code": _code(0, "")}
+    return {"return_code": _return_code(0, "")}
 
 
-def _code(value: int, message: str) -> dict[str, Any]:
+def _return_code(value: int, message: str) -> dict[str, Any]:
     return {"value": value, "message": message}
 
 
-def _text(value: object) -> str:
+def _status_text(value: object) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.hub import LimitError
-from gateway.stereo.messages import time_of
+from gateway.stereo.messages import time_message
 
 
 class EventHub:
@@ -54,7 +54,7 @@ class EventHub:
         if not self._queues:
             return
         event = pb.ImageEvents(
-            imageset_timestamp=time_of(imageset), depth_acquisition_done=pb.Event(timestamp=time_of(now))
+            imageset_timestamp=time_message(imageset), depth_acquisition_done=pb.Event(timestamp=time_message(now))
         )
         data = event.SerializeToString()
         for queue, requested in self._queues.items():

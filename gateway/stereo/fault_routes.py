@@ -9,13 +9,13 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 
 from gateway.server.openapi import Responses, example, json_example
-from gateway.stereo.faults import CUT, Faults
+from gateway.stereo.faults import CUT_REASON, Faults
 from gateway.stereo.rest_errors import RestError, read_body
 from gateway.stereo.service import StereoService
 
 MAX_BODY: Final = 4096
 """Maximum size of a body, bytes. All fields together take two hundred."""
-OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
+FAULTS_OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
 _MESSAGE: Final = {"type": "object", "required": ["message"], "properties": {"message": {"type": "string"}}}
 
@@ -60,7 +60,7 @@ def fault_router(*services: StereoService) -> APIRouter:
         if pipeline >= len(services):
             return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)
         service = services[pipeline]
-        return service if service.config.faults else JSONResponse({"message": OFF}, 403)
+        return service if service.config.faults else JSONResponse({"message": FAULTS_OFF}, 403)
 
     def shown(service: StereoService) -> dict[str, Any]:
         injector = service.injector
@@ -108,7 +108,7 @@ def fault_router(*services: StereoService) -> APIRouter:
             return service
         streams = len(service.hub)
         for kind in service.hub.kinds():
-            service.hub.end_streams(kind, CUT)
+            service.hub.end_streams(kind, CUT_REASON)
         return {"streams": streams}
 
     return api

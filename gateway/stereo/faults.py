@@ -10,7 +10,7 @@ import msgspec
 
 from renderers.stereo.noise import NoiseStream, frame_key
 
-CUT: Final = "the stream was cut by fault injection"
+CUT_REASON: Final = "the stream was cut by fault injection"
 
 
 class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -52,49 +52,50 @@ class FaultInjector:
         self._max_late_bytes = max_late_bytes
         self._late_bytes = 0
         self._last_due = 0.0
-        self._frozen: int | None = None
+        self._frozen_timestamp: int | None = None
 
     def set(self, faults: Faults) -> None:
         """Replace the current faults."""
         self.faults = faults
         self.changes += 1
         if not faults.clock_frozen:
-            self._frozen = None
+            self._frozen_timestamp = None
 
-    def timestamp(self, true: int) -> int:
+    def timestamp(self, true_timestamp: int) -> int:
         """Return the timestamp to send for a true one, nanoseconds, not negative."""
         if self.faults.clock_frozen:
-            self._frozen = true if self._frozen is None else self._frozen
-            true = self._frozen
-        return max(true + round(self.faults.clock_offset * 1e9), 0)
+            if self._frozen_timestamp is None:
+                self._frozen_timestamp = true_timestamp
+            true_timestamp = self._frozen_timestamp
+        return max(true_timestamp + round(self.faults.clock_offset * 1e9), 0)
 
-    def deliver(self, number: int, data: bytes, put: Callable[[], None]) -> None:
+    def deliver(self, frame_number: int, data: bytes, publish: Callable[[], None]) -> None:
         """Deliver a set now, later or never.
 
         Args:
-            number: frame number.
+            frame_number: determines with the seed whether the set is dropped.
             data: serialised set, for its size.
-            put: delivers the set to the clients.
+            publish: delivers the set to the clients.
         """
-        if self._drops(number):
+        if self._is_dropped(frame_number):
             self.dropped += 1
             return
         loop = asyncio.get_running_loop()
         due = max(loop.time() + self.faults.delay, self._last_due)
         if due <= loop.time():
-            put()
+            publish()
             return
         if self._late_bytes + len(data) > self._max_late_bytes:
             self.dropped += 1
             return
         self._late_bytes += len(data)
         self._last_due = due
-        loop.call_at(due, self._put_late, len(data), put)
+        loop.call_at(due, self._publish_late, len(data), publish)
 
-    def _drops(self, number: int) -> bool:
+    def _is_dropped(self, frame_number: int) -> bool:
         share = self.faults.drop
-        return share > 0.0 and (int(frame_key(self._seed, number, NoiseStream.LEFT)) >> 11) * 2.0**-53 < share
+        return share > 0.0 and (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53 < share
 
-    def _put_late(self, size: int, put: Callable[[], None]) -> None:
-        self._late_bytes -= size
-        put()
+    def _publish_late(self, nbytes: int, publish: Callable[[], None]) -> None:
+        self._late_bytes -= nbytes
+        publish()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
+from gateway.stereo.depth import MatcherPair, matched_depth
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import SetKind
@@ -19,8 +20,7 @@ from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import ImageError
 from renderers.interface import Output
-from renderers.stereo.errors import DepthImages
-from renderers.stereo.exposure import Exposure
+from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream
@@ -80,24 +80,24 @@ class Frame:
 
     async def serialised(self, kind: SetKind) -> bytes:
         """Return the bytes of an ``ImageSet``."""
-        return await self._once(kind, lambda: self._serialise(kind))
+        return await self._make_once(kind, lambda: self._serialise(kind))
 
     async def depth_images(self) -> DepthImages:
         """Return disparity, error and confidence."""
         make = self._match if self._imaging.config.depth_mode == "matched" else self._measure
-        return await self._once("depth", make)
+        return await self._make_once("depth", make)
 
     async def metered(self, capture: Capture) -> MeteredExposure:
         """Return the exposure of the images of a capture."""
-        key = ("metered", capture.timestamp, capture.lines)
-        return await self._once(key, lambda: self._run(self._imaging.meter, capture, self.settings))
+        key = ("metered", capture.timestamp, capture.gpio)
+        return await self._make_once(key, lambda: self._workers.run(self._imaging.meter, capture, self.settings))
 
     async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
         """Return the left or right image in colour or grey."""
         colors = self._colors[stream]
         if color not in colors:  # requested by a client that subscribed after the capture
             colors = frozenset((color,))
-        images = await self._once((stream, colors), lambda: self._expose(self.camera, stream, 1, colors))
+        images = await self._make_once((stream, colors), lambda: self._expose(self.camera, stream, 1, colors))
         return images[color]
 
     def cancel(self) -> None:
@@ -120,11 +120,11 @@ class Frame:
         if kind.mesh is not None:
             fields.append((7, self._mesh_message(kind.mesh, kind.color)))
         parts = await _gather([part for _, part in fields])
-        capture = self.depth if kind.depth else self.camera
+        capture = self.depth if kind.has_depth else self.camera
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), part in zip(fields, parts, strict=True):
             chunks += wire.field(number, part)
-        return await self._run(wire.join, chunks) if fields else wire.join(chunks)
+        return await self._workers.run(wire.join, chunks) if fields else wire.join(chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         image = await self.image(stream, color)
@@ -161,12 +161,12 @@ class Frame:
             return 0.0
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
-        return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
+        return await self._make_once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
 
     async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
         left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
         images = await self.depth_images()
-        ply = await self._run(self._imaging.mesh, images, self.settings.quality.divisor, options, left)
+        ply = await self._workers.run(self._imaging.mesh, images, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
 
     def _metadata(self, capture: Capture, metered: MeteredExposure, brightness: float) -> ImageMetadata:
@@ -175,60 +175,60 @@ class Frame:
             metered.exposure,
             noise=metered.exposure.sigma(128.0) * self._imaging.config.noise_factor,
             brightness=brightness,
-            lines=capture.lines,
+            gpio=capture.gpio,
             out1_reduction=metered.out1_reduction,
         )
 
     async def _expose(
-        self, capture: Capture, stream: NoiseStream, divisor: int, colors: frozenset[bool], averaged: int = 1
+        self, capture: Capture, stream: NoiseStream, divisor: int, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         exposure = (await self.metered(capture)).exposure
-        return await self._run(self._imaging.expose, capture, ImageRequest(exposure, stream, divisor, colors, averaged))
+        request = ImageRequest(exposure, stream, divisor, colors, averaged_images)
+        return await self._workers.run(self._imaging.expose, capture, request)
 
     async def _measure(self) -> DepthImages:
         """Return depth from rendered depth."""
         divisor, baseline = self.settings.quality.divisor, self._imaging.config.model.baseline
         left, right = await _gather(
-            [self._run(self._imaging.render, self.depth, x, divisor, Output.DEPTH) for x in (0.0, baseline)]
+            [self._workers.run(self._imaging.render, self.depth, x, divisor, Output.DEPTH) for x in (0.0, baseline)]
         )
-        return await self._run(self._imaging.measure, left, right, self.settings, self.number)
+        return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number)
 
     async def _match(self) -> DepthImages:
         """Return depth by matching images."""
-        settings, capture = self.settings, self.depth
-        left, right, exposure = await self._pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
-        second = None
-        dark = replace(capture, lines=settings.lines(depth=False))
-        if settings.double_shot and capture.projected(self._imaging.config) and not dark.lines & 1:
-            second = await self._pair(dark, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
-        return await self._run(self._imaging.match, left, right, exposure, settings, second)
+        settings, capture, config = self.settings, self.depth, self._imaging.config
+        pair = await self._matcher_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+        dark_pair = None
+        dark = replace(capture, gpio=settings.gpio(depth=False))
+        if settings.double_shot and capture.has_projection(config) and not dark.out1_high:
+            dark_pair = await self._matcher_pair(dark, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+        return await self._workers.run(matched_depth, config, pair, settings, dark_pair)
 
-    async def _pair(self, capture: Capture, *streams: NoiseStream) -> tuple[SensorImage, SensorImage, Exposure]:
-        """Return an image pair for the matcher, and its exposure."""
+    async def _matcher_pair(self, capture: Capture, *streams: NoiseStream) -> MatcherPair:
+        """Return an image pair for the matcher."""
         exposure = (await self.metered(capture)).exposure
         left, right = await _gather([self._depth_view(capture, stream) for stream in streams])
-        return left, right, exposure
+        return MatcherPair(left, right, exposure)
 
     async def _depth_view(self, capture: Capture, stream: NoiseStream) -> SensorImage:
         """Return a grey image at the depth images' resolution."""
-        divisor, grey, averaged = self.settings.quality.divisor, frozenset((False,)), self.settings.averaged
-        images = await self._once(stream, lambda: self._expose(capture, stream, divisor, grey, averaged))
+        settings, grey = self.settings, frozenset((False,))
+        images = await self._make_once(
+            stream, lambda: self._expose(capture, stream, settings.quality.divisor, grey, settings.averaged_images)
+        )
         return images[False]
 
-    async def _run(self, function: Callable[..., T], *args: Any) -> T:
-        return await self._workers.run(function, *args)
-
-    async def _once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
+    async def _make_once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Return the result of ``make``, called once per key. Cancelling a caller does not cancel it."""
         task = self._tasks.get(key)
         if task is None:
             task = self._tasks[key] = asyncio.get_running_loop().create_task(make())
-            task.add_done_callback(_mark_retrieved)
+            task.add_done_callback(_mark_exception_retrieved)
         result: T = await asyncio.shield(task)
         return result
 
 
-def _mark_retrieved(task: asyncio.Task[Any]) -> None:
+def _mark_exception_retrieved(task: asyncio.Task[Any]) -> None:
     """Suppress asyncio's warning about an exception that no caller has waited for."""
     if not task.cancelled():
         task.exception()

@@ -56,7 +56,7 @@ class FrameClock:
             period: nanoseconds between camera frames.
             triggered: True if ``acquisition_trigger`` was called.
         """
-        if settings.single:
+        if settings.single_frame:
             return triggered
         if self._rate == "max" or self._next_depth is None:
             return True

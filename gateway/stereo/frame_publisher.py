@@ -45,7 +45,7 @@ class FrameCounts:
 
 
 @dataclass(slots=True, eq=False)
-class FrameTasks:
+class FramesInFlight:
     """Frames in flight, and the last frame."""
 
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -81,7 +81,7 @@ class FramePublisher:
         self._rate = rate
         self._simulated = simulated
 
-    def spawn(self, group: FrameTasks, work: Coroutine[Any, Any, None]) -> None:
+    def spawn(self, group: FramesInFlight, work: Coroutine[Any, Any, None]) -> None:
         """Run ``work`` as a frame in flight."""
         task = asyncio.get_running_loop().create_task(work)
         group.tasks.add(task)
@@ -96,7 +96,7 @@ class FramePublisher:
         except asyncio.CancelledError:
             frame.cancel()
             raise
-        if any(kind.depth for kind in kinds):
+        if any(kind.has_depth for kind in kinds):
             self.counts.depth_frames += 1
             self.counts.depth_seconds = asyncio.get_running_loop().time() - start
         self.counts.frames += 1
@@ -106,7 +106,7 @@ class FramePublisher:
     async def make_depth(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Wait for the last exposure of a depth frame, send the image event, and make the sets."""
         # The timestamp is that of the first averaged image.
-        duration = round((frame.settings.averaged - 1) / frame.settings.camera_rate * NANOSECONDS)
+        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS)
         timestamp = frame.depth.timestamp

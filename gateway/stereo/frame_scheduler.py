@@ -15,8 +15,8 @@ from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_clock import FrameClock
-from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FrameTasks
-from gateway.stereo.hub import Hub, Mailbox
+from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
+from gateway.stereo.hub import Hub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
@@ -60,8 +60,8 @@ class FrameScheduler:
         self._trigger = trigger
         self._clock = FrameClock(clock, config.rate)
         self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
-        self._camera = FrameTasks()
-        self._depth = FrameTasks()
+        self._camera = FramesInFlight()
+        self._depth = FramesInFlight()
         self._sampling = asyncio.Lock()
         self._number = 0
 
@@ -112,8 +112,8 @@ class FrameScheduler:
             clock.start_frame(now, period)
         nanoseconds = round(period * NANOSECONDS)
         depth_due = clock.depth_due(settings, nanoseconds, triggered=self._trigger.pending)
-        depth = await self._admit(self._depth, {kind for kind in kinds if kind.depth and depth_due})
-        camera = await self._admit(self._camera, {kind for kind in kinds if not kind.depth})
+        depth = await self._admit(self._depth, {kind for kind in kinds if kind.has_depth and depth_due})
+        camera = await self._admit(self._camera, {kind for kind in kinds if not kind.has_depth})
         if depth or camera:
             # Read again: parameters may have changed while frames in flight ended, and act on every later timestamp.
             await self._capture(self.settings, camera, depth, nanoseconds)
@@ -128,10 +128,10 @@ class FrameScheduler:
         While a frame is in flight, another one would only help clients that have sent everything.
         """
         if self._camera or self._depth:
-            return self._hub.kinds_in(Mailbox.WAITING)
-        return self._hub.kinds_in(Mailbox.WAITING, Mailbox.EMPTY)
+            return self._hub.kinds_with_mailbox(MailboxState.WAITING)
+        return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
 
-    async def _admit(self, group: FrameTasks, kinds: set[SetKind]) -> set[SetKind]:
+    async def _admit(self, group: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
         """Return the kinds, or none if too many frames are in flight. Waits where frames must not be skipped."""
         config = self.imaging.config
         matching = config.depth_mode == "matched" and group is self._depth
@@ -165,7 +165,7 @@ class FrameScheduler:
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
         timestamp = clock.next_timestamp(period)
         sent_timestamp = self._injector.timestamp(timestamp)
-        capture = await self._sample(self._number + 1, sent_timestamp, settings.lines(depth=False), camera | depth)
+        capture = await self._sample(self._number + 1, sent_timestamp, settings.gpio(depth=False), camera | depth)
         if capture is None:
             return
         self._number += 1
@@ -193,7 +193,7 @@ class FrameScheduler:
         if self.imaging.config.rate == "device":
             await asyncio.sleep(ALTERNATE_GAP / NANOSECONDS)
         timestamp = camera.timestamp + ALTERNATE_GAP
-        depth = await self._sample(camera.frame_number, timestamp, settings.lines(depth=True), kinds)
+        depth = await self._sample(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
         if depth is not None:
             self._depth.last = frame = self._frame(settings, camera, depth, kinds, generation)
             await self._publisher.make_depth(frame, kinds)
@@ -204,7 +204,7 @@ class FrameScheduler:
         self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
         return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
 
-    async def _sample(self, number: int, timestamp: int, lines: int, kinds: set[SetKind]) -> Capture | None:
+    async def _sample(self, number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
         """Return the scene and pose as they are now.
 
         If they cannot be read, end the streams of ``kinds`` and return None.
@@ -218,7 +218,7 @@ class FrameScheduler:
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
-            return Capture(timestamp, scene, revision, pose, lines, number)
+            return Capture(timestamp, scene, revision, pose, gpio, number)
         return None
 
     def _scene_and_pose(self) -> tuple[DrawList, int, NDArray[np.float64]]:
@@ -229,10 +229,10 @@ class FrameScheduler:
         """Send the last frame to new clients if it is still current, so that they need not wait for the next one."""
         settings, publisher = self.settings, self._publisher
         for kind in self._hub.take_new_kinds():
-            frame = self._depth.last if kind.depth else self._camera.last
-            if frame is None or frame.generation != self._hub.generation() or settings.single:
+            frame = self._depth.last if kind.has_depth else self._camera.last
+            if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
                 continue
-            rate = settings.depth_rate if kind.depth else settings.camera_rate
+            rate = settings.depth_rate if kind.has_depth else settings.camera_rate
             now = self._injector.timestamp(self._clock.next_timestamp(0))
             if now - frame.depth.timestamp < NANOSECONDS / rate:
                 publisher.spawn(self._camera, publisher.make(frame, {kind}))

@@ -18,7 +18,7 @@ class StreamError(RuntimeError):
     """The stream has ended; the message is the reason."""
 
 
-class Mailbox(Enum):
+class MailboxState(Enum):
     """State of a client's mailbox."""
 
     EMPTY = "empty"
@@ -43,28 +43,29 @@ class Subscription:
         """
         self.kind = kind
         self.generation = generation
-        self.state = Mailbox.EMPTY
+        self.state = MailboxState.EMPTY
         self.sent = 0
         """Number of sets taken by the client."""
         self.skipped = 0
         """Number of sets replaced by newer ones."""
         self._changed = changed
-        self._number = -1
+        self._frame_number = -1
+        """Frame of the newest set."""
         self._data = b""
         self._reason = ""
         self._ready = asyncio.Event()
 
-    def put(self, number: int, data: bytes) -> None:
-        """Store the set of frame ``number`` unless a set of this frame or a later one was stored before."""
-        if number <= self._number or self.state is Mailbox.CLOSED:
+    def put(self, frame_number: int, data: bytes) -> None:
+        """Store the set of frame ``frame_number`` unless a set of this frame or a later one was stored before."""
+        if frame_number <= self._frame_number or self.state is MailboxState.CLOSED:
             return
-        self.skipped += self.state is Mailbox.FULL
-        self.state, self._number, self._data = Mailbox.FULL, number, data
+        self.skipped += self.state is MailboxState.FULL
+        self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
         self._ready.set()
 
     def close(self, reason: str) -> None:
         """End the stream."""
-        self.state, self._data, self._reason = Mailbox.CLOSED, b"", reason
+        self.state, self._data, self._reason = MailboxState.CLOSED, b"", reason
         self._ready.set()
 
     async def get(self) -> bytes:
@@ -73,18 +74,18 @@ class Subscription:
         Raises:
             StreamError: the stream has ended.
         """
-        if self.state is Mailbox.EMPTY:
-            self.state = Mailbox.WAITING
+        if self.state is MailboxState.EMPTY:
+            self.state = MailboxState.WAITING
             self._changed.set()
             try:
                 await self._ready.wait()
             finally:
-                if self.state is Mailbox.WAITING:
-                    self.state = Mailbox.EMPTY
-        if self.state is Mailbox.CLOSED:
+                if self.state is MailboxState.WAITING:
+                    self.state = MailboxState.EMPTY
+        if self.state is MailboxState.CLOSED:
             raise StreamError(self._reason)
         data, self._data = self._data, b""
-        self.state = Mailbox.EMPTY
+        self.state = MailboxState.EMPTY
         self._ready.clear()
         self._changed.set()
         self.sent += 1
@@ -107,20 +108,22 @@ class Hub:
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
-        self._new: set[Subscription] = set()
-        self._past_sent = 0
-        self._past_skipped = 0
-        self._closed = ""
+        self._new_subscriptions: set[Subscription] = set()
+        self._ended_sent = 0
+        """Number of sets taken by clients whose subscription has ended."""
+        self._ended_skipped = 0
+        self._close_reason = ""
+        """Reason for refusing new subscriptions; empty while the hub is open."""
 
     @property
     def sent(self) -> int:
         """Number of sets taken by all clients since start."""
-        return self._past_sent + sum(s.sent for s in self._subscriptions)
+        return self._ended_sent + sum(s.sent for s in self._subscriptions)
 
     @property
     def skipped(self) -> int:
         """Number of sets that were replaced by newer ones before their clients took them, since start."""
-        return self._past_skipped + sum(s.skipped for s in self._subscriptions)
+        return self._ended_skipped + sum(s.skipped for s in self._subscriptions)
 
     def __iter__(self) -> Iterator[Subscription]:
         return iter(tuple(self._subscriptions))
@@ -136,8 +139,8 @@ class Hub:
             LimitError: too many clients, or too many different requests.
             StreamError: the hub is closed.
         """
-        if self._closed:
-            raise StreamError(self._closed)
+        if self._close_reason:
+            raise StreamError(self._close_reason)
         if len(self._subscriptions) >= self._max_clients:
             raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         kinds = self.kinds()
@@ -145,43 +148,43 @@ class Hub:
             raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
         subscription = Subscription(kind, self.changed, self.generation())
         self._subscriptions.add(subscription)
-        self._new.add(subscription)
+        self._new_subscriptions.add(subscription)
         self.changed.set()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
-            self._new.discard(subscription)
+            self._new_subscriptions.discard(subscription)
             self.changed.set()
-            self._past_sent += subscription.sent
-            self._past_skipped += subscription.skipped
+            self._ended_sent += subscription.sent
+            self._ended_skipped += subscription.skipped
 
     def kinds(self) -> set[SetKind]:
         """Return the kinds of all subscriptions."""
         return {s.kind for s in self._subscriptions}
 
-    def kinds_in(self, *states: Mailbox) -> set[SetKind]:
+    def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
         return {s.kind for s in self._subscriptions if s.state in states}
 
     def take_new_kinds(self) -> set[SetKind]:
         """Return the kinds of subscriptions made since the last call."""
-        new, self._new = self._new, set()
+        new, self._new_subscriptions = self._new_subscriptions, set()
         return {s.kind for s in new}
 
-    def publish(self, kind: SetKind, number: int, data: bytes, generation: int = 0) -> None:
+    def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
         """Store a set in every mailbox of this kind.
 
         Args:
             kind: contents of the set.
-            number: frame number.
+            frame_number: later sets replace earlier ones.
             data: serialised set.
             generation: generation of the hub when the frame was captured. Later subscriptions do not get the set: a
                 client that sets a parameter and then opens a stream expects sets with that parameter.
         """
         for subscription in self._subscriptions:
             if subscription.kind == kind and subscription.generation <= generation:
-                subscription.put(number, data)
+                subscription.put(frame_number, data)
 
     def end_streams(self, kind: SetKind, reason: str) -> None:
         """End the streams of this kind."""
@@ -191,6 +194,6 @@ class Hub:
 
     def close(self, reason: str) -> None:
         """End all streams and refuse new ones."""
-        self._closed = reason
+        self._close_reason = reason
         for subscription in tuple(self._subscriptions):
             subscription.close(reason)

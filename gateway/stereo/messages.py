@@ -32,7 +32,7 @@ class ImageMetadata:
     """Standard deviation, grey levels."""
     brightness: float
     """Mean of the image, 0 to 1; rounded to 0.01 in the message, as on the device."""
-    lines: int
+    gpio: int
     """GPIO values; see ``OUTPUT_MASK``."""
     out1_reduction: float = 0.0
     """Share by which images with Out1 low are exposed less, 0 to 1."""
@@ -40,7 +40,7 @@ class ImageMetadata:
 
 def timestamp_field(nanoseconds: int) -> bytes:
     """Return field 1 of a set, a disparity image or a mesh."""
-    return b"".join(wire.field(1, [time_of(nanoseconds).SerializeToString()]))
+    return b"".join(wire.field(1, [time_message(nanoseconds).SerializeToString()]))
 
 
 def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadata: ImageMetadata) -> list[Chunk]:
@@ -59,7 +59,7 @@ def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadat
         channels = pixels.shape[2] if pixels.ndim == 3 else 1
         encoding, step = ("rgb8" if channels == 3 else "mono8"), channels * width
     header = pb.Image(
-        timestamp=time_of(metadata.timestamp),
+        timestamp=time_message(metadata.timestamp),
         height=height,
         width=width,
         focal_length=k.focal_length,
@@ -68,7 +68,7 @@ def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadat
         encoding=encoding,
         is_bigendian=False,
         step=step,
-        gpios=pb.Gpios(inputs=INPUT_MASK, outputs=OUTPUT_MASK, values=metadata.lines),
+        gpios=pb.Gpios(inputs=INPUT_MASK, outputs=OUTPUT_MASK, values=metadata.gpio),
         exposure_time=metadata.exposure.time,
         gain=metadata.exposure.gain,
         noise=metadata.noise,
@@ -91,7 +91,7 @@ def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float 
         scale: pixels per unit of the disparity and error images.
     """
     header = pb.DisparityImage(
-        timestamp=time_of(timestamp),
+        timestamp=time_message(timestamp),
         scale=scale,
         offset=0.0,
         invalid_data_value=0.0,
@@ -103,11 +103,11 @@ def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float 
 
 def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
     """Return a ``Mesh``."""
-    header = pb.Mesh(timestamp=time_of(timestamp), format="ply")
+    header = pb.Mesh(timestamp=time_message(timestamp), format="ply")
     return [header.SerializeToString(), *wire.field(3, list(ply))]
 
 
-def time_of(nanoseconds: int) -> pb.Time:
+def time_message(nanoseconds: int) -> pb.Time:
     """Return a timestamp as a message."""
     sec, nsec = divmod(nanoseconds, NANOSECONDS)
     return pb.Time(sec=sec, nsec=nsec)

@@ -102,11 +102,11 @@ class PairImaging(Imaging):
         raise LookupError("the camera shows recorded images; there is no ground truth")
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
-        left = self.pairs.image(capture.frame_number, high=bool(capture.lines & 1), right=False)
-        return MeteredExposure(settings.manual, float(cv2.cvtColor(left, cv2.COLOR_RGB2GRAY).mean()) / 255.0)
+        left = self.pairs.image(capture.frame_number, high=capture.out1_high, right=False)
+        return MeteredExposure(settings.manual_exposure, float(cv2.cvtColor(left, cv2.COLOR_RGB2GRAY).mean()) / 255.0)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        rgb = self.pairs.image(capture.frame_number, high=bool(capture.lines & 1), right=request.stream.right)
+        rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
         k = self.config.model.intrinsics(request.divisor)
         if request.divisor > 1:
             rgb = _downscaled(rgb, request.divisor, k.width, k.height)

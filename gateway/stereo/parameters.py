@@ -36,7 +36,8 @@ class Parameters:
         Raises:
             UnknownParameterError: unknown node or parameter.
         """
-        return self._values[node][self.spec(node, name).name]
+        spec = self.spec(node, name)
+        return self._values[node][spec.name]
 
     def values(self, node: str) -> Mapping[str, Value]:
         """Return all values of a node."""

@@ -8,7 +8,7 @@ from google.protobuf import descriptor_pool
 from google.protobuf.descriptor import FileDescriptor
 
 
-class MethodPool:
+class ReflectionPool:
     """Protobuf's default pool, which also finds methods by their full names.
 
     ``grpcurl describe ImageInterface.StreamImageSets`` requests one, and the pool of protobuf's C implementation finds

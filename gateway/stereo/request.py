@@ -29,14 +29,14 @@ class SetKind:
     """Left and right in RGB."""
 
     @property
-    def depth(self) -> bool:
+    def has_depth(self) -> bool:
         """True if the set needs a depth image, and so comes at the rate of depth images."""
         return self.disparity or self.error or self.confidence or self.mesh is not None
 
     @property
     def empty(self) -> bool:
         """True if the set holds a timestamp only."""
-        return not (self.left or self.right or self.depth)
+        return not (self.left or self.right or self.has_depth)
 
     def __str__(self) -> str:
         names = [n for n in ("left", "right", "disparity", "error", "confidence") if getattr(self, n)]
@@ -45,7 +45,7 @@ class SetKind:
         return "+".join(names) + (" rgb8" if self.color and (self.left or self.right) else "") or "timestamps only"
 
 
-def kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> SetKind:
+def set_kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> SetKind:
     """Return the kind of a request. Mesh options without a mesh are ignored.
 
     Args:

@@ -17,10 +17,10 @@ from gateway.runtime import process_tuning
 from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
-from gateway.stereo.faults import CUT, FaultInjector
+from gateway.stereo.faults import CUT_REASON, FaultInjector
 from gateway.stereo.hub import Hub, LimitError, StreamError
-from gateway.stereo.reflection import MethodPool
-from gateway.stereo.request import RequestError, kind_of
+from gateway.stereo.reflection import ReflectionPool
+from gateway.stereo.request import RequestError, set_kind_of
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
 EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name
@@ -89,7 +89,7 @@ class StreamServicer:
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Send image sets until the client cancels or its deadline passes."""
         try:
-            kind = kind_of(request, mesh_rgb=self._config.mesh_rgb)
+            kind = set_kind_of(request, mesh_rgb=self._config.mesh_rgb)
         except RequestError as error:
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
         try:
@@ -107,7 +107,7 @@ class StreamServicer:
                         raise
                     del data  # free it before waiting for the next set
                     if 0 < self._injector.faults.disconnect_after <= subscription.sent:
-                        raise StreamError(CUT)
+                        raise StreamError(CUT_REASON)
         except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
         except StreamError as error:
@@ -172,7 +172,7 @@ async def start(
     health_servicer = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(health_servicer, server)
     services = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
-    reflection.enable_server_reflection(services, server, pool=MethodPool())
+    reflection.enable_server_reflection(services, server, pool=ReflectionPool())
     address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
     try:
         port = _bind(server, address, config.tls)

@@ -114,7 +114,7 @@ class StereoService:
     @property
     def last_metered(self) -> MeteredExposure:
         """Exposure of the newest left image; before the first, the manual one."""
-        return self._scheduler.last_metered or MeteredExposure(self.settings.manual, 0.0)
+        return self._scheduler.last_metered or MeteredExposure(self.settings.manual_exposure, 0.0)
 
     @property
     def counts(self) -> FrameCounts:
@@ -147,11 +147,11 @@ class StereoService:
 
         When an automatic mode is switched off, its last result becomes the manual value, as on the device.
         """
-        auto_exposure, exposure = self.settings.auto is not None, self.last_metered.exposure
+        auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
         auto_balance = self.parameters.values("rc_camera")["wb_auto"]
         names = self.parameters.set(node, values)
         manual: dict[str, float] = {}
-        if auto_exposure and self.settings.auto is None:
+        if auto_exposure and self.settings.auto_exposure is None:
             manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
         if auto_balance and not self.parameters.values("rc_camera")["wb_auto"]:
             manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
@@ -160,8 +160,8 @@ class StereoService:
 
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""
-        subscribed = any(kind.depth for kind in self.hub.kinds())
-        code = self._trigger.fire(single=self.settings.single, subscribed=subscribed)
+        subscribed = any(kind.has_depth for kind in self.hub.kinds())
+        code = self._trigger.fire(single=self.settings.single_frame, subscribed=subscribed)
         self.hub.changed.set()
         return code
 

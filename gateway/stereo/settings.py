@@ -48,28 +48,28 @@ class StreamSettings:
 
     fps: float
     """Camera images per second."""
-    auto: AutoExposure | None
+    auto_exposure: AutoExposure | None
     """Limits of automatic exposure; None: manual exposure."""
-    manual: Exposure
+    manual_exposure: Exposure
     """Manual exposure. Gamma, dynamic range and white balance apply in automatic mode, too."""
-    auto_mode: str
+    auto_exposure_mode: str
     """Normal, Out1High or AdaptiveOut1."""
     exposure_region: Region | None
     """Metered region; None: the whole image."""
     depth_region: Region | None
     """Region of depth; None: the whole image."""
-    static: bool
+    static_scene: bool
     """Average eight images for depth."""
     double_shot: bool
     """Fill holes of depth images from a second measurement."""
     quality: Quality
     filters: Filters
-    single: bool
+    single_frame: bool
     """Make depth images on demand only."""
-    single_out1: bool
-    """Make them with Out1 high."""
+    single_frame_out1: bool
+    """Make depth images with Out1 high, on demand only."""
     out1: str
-    """Mode of output 1, with the projector."""
+    """Mode of output 1, which the projector is connected to."""
     out2: str
     """Mode of output 2."""
 
@@ -81,31 +81,31 @@ class StreamSettings:
     @property
     def separate_depth(self) -> bool:
         """True if depth needs its own exposure, because an output differs from that of the camera images."""
-        return self.lines(depth=False) != self.lines(depth=True)
+        return self.gpio(depth=False) != self.gpio(depth=True)
 
     @property
     def camera_rate(self) -> float:
         """Camera image sets per second. In alternate exposure every second exposure is for depth."""
-        fps = self.fps / HDR_IMAGES if self.manual.hdr else self.fps
+        fps = self.fps / HDR_IMAGES if self.manual_exposure.hdr else self.fps
         return min(fps, 12.5) if self.alternate else fps
 
     @property
-    def averaged(self) -> int:
+    def averaged_images(self) -> int:
         """Number of images averaged for depth. ``static_scene`` acts in full and high quality only (manual)."""
-        return STATIC_IMAGES if self.static and self.quality in (Quality.FULL, Quality.HIGH) else 1
+        return STATIC_IMAGES if self.static_scene and self.quality in (Quality.FULL, Quality.HIGH) else 1
 
     @property
     def depth_rate(self) -> float:
         """Depth images per second of the device."""
-        return min(self.camera_rate / self.averaged, self.quality.depth_rate)
+        return min(self.camera_rate / self.averaged_images, self.quality.depth_rate)
 
-    def lines(self, *, depth: bool) -> int:
+    def gpio(self, *, depth: bool) -> int:
         """Return the GPIO values during an exposure; Out1 is bit 0, Out2 bit 1.
 
         In SingleFrameOut1 the acquisition controls Out1: high for depth exposures, low for the others.
         """
         high = [_is_high(mode, depth=depth) for mode in (self.out1, self.out2)]
-        if self.single_out1:
+        if self.single_frame_out1:
             high[0] = depth
         return high[0] | high[1] << 1
 
@@ -121,12 +121,12 @@ def read_settings(parameters: Parameters) -> StreamSettings:
     mode = str(matching["acquisition_mode"])
     return StreamSettings(
         fps=float(camera["fps"]),
-        auto=AutoExposure(
+        auto_exposure=AutoExposure(
             float(camera["exp_max"]), float(camera["exp_auto_average_max"]), float(camera["exp_auto_average_min"])
         )
         if automatic
         else None,
-        manual=Exposure(
+        manual_exposure=Exposure(
             float(camera["exp_value"]),
             float(camera["gain_value"]),
             float(camera["gamma"]),
@@ -134,10 +134,10 @@ def read_settings(parameters: Parameters) -> StreamSettings:
             red=1.0 if camera["wb_auto"] else float(camera["wb_ratio_red"]) / NEUTRAL_RED,
             blue=1.0 if camera["wb_auto"] else float(camera["wb_ratio_blue"]) / NEUTRAL_BLUE,
         ),
-        auto_mode=str(camera["exp_auto_mode"]),
-        exposure_region=_region(camera, "exp"),
-        depth_region=_region(matching, "roi"),
-        static=bool(matching["static_scene"]),
+        auto_exposure_mode=str(camera["exp_auto_mode"]),
+        exposure_region=_read_region(camera, "exp"),
+        depth_region=_read_region(matching, "roi"),
+        static_scene=bool(matching["static_scene"]),
         double_shot=bool(matching["double_shot"]),
         quality=Quality(str(matching["quality"])),
         filters=Filters(
@@ -148,14 +148,14 @@ def read_settings(parameters: Parameters) -> StreamSettings:
             mindepth=float(matching["mindepth"]),
             maxdepth=float(matching["maxdepth"]),
         ),
-        single=mode != "Continuous",
-        single_out1=mode == "SingleFrameOut1",
+        single_frame=mode != "Continuous",
+        single_frame_out1=mode == "SingleFrameOut1",
         out1=str(io["out1_mode"]),
         out2=str(io["out2_mode"]),
     )
 
 
-def _region(values: Mapping[str, Value], prefix: str) -> Region | None:
+def _read_region(values: Mapping[str, Value], prefix: str) -> Region | None:
     """Return a region; None if width or height is 0 (manual)."""
     offsets, sizes = ("offset_x", "offset_y"), ("width", "height")
     x, y, width, height = (int(values[f"{prefix}_{name}"]) for name in (*offsets, *sizes))

@@ -12,10 +12,11 @@ from fastapi.responses import JSONResponse, Response
 from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull
 from gateway.server.openapi import example
 from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.depth import measurable_depths
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.service import StereoService
 from renderers.interface import Output
-from renderers.stereo.truth import DepthRange, true_disparity
+from renderers.stereo.truth import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _MESSAGE: dict[str, Any] = {
@@ -65,13 +66,13 @@ def truth_router(*services: StereoService) -> APIRouter:
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
         try:
-            data = await service.workers.run(truth_of, record)
+            data = await service.workers.run(ground_truth_npz, record)
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
         except QueueFull as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
         except DeadlineExceeded as error:
-            return JSONResponse({"message": f"the truth was given up: {error}"}, 503)
+            return JSONResponse({"message": f"rendering was stopped: {error}"}, 503)
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
     return api
@@ -92,13 +93,13 @@ def find_frame(history: list[FrameRecord], timestamp: str) -> FrameRecord:
         raise LookupError("no frame was taken yet; frames are taken while a client streams")
     if not timestamp:
         return history[-1]
-    wanted = parse_timestamp(timestamp)
+    nanoseconds = parse_timestamp(timestamp)
     for record in reversed(history):
-        if wanted in (record.depth.timestamp, record.camera.timestamp):
+        if nanoseconds in (record.depth.timestamp, record.camera.timestamp):
             return record
     first, last = history[0].camera.timestamp, history[-1].depth.timestamp
     raise LookupError(
-        f"no frame has the timestamp {timestamp_text(wanted)}; the history has {len(history)} from "
+        f"no frame has the timestamp {timestamp_text(nanoseconds)}; the history has {len(history)} from "
         f"{timestamp_text(first)} to {timestamp_text(last)}"
     )
 
@@ -121,7 +122,7 @@ def timestamp_text(nanoseconds: int) -> str:
     return f"{nanoseconds // NANOSECONDS}.{nanoseconds % NANOSECONDS:09d}"
 
 
-def truth_of(record: FrameRecord) -> bytes:
+def ground_truth_npz(record: FrameRecord) -> bytes:
     """Return the ground truth of a frame as an npz file.
 
     Arrays without a prefix have the resolution and the instant of the depth images, those with ``left_`` and ``right_``
@@ -140,22 +141,22 @@ def truth_of(record: FrameRecord) -> bytes:
     divisor = settings.quality.divisor
     k, camera = model.intrinsics(divisor), model.intrinsics()
     arrays: dict[str, Any] = {}
-    both = Output.DEPTH | Output.LABEL
+    depth_and_label = Output.DEPTH | Output.LABEL
     for side, offset in (("left", 0.0), ("right", model.baseline)):
-        with imaging.render(record.camera, offset, 1, both) as frame:
+        with imaging.render(record.camera, offset, 1, depth_and_label) as frame:
             assert frame.depth is not None
             assert frame.label is not None
             arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth.copy(), frame.label.copy()
     with (
-        imaging.render(record.depth, 0.0, divisor, both) as left,
+        imaging.render(record.depth, 0.0, divisor, depth_and_label) as left,
         imaging.render(record.depth, model.baseline, divisor, Output.DEPTH) as right,
     ):
         assert left.depth is not None
         assert left.label is not None
         assert right.depth is not None
-        filters = settings.filters
-        limits = DepthRange(model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
-        arrays["disparity"] = true_disparity(left.depth, right.depth, k.focal_length * model.baseline, limits)
+        arrays["disparity"] = true_disparity(
+            left.depth, right.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+        )
         arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
     shift = np.eye(4)
     shift[0, 3] = model.baseline

@@ -97,7 +97,7 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
         except PoolClosed as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": "1"})
         except DeadlineExceeded as error:
-            return JSONResponse({"message": f"the pair was given up: {error}"}, 503)
+            return JSONResponse({"message": f"decoding was stopped: {error}"}, 503)
         except (ValueError, ImageError, MultiPartException) as error:
             return RestError(400, str(error)).response()
         return _DONE

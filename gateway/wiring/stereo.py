@@ -39,7 +39,7 @@ from gateway.stereo.upload import upload_router
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
-from renderers.stereo.errors import DepthImages
+from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE, MODELS, StereoModel, custom_model
 from renderers.stereo.noise import NoiseStream
 
@@ -209,15 +209,14 @@ class StereoSensor:
         """Return the camera and the depth capture of one instant."""
         scene, revision = self._view.scene()
         pose, now = self._view.pose(), time.time_ns()
-        camera = Capture(now, scene, revision, pose, settings.lines(depth=False), number)
-        return camera, replace(camera, lines=settings.lines(depth=True))
+        camera = Capture(now, scene, revision, pose, settings.gpio(depth=False), number)
+        return camera, replace(camera, gpio=settings.gpio(depth=True))
 
     def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:
         valid = images.disparity[images.disparity > 0]
         if not valid.size:
             return {"disparity": "no depth", "confidence": ""}
-        model = self._service.config.model
-        pixel_metres = model.intrinsics(settings.quality.divisor).focal_length * model.baseline  # disparity times depth
-        far, near = pixel_metres / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
+        focal_times_baseline = self._service.config.model.focal_times_baseline(settings.quality.divisor)
+        far, near = focal_times_baseline / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
         valid_percent = 100.0 * valid.size / images.disparity.size
         return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{valid_percent:.0f} %"}

@@ -48,9 +48,9 @@ def _gltf_and_lcm() -> None:
 
 
 def _stereo() -> None:
-    from renderers.stereo.warmup import warm_up
+    from renderers.stereo import errors, filters, matching, mesh, projector, sensor, truth  # noqa: F401
 
-    warm_up()
+    _kernels_of("renderers.stereo")()
 
 
 _STUDIO: Final = ("renderers.shading.studio",)
@@ -60,7 +60,10 @@ _SETUP: Final = ("renderers.raster.setup",)
 
 NEEDED: Final[Mapping[str, Callable[[], None]]] = {
     "shading": _kernels_of("renderers.shading", excluding=(*_STUDIO, *_NORMALS)),
-    "raster": _kernels_of("renderers", excluding=("renderers.shading", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP)),
+    "raster": _kernels_of(
+        "renderers",
+        excluding=("renderers.shading", "renderers.stereo", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP),
+    ),
     "setup": _kernels_of(*_SETUP),
     "formats": _gltf_and_lcm,
 }

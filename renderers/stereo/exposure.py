@@ -8,7 +8,7 @@ power 1/2.2.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +51,14 @@ class Exposure:
     """White balance: factor of blue light."""
 
     @property
+    def amplification(self) -> float:
+        """``gain`` as a factor."""
+        return float(10.0 ** (self.gain / 20.0))
+
+    @property
     def light(self) -> float:
         """Light relative to the reference exposure."""
-        return self.time / REFERENCE_EXPOSURE * float(10.0 ** (self.gain / 20.0))
+        return self.time / REFERENCE_EXPOSURE * self.amplification
 
     @property
     def factor(self) -> float:
@@ -61,8 +66,8 @@ class Exposure:
         return float(self.light ** (1.0 / DISPLAY_GAMMA))
 
     @property
-    def full(self) -> float:
-        """Multiplied display-encoded value at which the image saturates."""
+    def saturation(self) -> float:
+        """Display-encoded value, multiplied by ``factor``, at which the image saturates."""
         return float(BRACKETS[0] ** (-1.0 / DISPLAY_GAMMA)) if self.hdr else 1.0
 
     @property
@@ -71,20 +76,19 @@ class Exposure:
         return np.array((self.red, 1.0, self.blue)) ** (1.0 / DISPLAY_GAMMA)
 
     def response(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return the brightness in the image, 0 to 1, of multiplied display-encoded values.
+        """Return the brightness in the image, 0 to 1, of display-encoded values multiplied by ``factor``.
 
-        High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``full``.
+        High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
         """
-        x = np.minimum(x, self.full)
+        x = np.minimum(x, self.saturation)
         if self.hdr:
-            x = x * (1.0 + x / self.full**2) / (1.0 + x)
+            x = x * (1.0 + x / self.saturation**2) / (1.0 + x)
         curved: NDArray[np.floating] = x ** (1.0 / self.gamma)
         return curved
 
     def sigma(self, grey: float) -> float:
         """Return the standard deviation of a grey value's noise in one exposure, grey levels."""
-        amplification = 10.0 ** (self.gain / 20.0)
-        return float(np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey))
+        return float(noise_sigma(grey, self.amplification))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +101,14 @@ class AutoExposure:
     """Target of the mean brightness while nothing saturates."""
     average_min: float = 0.25
     """Mean brightness below which saturation does not darken the image further."""
+
+
+def noise_sigma(grey: NDArray[np.floating] | float, amplification: float) -> Any:
+    """Return the standard deviation of the noise of grey values, grey levels.
+
+    The variance of grey value v at amplification g is (0.2 g)^2 + 0.0004 g v: read noise and shot noise.
+    """
+    return np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey)
 
 
 def brightness_of(
@@ -134,17 +146,16 @@ def auto_exposure(brightness: NDArray[np.float32], limits: AutoExposure, manual:
         manual: source of gamma, dynamic range and white balance; None: the defaults.
     """
     manual = manual or Exposure()
-    longest = max(limits.max_time, MIN_EXPOSURE)
-    lowest = Exposure(MIN_EXPOSURE).factor
-    highest = Exposure(longest, MAX_GAIN).factor
+    max_time = max(limits.max_time, MIN_EXPOSURE)
     # The searches below evaluate the mean about 50 times: on a histogram, not on the image.
-    top = max(float(brightness.max()), 1e-6)
-    steps = (brightness.reshape(-1) * np.float32((_BINS - 1) / top) + np.float32(0.5)).astype(np.int32)
-    counts = np.bincount(steps, minlength=_BINS)
-    levels = np.arange(_BINS) * (top / (_BINS - 1))
+    brightest = max(float(brightness.max()), 1e-6)
+    bins = (brightness.reshape(-1) * np.float32((_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
+    counts = np.bincount(bins, minlength=_BINS)
+    levels = np.arange(_BINS) * (brightest / (_BINS - 1))
 
     def factor_for(target: float) -> float:
-        low, high = lowest, highest
+        """Return the exposure factor at which the mean of the image is ``target``, by bisection."""
+        low, high = Exposure(MIN_EXPOSURE).factor, Exposure(max_time, MAX_GAIN).factor
         for _ in range(24):
             middle = 0.5 * (low + high)
             mean = float(np.dot(manual.response(levels * middle), counts)) / brightness.size
@@ -152,11 +163,11 @@ def auto_exposure(brightness: NDArray[np.float32], limits: AutoExposure, manual:
         return 0.5 * (low + high)
 
     factor = factor_for(limits.average_max)
-    saturating = (1.0 - SATURATED_SHARE) * brightness.size
-    bright = max(float(levels[np.searchsorted(np.cumsum(counts), saturating)]), 1e-6)
-    if bright * factor > manual.full:
-        factor = max(manual.full / bright, min(factor_for(limits.average_min), factor))
+    unsaturated = (1.0 - SATURATED_SHARE) * brightness.size
+    brightest_unsaturated = max(float(levels[np.searchsorted(np.cumsum(counts), unsaturated)]), 1e-6)
+    if brightest_unsaturated * factor > manual.saturation:
+        factor = max(manual.saturation / brightest_unsaturated, min(factor_for(limits.average_min), factor))
     light = factor**DISPLAY_GAMMA
-    time = min(max(light * REFERENCE_EXPOSURE, MIN_EXPOSURE), longest)
+    time = min(max(light * REFERENCE_EXPOSURE, MIN_EXPOSURE), max_time)
     gain = min(max(20.0 * float(np.log10(light * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)
     return Exposure(time, 0.0 if gain < 0.01 else gain, manual.gamma, manual.hdr, manual.red, manual.blue)

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
-from renderers.stereo.errors import DepthImages
+from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 
-SEGMENT_STEP = 2.0
+SEGMENT_STEP: Final = 2.0
 """Maximum disparity step between neighbours of one segment, pixels (as in the vendor's viewers and drivers)."""
-FILL_SHARE = 0.05
+FILL_SHARE: Final = 0.05
 """Maximum share of the pixels that are filled, the smallest holes first (manual)."""
-_MAX_DISPARITY = 32767
-"""Units of 1/16 pixel: OpenCV's segmentation takes signed 16 bits."""
-FILL_CONFIDENCE = 128
+FILL_CONFIDENCE: Final = 128
 """0.5, the confidence of filled pixels (manual)."""
+_MAX_UNITS: Final = 32767
+"""Maximum disparity, units of 1/16 pixel: OpenCV's segmentation takes signed 16 bits."""
+_AT_IMAGE_EDGE: Final = -1_000_000
+"""Lowest border disparity of a hole at the edge of the image: such a hole is never filled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,7 @@ class Filters:
     """The device's parameters of the same names, in its units."""
 
     minconf: float = 0.5
+    """Minimum confidence, 0 to 1."""
     seg: int = 200
     """Minimum size of a segment, pixels of an image in High quality."""
     fill: int = 3
@@ -55,16 +59,16 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
     Args:
         depth: images to change.
         filters: limits.
-        focal_times_baseline: f t at this resolution, pixels times metres.
+        focal_times_baseline: at this resolution, pixels times metres.
         divisor: resolution divisor of the quality, which converts ``seg``.
     """
     wait_until_compiled("stereo")
-    unit, ft = DISPARITY_SCALE, focal_times_baseline
-    lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
-    highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _MAX_DISPARITY)
+    unit = DISPARITY_SCALE
+    min_units = max(int(np.ceil(focal_times_baseline / filters.maxdepth / unit - 1e-9)), 1)
+    max_units = min(int(np.floor(focal_times_baseline / filters.mindepth / unit + 1e-9)), _MAX_UNITS)
     _apply_limits(
-        depth.disparity, depth.error, depth.confidence, filters.min_confidence, lowest, highest,
-        float(ft * depth.error_scale / unit**2), float(filters.maxdeptherr),
+        depth.disparity, depth.error, depth.confidence, filters.min_confidence, min_units, max_units,
+        float(focal_times_baseline * depth.error_scale / unit**2), float(filters.maxdeptherr),
     )  # fmt: skip
     min_size = round(filters.seg * 4 / divisor**2)
     if min_size > 1:
@@ -73,22 +77,27 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
         fill_holes(depth, filters.fill)
 
 
-@cached_njit(nogil=True)
-def _apply_limits(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
+@kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int64, int64, int64, float64, float64)")
+def _apply_limits(
+    disparity, error, confidence, min_confidence, min_disparity, max_disparity, depth_error_factor, max_depth_error
+):
+    """Remove pixels beyond the limits; disparities and their limits are in units of 1/16 pixel.
+
+    The depth error is ``depth_error_factor * error / disparity^2``, in metres, with both in units of their images.
+    """
     height, width = disparity.shape
-    for k in range(height):
-        for i in range(width):
-            d = float(disparity[k, i])
-            # z_eps = d_eps f t / d^2, with both in units
+    for row in range(height):
+        for column in range(width):
+            d = float(disparity[row, column])
             if (
-                confidence[k, i] < minconf
-                or d < lowest
-                or d > highest
-                or float(error[k, i]) * z_eps_factor > maxdeptherr * d * d
+                confidence[row, column] < min_confidence
+                or d < min_disparity
+                or d > max_disparity
+                or float(error[row, column]) * depth_error_factor > max_depth_error * d * d
             ):
-                disparity[k, i] = 0
-                error[k, i] = 0
-                confidence[k, i] = 0
+                disparity[row, column] = 0
+                error[row, column] = 0
+                confidence[row, column] = 0
 
 
 def _remove_segments(depth: DepthImages, min_size: int) -> None:
@@ -99,65 +108,74 @@ def _remove_segments(depth: DepthImages, min_size: int) -> None:
     np.multiply(depth.confidence, valid, out=depth.confidence)
 
 
-def fill_holes(depth: DepthImages, fill: int) -> None:
-    """Fill holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
-    wait_until_compiled("stereo")
-    max_step = round(fill / DISPARITY_SCALE)
-    disparity = depth.disparity
-    count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
-    size = np.zeros(count, np.int32)
-    low = np.full(count, 65536, np.int32)
-    high = np.full(count, -1, np.int32)
-    _measure_holes(disparity, labels, size, low, high)
-    size[0] = 0
-    fillable = (size > 0) & (high >= 0) & (high - low <= max_step)
-    order = np.argsort(np.where(fillable, size, np.iinfo(np.int32).max), kind="stable")
-    chosen = np.zeros(count, np.bool_)
-    ordered = order[: int(fillable.sum())]
-    chosen[ordered[np.cumsum(size[ordered]) <= FILL_SHARE * disparity.size]] = True
-    _interpolate(disparity, depth.error, depth.confidence, labels, chosen, FILL_CONFIDENCE)
+def fill_holes(depth: DepthImages, max_step: int) -> None:
+    """Fill holes in place, the smallest first, up to ``FILL_SHARE`` of the pixels.
 
-
-@cached_njit(nogil=True)
-def _measure_holes(disparity, labels, size, low, high):
-    """Write the size and the range of border disparities of every hole.
-
-    A hole at the edge of the image has no border there: its ``low`` becomes so small that it is never filled.
+    Args:
+        depth: images to change.
+        max_step: maximum difference of the disparities on a hole's border, pixels.
     """
+    wait_until_compiled("stereo")
+    disparity = depth.disparity
+    label_count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
+    # By label; 0 is the label of the valid pixels.
+    size = np.zeros(label_count, np.int32)
+    lowest = np.full(label_count, 65536, np.int32)
+    highest = np.full(label_count, -1, np.int32)
+    _measure_holes(disparity, labels, size, lowest, highest)
+    fillable = (size > 0) & (highest >= 0) & (highest - lowest <= round(max_step / DISPARITY_SCALE))
+    order = np.argsort(np.where(fillable, size, np.iinfo(np.int32).max), kind="stable")
+    smallest_first = order[: int(fillable.sum())]
+    chosen = np.zeros(label_count, np.bool_)
+    chosen[smallest_first[np.cumsum(size[smallest_first]) <= FILL_SHARE * disparity.size]] = True
+    _fill_rows(disparity, depth.error, depth.confidence, labels, chosen)
+
+
+@kernel("void(uint16[:,::1], int32[:,::1], int32[::1], int32[::1], int32[::1])")
+def _measure_holes(disparity, labels, size, lowest, highest):
+    """Write the size of every hole and the range of the disparities on its border, units of 1/16 pixel."""
     height, width = disparity.shape
-    for k in range(height):
-        for i in range(width):
-            hole = labels[k, i]
+    for row in range(height):
+        for column in range(width):
+            hole = labels[row, column]
             if hole == 0:
                 continue
             size[hole] += 1
-            if k == 0 or i == 0 or k == height - 1 or i == width - 1:
-                low[hole] = -1000000
+            if row == 0 or column == 0 or row == height - 1 or column == width - 1:
+                lowest[hole] = _AT_IMAGE_EDGE
                 continue
-            for d in (disparity[k - 1, i], disparity[k + 1, i], disparity[k, i - 1], disparity[k, i + 1]):
+            for d in (
+                disparity[row - 1, column],
+                disparity[row + 1, column],
+                disparity[row, column - 1],
+                disparity[row, column + 1],
+            ):
                 if d != 0:
-                    low[hole] = min(low[hole], d)
-                    high[hole] = max(high[hole], d)
+                    lowest[hole] = min(lowest[hole], d)
+                    highest[hole] = max(highest[hole], d)
 
 
-@cached_njit(nogil=True)
-def _interpolate(disparity, error, confidence, labels, chosen, filled):
-    """Fill the chosen holes along each row, linearly between the two ends of the hole."""
+@kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int32[:,::1], boolean[::1])")
+def _fill_rows(disparity, error, confidence, labels, chosen):
+    """Fill the chosen holes along each row, linearly between the two ends of the hole.
+
+    No chosen hole is at the edge of the image, so both ends exist.
+    """
     height, width = disparity.shape
-    for k in range(height):
-        i = 1
-        while i < width:
-            if not chosen[labels[k, i]]:
-                i += 1
+    for row in range(height):
+        column = 1
+        while column < width:
+            if not chosen[labels[row, column]]:
+                column += 1
                 continue
-            start = i
-            while chosen[labels[k, i]]:
-                i += 1
-            first = float(disparity[k, start - 1])
-            last = float(disparity[k, i])
-            worst = max(error[k, start - 1], error[k, i])
-            for j in range(start, i):
-                share = (j - start + 1.0) / (i - start + 1.0)
-                disparity[k, j] = int(first + (last - first) * share + 0.5)
-                error[k, j] = worst
-                confidence[k, j] = filled
+            start = column
+            while chosen[labels[row, column]]:
+                column += 1
+            left = float(disparity[row, start - 1])
+            right = float(disparity[row, column])
+            larger_error = max(error[row, start - 1], error[row, column])
+            for hole_column in range(start, column):
+                fraction = (hole_column - start + 1.0) / (column - start + 1.0)
+                disparity[row, hole_column] = int(left + (right - left) * fraction + 0.5)
+                error[row, hole_column] = larger_error
+                confidence[row, hole_column] = FILL_CONFIDENCE

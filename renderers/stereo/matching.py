@@ -8,22 +8,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
-from renderers.stereo.errors import DepthImages
+from renderers.stereo.depth_images import DepthImages
 from renderers.stop import check_stop
 
-BLOCK: Final = 5
+WINDOW: Final = 5
 """Side of the matching window, pixels."""
 BASE_ERROR: Final = 0.2
 """Sub-pixel error of a match on good texture, pixels (measured against exact disparity)."""
 NOISE_WEIGHT: Final = 1.5
 """Weight of image noise, in proportion to texture, in the error."""
 MIN_SIGMA: Final = 0.3
-"""Lower limit of the image noise, grey levels: images without noise still have rounding errors."""
+"""Minimum image noise, grey levels: images without noise still have rounding errors."""
 
 
-def match_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, sigma: float) -> DepthImages:
+def match_pair(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float
+) -> DepthImages:
     """Return depth images by matching a pair.
 
     A pixel is valid if matching from left to right and from right to left agree.
@@ -31,21 +33,20 @@ def match_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: i
     Args:
         left: (H, W) uint8, rectified: a point's row is the same in both images.
         right: (H, W) uint8.
-        disparities: range of the search, pixels.
-        sigma: standard deviation of the image noise, grey levels.
+        disparity_count: number of disparities to search, pixels.
+        noise_sigma: standard deviation of the image noise, grey levels.
     """
     wait_until_compiled("stereo")
     check_stop()
-    height, width = left.shape
-    searched = -(-disparities // 16) * 16
+    searched = -(-disparity_count // 16) * 16
     # OpenCV leaves the first `searched` columns invalid; a border of that width keeps all columns of the image.
     padded = [cv2.copyMakeBorder(i, 0, 0, searched, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched,
-        blockSize=BLOCK,
-        P1=8 * BLOCK * BLOCK,
-        P2=32 * BLOCK * BLOCK,
+        blockSize=WINDOW,
+        P1=8 * WINDOW * WINDOW,
+        P2=32 * WINDOW * WINDOW,
         disp12MaxDiff=1,
         preFilterCap=31,
         uniquenessRatio=5,
@@ -53,60 +54,59 @@ def match_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: i
         speckleRange=0,
         mode=cv2.StereoSGBM_MODE_SGBM,
     )
-    raw = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched:]
+    matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched:]
     check_stop()  # OpenCV itself cannot be stopped: half a second for 1280 x 960 pixels
-    disparity = np.zeros((height, width), np.uint16)
-    error = np.zeros((height, width), np.uint8)
-    confidence = np.zeros((height, width), np.uint8)
+    images = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
     _rate_matches(
-        np.ascontiguousarray(raw), left, right, disparities, float(max(sigma, MIN_SIGMA)), BASE_ERROR, NOISE_WEIGHT,
-        disparity, error, confidence,
+        np.ascontiguousarray(matches), left, right, disparity_count, float(max(noise_sigma, MIN_SIGMA)),
+        images.disparity, images.error, images.confidence,
     )  # fmt: skip
-    return DepthImages(disparity, error, confidence)
+    return images
 
 
-@cached_njit(nogil=True)
-def _rate_matches(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):
+@kernel("void(int16[:,::1], uint8[:,::1], uint8[:,::1], int64, float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])")
+def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity, error, confidence):
     """Write the valid disparities with their error and confidence, from windows of 5 x 5 pixels.
 
     The error follows from texture and noise. The confidence is low for windows without texture, and where the two
     windows differ by more than a small part of their texture.
     """
-    height, width = raw.shape
-    for k in range(height):
-        for i in range(width):
-            units = int(raw[k, i])
+    height, width = matches.shape
+    for row in range(height):
+        for column in range(width):
+            units = int(matches[row, column])
             # Zero and below: no match. Beyond the left edge of the right image: a match with the added border.
-            if units <= 0 or units > disparities * 16 or i * 16 < units:
+            if units <= 0 or units > disparity_count * 16 or column * 16 < units:
                 continue
             d = units / 16.0
-            total, squares, residual, count = 0.0, 0.0, 0.0, 0
-            for dk in range(-2, 3):
-                y = min(max(k + dk, 0), height - 1)
-                for di in range(-2, 3):
-                    x = min(max(i + di, 1), width - 2)
-                    s = x - d
-                    if s < 0.0 or s > width - 1.001:
+            level_sum, square_sum, difference_sum, count = 0.0, 0.0, 0.0, 0
+            for window_row in range(row - 2, row + 3):
+                y = min(max(window_row, 0), height - 1)
+                for window_column in range(column - 2, column + 3):
+                    x = min(max(window_column, 1), width - 2)
+                    x_right = x - d
+                    if x_right < 0.0 or x_right > width - 1.001:
                         continue
-                    j = int(s)
-                    share = s - j
-                    other = right[y, j] * (1.0 - share) + right[y, j + 1] * share
-                    here = float(left[y, x])
-                    total += here
-                    squares += here * here
-                    residual += abs(other - here)
+                    j = int(x_right)
+                    fraction = x_right - j
+                    right_level = right[y, j] * (1.0 - fraction) + right[y, j + 1] * fraction
+                    left_level = float(left[y, x])
+                    level_sum += left_level
+                    square_sum += left_level * left_level
+                    difference_sum += abs(right_level - left_level)
                     count += 1
             if count == 0:
                 continue
-            texture = np.sqrt(max(squares / count - (total / count) ** 2, 0.0))
-            residual /= count
-            e = np.sqrt(base * base + (weight * sigma / (texture + 0.25 * sigma)) ** 2 / count)
-            disagreement = max(residual - sigma, 0.0) / (texture + 2.0 * sigma)
-            support = texture * texture / (texture * texture + 1.5 * sigma * sigma)
-            agreement = support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
+            texture = np.sqrt(max(square_sum / count - (level_sum / count) ** 2, 0.0))
+            difference = difference_sum / count
+            noise_error = NOISE_WEIGHT * noise_sigma / (texture + 0.25 * noise_sigma)
+            d_eps = np.sqrt(BASE_ERROR * BASE_ERROR + noise_error**2 / count)
+            disagreement = max(difference - noise_sigma, 0.0) / (texture + 2.0 * noise_sigma)
+            texture_support = texture * texture / (texture * texture + 1.5 * noise_sigma * noise_sigma)
+            agreement = texture_support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
             # Calibrated on rendered scenes with exact disparity, on the pessimistic side.
             doubt = 1.0 - agreement
             probability = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
-            disparity[k, i] = units
-            error[k, i] = int(min(max(np.rint(e * 16.0), 1.0), 255.0))
-            confidence[k, i] = int(probability * 255.0)
+            disparity[row, column] = units
+            error[row, column] = int(min(max(np.rint(d_eps * 16.0), 1.0), 255.0))
+            confidence[row, column] = int(probability * 255.0)

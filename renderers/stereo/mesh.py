@@ -37,8 +37,8 @@ class MeshOptions:
     """Repeat the colours under the names red, green and blue."""
 
 
-def bin_size(width: int, height: int, max_points: int) -> int:
-    """Return the smallest n with at most ``max_points`` bins of n x n pixels; 1 without a limit."""
+def smallest_bin_size(width: int, height: int, max_points: int) -> int:
+    """Return the smallest n with at most ``max_points`` bins of n x n pixels; 1 if ``max_points`` is 0."""
     n = 1
     while max_points > 0 and -(-width // n) * -(-height // n) > max_points:
         n += 1
@@ -64,44 +64,51 @@ def disparity_mesh(
     """
     wait_until_compiled("stereo")
     height, width = disparity.shape
-    n = bin_size(width, height, options.max_points)
-    rows, columns = -(-height // n), -(-width // n)
+    bin_size = smallest_bin_size(width, height, options.max_points)
+    bins = (-(-height // bin_size), -(-width // bin_size))
     # Disparity and pixel position of every bin's point; disparity 0: no point.
-    d = np.empty((rows, columns), np.float32)
-    u = np.empty((rows, columns), np.float32)
-    v = np.empty((rows, columns), np.float32)
-    kernels.bin_points(disparity, n, options.min_depth, d, u, v)
+    bin_disparity, bin_u, bin_v = (np.empty(bins, np.float32) for _ in range(3))
+    kernels.bin_points(disparity, bin_size, options.min_depth, bin_disparity, bin_u, bin_v)
     if options.watertight:
-        kernels.fill_all(d, u, v)
-    index = np.empty((rows, columns), np.int32)
-    points = np.empty((np.count_nonzero(d), 4), np.float32)
-    k, t = intrinsics, baseline / DISPARITY_SCALE
-    kernels.make_points(d, u, v, k.focal_length, k.cx, k.cy, t, FOOTPRINT * n * t, index, points)
+        kernels.fill_empty_bins(bin_disparity)
+    vertex_index = np.empty(bins, np.int32)
+    points = np.empty((np.count_nonzero(bin_disparity), 4), np.float32)
+    baseline_units = baseline / DISPARITY_SCALE
+    kernels.make_points(
+        bin_disparity, bin_u, bin_v, float(intrinsics.focal_length), float(intrinsics.cx), float(intrinsics.cy),
+        baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
+    )  # fmt: skip
     vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured, rgb=options.rgb))
     for c, name in enumerate(("x", "y", "z", "scan_size")):
         vertices[name] = points[:, c]
     if options.textured:
         if left is None:
             raise ValueError("a textured mesh needs the left image")
-        colors = _colors(left, width, height, n)[index >= 0]
+        colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
         for c, name in enumerate(("red", "green", "blue")):
             vertices[f"diffuse_{name}"] = colors[:, c]
             if options.rgb:
                 vertices[name] = colors[:, c]
     max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
-    faces = np.empty(kernels.count_faces(d, max_step), ply.FACE)
-    triangles = np.empty((len(faces), 3), np.uint32)
-    kernels.make_faces(d, index, max_step, triangles)
+    triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
+    kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
+    faces = np.empty(len(triangles), ply.FACE)
     faces["count"] = 3
     faces["indices"] = triangles
     return ply.ply_parts(vertices, faces)
 
 
-def _colors(left: NDArray[np.uint8], width: int, height: int, n: int) -> NDArray[np.uint8]:
-    """Return the left image averaged over each bin, (rows, columns, 3) uint8."""
-    factor = -(-left.shape[1] // width)
-    size = factor * n
-    columns, rows = -(-width // n), -(-height // n)
+def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int) -> NDArray[np.uint8]:
+    """Return the left image averaged over each bin, (rows, columns, 3) uint8.
+
+    Args:
+        left: (H', W') or (H', W', 3) uint8.
+        width: width of the disparity image.
+        height: height of the disparity image.
+        bin_size: side of a bin, pixels of the disparity image.
+    """
+    size = -(-left.shape[1] // width) * bin_size  # pixels of the left image
+    columns, rows = -(-width // bin_size), -(-height // bin_size)
     right, below = max(columns * size - left.shape[1], 0), max(rows * size - left.shape[0], 0)
     if right or below:
         left = np.asarray(cv2.copyMakeBorder(left, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)

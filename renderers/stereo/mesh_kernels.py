@@ -3,138 +3,152 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.device_function import inlined
+from renderers.compiler.jit import kernel
 
 
-@cached_njit(nogil=True)
-def bin_points(disparity, n, nearest, d, u, v):
-    """Write disparity and pixel position of each n x n bin's point: its nearest pixel, or the mean of its valid pixels.
+@kernel("void(uint16[:,::1], int64, boolean, float32[:,::1], float32[:,::1], float32[:,::1])")
+def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
+    """Write disparity and pixel position of each bin's point: its nearest pixel, or the mean of its valid pixels.
 
     The mean over pixels of a plane lies on the plane, because disparity is affine in the pixel position there.
     """
     height, width = disparity.shape
-    rows, columns = d.shape
-    for r in range(rows):
-        for c in range(columns):
-            total, count, x, y, best = 0, 0, 0, 0, 0
-            for k in range(r * n, min((r + 1) * n, height)):
-                for i in range(c * n, min((c + 1) * n, width)):
-                    value = int(disparity[k, i])
-                    if value == 0:
+    rows, columns = bin_disparity.shape
+    for row in range(rows):
+        for column in range(columns):
+            disparity_sum, count, x_sum, y_sum = 0, 0, 0, 0
+            for y in range(row * bin_size, min((row + 1) * bin_size, height)):
+                for x in range(column * bin_size, min((column + 1) * bin_size, width)):
+                    d = int(disparity[y, x])
+                    if d == 0:
                         continue
-                    if nearest:
-                        if value > best:
-                            best, x, y, count, total = value, i, k, 1, value
-                    else:
-                        total += value
-                        x += i
-                        y += k
+                    if not nearest:
+                        disparity_sum += d
+                        x_sum += x
+                        y_sum += y
                         count += 1
+                    elif d > disparity_sum:
+                        disparity_sum, x_sum, y_sum, count = d, x, y, 1
             if count == 0:
-                d[r, c] = 0.0
-                u[r, c] = (c + 0.5) * n
-                v[r, c] = (r + 0.5) * n
+                bin_disparity[row, column] = 0.0
+                bin_u[row, column] = (column + 0.5) * bin_size
+                bin_v[row, column] = (row + 0.5) * bin_size
             else:
-                d[r, c] = total / count
-                u[r, c] = x / count + 0.5
-                v[r, c] = y / count + 0.5
+                bin_disparity[row, column] = disparity_sum / count
+                bin_u[row, column] = x_sum / count + 0.5
+                bin_v[row, column] = y_sum / count + 0.5
 
 
-@cached_njit(nogil=True)
-def fill_all(d, u, v):
+@kernel("void(float32[:,::1])")
+def fill_empty_bins(bin_disparity):
     """Give every empty bin the farther of its two neighbours in the row; copy empty rows from the nearest row.
 
     The farther one, because the background continues behind an edge.
     """
-    rows, columns = d.shape
-    first, last = -1, -1
-    for r in range(rows):
+    rows, columns = bin_disparity.shape
+    first_filled, last_filled = -1, -1
+    for row in range(rows):
         left = np.float32(0.0)
-        c = 0
-        while c < columns:
-            if d[r, c] > 0.0:
-                left = d[r, c]
-                c += 1
+        column = 0
+        while column < columns:
+            if bin_disparity[row, column] > 0.0:
+                left = bin_disparity[row, column]
+                column += 1
                 continue
-            start = c
-            while c < columns and d[r, c] == 0.0:
-                c += 1
-            right = d[r, c] if c < columns else np.float32(0.0)
-            value = min(left, right) if left > 0.0 and right > 0.0 else max(left, right)
-            for j in range(start, c):
-                d[r, j] = value
-        if d[r, 0] > 0.0:
-            if first < 0:
-                first = r
-            last = r
-        elif last >= 0:
-            _copy_row(d, last, r)
-    if first > 0:
-        for r in range(first):
-            _copy_row(d, first, r)
+            start = column
+            while column < columns and bin_disparity[row, column] == 0.0:
+                column += 1
+            right = bin_disparity[row, column] if column < columns else np.float32(0.0)
+            farther = min(left, right) if left > 0.0 and right > 0.0 else max(left, right)
+            for empty_column in range(start, column):
+                bin_disparity[row, empty_column] = farther
+        if bin_disparity[row, 0] > 0.0:
+            if first_filled < 0:
+                first_filled = row
+            last_filled = row
+        elif last_filled >= 0:
+            _copy_row(bin_disparity, last_filled, row)
+    for row in range(first_filled):
+        _copy_row(bin_disparity, first_filled, row)
 
 
-@njit(inline="always")
-def _copy_row(d, source, row):
+@inlined
+def _copy_row(values, source, target):
     """Copy by a loop: an assignment of slices would compile code for its errors, too."""
-    for c in range(d.shape[1]):
-        d[row, c] = d[source, c]
+    for column in range(values.shape[1]):
+        values[target, column] = values[source, column]
 
 
-@cached_njit(nogil=True)
-def make_points(d, u, v, f, cx, cy, t, footprint, index, out):
+@kernel(
+    "void(float32[:,::1], float32[:,::1], float32[:,::1], float64, float64, float64, float64, float64, int32[:,::1], "
+    "float32[:,::1])"
+)
+def make_points(
+    bin_disparity, bin_u, bin_v, focal_length, cx, cy, baseline_units, footprint_units, vertex_index, points
+):
     """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
 
     The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d.
     """
-    n = 0
-    for r in range(d.shape[0]):
-        for c in range(d.shape[1]):
-            index[r, c] = -1
-            if d[r, c] > 0.0:
-                index[r, c] = n
-                s = t / d[r, c]
-                out[n, 0] = (u[r, c] - cx) * s
-                out[n, 1] = (v[r, c] - cy) * s
-                out[n, 2] = f * s
-                out[n, 3] = footprint / d[r, c]
-                n += 1
-
-
-@njit(inline="always")
-def _valid_corners(d, r, c, max_step):
-    """Return the number of valid corners of the cell below and right of (r, c), 0 if it is not connected."""
-    low, high, valid = np.float32(np.inf), np.float32(0.0), 0
-    for value in (d[r, c], d[r, c + 1], d[r + 1, c + 1], d[r + 1, c]):
-        if value > 0.0:
-            valid += 1
-            low = min(low, value)
-            high = max(high, value)
-    return valid if valid >= 3 and high - low <= max_step else 0
-
-
-@cached_njit(nogil=True)
-def count_faces(d, max_step):
     count = 0
-    for r in range(d.shape[0] - 1):
-        for c in range(d.shape[1] - 1):
-            count += max(_valid_corners(d, r, c, max_step) - 2, 0)
+    for row in range(bin_disparity.shape[0]):
+        for column in range(bin_disparity.shape[1]):
+            d = bin_disparity[row, column]
+            vertex_index[row, column] = -1
+            if d > 0.0:
+                vertex_index[row, column] = count
+                metres_per_pixel = baseline_units / d
+                points[count, 0] = (bin_u[row, column] - cx) * metres_per_pixel
+                points[count, 1] = (bin_v[row, column] - cy) * metres_per_pixel
+                points[count, 2] = focal_length * metres_per_pixel
+                points[count, 3] = footprint_units / d
+                count += 1
+
+
+@inlined
+def _connected_corners(bin_disparity, row, column, max_step):
+    """Return the number of valid corners of the cell below and right of a bin; 0: the cell is not connected."""
+    lowest, highest, valid = np.float32(np.inf), np.float32(0.0), 0
+    for d in (
+        bin_disparity[row, column],
+        bin_disparity[row, column + 1],
+        bin_disparity[row + 1, column + 1],
+        bin_disparity[row + 1, column],
+    ):
+        if d > 0.0:
+            valid += 1
+            lowest = min(lowest, d)
+            highest = max(highest, d)
+    return valid if valid >= 3 and highest - lowest <= max_step else 0
+
+
+@kernel("int64(float32[:,::1], float32)")
+def count_triangles(bin_disparity, max_step):
+    count = 0
+    for row in range(bin_disparity.shape[0] - 1):
+        for column in range(bin_disparity.shape[1] - 1):
+            count += max(_connected_corners(bin_disparity, row, column, max_step) - 2, 0)
     return count
 
 
-@cached_njit(nogil=True)
-def make_faces(d, index, max_step, out):
+@kernel("void(float32[:,::1], int32[:,::1], float32, uint32[:,::1])")
+def make_triangles(bin_disparity, vertex_index, max_step, triangles):
     """Write the triangles, counter-clockwise seen from the camera: the vendor's order (i-1,k-1), (i-1,k), (i,k),
     (i,k-1)."""
-    n = 0
-    for r in range(d.shape[0] - 1):
-        for c in range(d.shape[1] - 1):
-            if _valid_corners(d, r, c, max_step) == 0:
+    count = 0
+    for row in range(bin_disparity.shape[0] - 1):
+        for column in range(bin_disparity.shape[1] - 1):
+            if _connected_corners(bin_disparity, row, column, max_step) == 0:
                 continue
             first, second, third = -1, -1, -1
-            for corner in (index[r, c], index[r + 1, c], index[r + 1, c + 1], index[r, c + 1]):
+            for corner in (
+                vertex_index[row, column],
+                vertex_index[row + 1, column],
+                vertex_index[row + 1, column + 1],
+                vertex_index[row, column + 1],
+            ):
                 if corner < 0:
                     continue
                 if first < 0:
@@ -143,8 +157,8 @@ def make_faces(d, index, max_step, out):
                     second = corner
                 elif third < 0:
                     third = corner
-                    out[n, 0], out[n, 1], out[n, 2] = first, second, third
-                    n += 1
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = first, second, third
+                    count += 1
                 else:
-                    out[n, 0], out[n, 1], out[n, 2] = third, corner, first
-                    n += 1
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = third, corner, first
+                    count += 1

@@ -71,7 +71,7 @@ class StereoModel:
     baseline: float
     """Metres; the right camera is at +x of the left one."""
     full_max_disparities: int = MAX_DISPARITIES
-    """Maximum range of disparities at full resolution, pixels."""
+    """Maximum number of disparities at full resolution, pixels."""
 
     def __post_init__(self) -> None:
         if not (16 <= self.width <= 8192 and 16 <= self.height <= 8192):
@@ -96,28 +96,35 @@ class StereoModel:
             cy=self.height / 2 / divisor,
         )
 
-    def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
-        """Return the nearest depth that the disparity range covers, metres (the vendor's driver:
-        ``max(mindepth, 2.5 * baseline)``).
+    def focal_times_baseline(self, divisor: int = 1) -> float:
+        """Return disparity times depth at 1/``divisor`` of the resolution, pixels times metres."""
+        return self.intrinsics(divisor).focal_length * self.baseline
 
-        At full resolution the memory limit can make it farther. Disparities are counted from that of
-        ``maxdepth``, so a smaller ``maxdepth`` gives a nearer nearest depth.
+    def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
+        """Return the nearest depth that can be measured, metres.
+
+        It is ``max(mindepth, 2.5 * baseline)``, as in the vendor's driver, or farther at full resolution, where memory
+        limits the number of disparities. Disparities count from that of ``maxdepth``: with a smaller ``maxdepth`` they
+        reach nearer.
         """
         return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
 
-    def reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
+    def has_reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
         """Return True if the device's memory limits the nearest depth."""
         return self._memory_limit(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
 
     def _memory_limit(self, maxdepth: float, divisor: int) -> float:
-        ft = self.intrinsics().focal_length * self.baseline
-        return ft / (ft / maxdepth + self.full_max_disparities) if divisor == 1 else 0.0
+        """Return the nearest depth that the device's memory permits, metres; 0: no limit."""
+        if divisor != 1:
+            return 0.0
+        focal_times_baseline = self.focal_times_baseline()
+        return focal_times_baseline / (focal_times_baseline / maxdepth + self.full_max_disparities)
 
-    def disparity_range(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
+    def disparity_count(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
         """Return the number of disparities at ``divisor``: ``ceil(focal length * baseline / nearest depth)``, at most
         ``MAX_DISPARITIES``."""
-        ft = self.intrinsics(divisor).focal_length * self.baseline
-        return min(math.ceil(ft / self.nearest_depth(mindepth, maxdepth, divisor)), MAX_DISPARITIES)
+        nearest = self.nearest_depth(mindepth, maxdepth, divisor)
+        return min(math.ceil(self.focal_times_baseline(divisor) / nearest), MAX_DISPARITIES)
 
     def camera(
         self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from enum import IntEnum
 from statistics import NormalDist
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from renderers.compiler.device_function import inlined
 
 _MASK64: Final = (1 << 64) - 1
 
@@ -28,7 +29,7 @@ class NoiseStream(IntEnum):
     RIGHT_SECOND = 7
 
     @property
-    def right(self) -> bool:
+    def is_right(self) -> bool:
         """True for images of the right camera."""
         return self in (NoiseStream.RIGHT, NoiseStream.RIGHT_DEPTH, NoiseStream.RIGHT_SECOND)
 
@@ -44,13 +45,13 @@ def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
     return np.uint64(state)
 
 
-@njit(inline="always")
-def random64(key: Any, counter: Any) -> Any:
+@inlined
+def random64(key, counter):
     """Return 64 random bits (splitmix64, Steele et al. 2014)."""
-    z = key + np.uint64(counter) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+    bits = key + np.uint64(counter) * np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return bits ^ (bits >> np.uint64(31))
 
 
 def _normal_table() -> NDArray[np.float32]:

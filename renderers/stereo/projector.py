@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 
 CELL: Final = 1.5 / 552.0
 """Width of a dot divided by the focal length: 1.5 pixels of a 640 pixel wide image of the 4 mm lens."""
-_SIZE: Final = 1024
+_PERIOD: Final = 1024
 """Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
 _MIN_CELL: Final = 1.5
 """Minimum width of a cell, pixels. Where cells would be smaller, a coarser level of the pattern avoids aliasing, which
@@ -32,8 +32,8 @@ def _pattern_levels() -> tuple[NDArray[np.uint8], ...]:
     """Return the pattern as a mip chain, (1024, 1024), (512, 512), … uint8: fine dots over dots of four times their
     size."""
     random = np.random.Generator(np.random.Philox(160))
-    fine = random.random((_SIZE, _SIZE)) < 0.45
-    coarse = np.kron(random.random((_SIZE // 4, _SIZE // 4)) < 0.4, np.ones((4, 4), np.bool_))
+    fine = random.random((_PERIOD, _PERIOD)) < 0.45
+    coarse = np.kron(random.random((_PERIOD // 4, _PERIOD // 4)) < 0.4, np.ones((4, 4), np.bool_))
     level = np.where(coarse, 160.0, 0.0) + np.where(fine, 95.0, 0.0)
     levels = []
     while level.shape[0] >= 16:
@@ -62,45 +62,52 @@ def projected_dots(
             outside its image are lit, because the projector's field of view is the wider one.
     """
     wait_until_compiled("stereo")
-    level, cell = 0, CELL * focal_length
+    level, cell_pixels = 0, CELL * focal_length
     levels = _pattern_levels()
-    while cell < _MIN_CELL and level < len(levels) - 1:
-        level, cell = level + 1, cell * 2
-    out = np.empty(depth.shape, np.uint8)
-    _project(depth, projector_depth, levels[level], 1.0 / cell, cx, cy, offset * focal_length, 1.0 - _SHADOW_BIAS, out)
-    return out
+    while cell_pixels < _MIN_CELL and level < len(levels) - 1:
+        level, cell_pixels = level + 1, cell_pixels * 2
+    light = np.empty(depth.shape, np.uint8)
+    _project(
+        depth, projector_depth, levels[level], 1.0 / cell_pixels, float(cx), float(cy), offset * focal_length, light
+    )
+    return light
 
 
-@cached_njit(nogil=True)
-def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, offset_f, nearer, out):
+@kernel("void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, uint8[:,::1])")
+def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, light):
     height, width = depth.shape
-    mask = pattern.shape[0] - 1
-    scale, shift, share = np.float32(cells_per_pixel), np.float32(offset_f), np.float32(nearer)
-    middle = np.float32(pattern.shape[0] // 2)
+    period_mask = pattern.shape[0] - 1
+    scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
+    shadow_factor = np.float32(1.0 - _SHADOW_BIAS)
+    center = np.float32(pattern.shape[0] // 2)
     one, half = np.float32(1.0), np.float32(0.5)
-    for k in range(height):
-        v = (np.float32(k + 0.5) - np.float32(cy)) * scale + middle
-        row = int(np.floor(v))
-        fv = v - np.float32(row)
-        above, below = row & mask, (row + 1) & mask
-        for i in range(width):
-            z = depth[k, i]
-            light = np.float32(0.0)
+    for row in range(height):
+        v = (np.float32(row + 0.5) - np.float32(cy)) * scale + center
+        cell_v = int(np.floor(v))
+        fraction_v = v - np.float32(cell_v)
+        upper_cell, lower_cell = cell_v & period_mask, (cell_v + 1) & period_mask
+        for column in range(width):
+            z = depth[row, column]
+            value = np.float32(0.0)
             if z < np.float32(np.inf):
                 # The point is in shadow if the projector sees something nearer in all three pixels around it.
-                shadow = False
-                column = int(np.floor(np.float32(i) + half + shift / z))
-                if 1 <= column <= width - 2:
-                    farthest = max(
-                        projector_depth[k, column - 1], projector_depth[k, column], projector_depth[k, column + 1]
+                in_shadow = False
+                x = int(np.floor(np.float32(column) + half + disparity_factor / z))
+                if 1 <= x <= width - 2:
+                    farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
+                    in_shadow = farthest < z * shadow_factor
+                if not in_shadow:
+                    u = (np.float32(column + 0.5) - np.float32(cx) + disparity_factor / z) * scale + center
+                    cell_u = int(np.floor(u))
+                    fraction_u = u - np.float32(cell_u)
+                    left_cell, right_cell = cell_u & period_mask, (cell_u + 1) & period_mask
+                    upper = (
+                        pattern[upper_cell, left_cell] * (one - fraction_u)
+                        + pattern[upper_cell, right_cell] * fraction_u
                     )
-                    shadow = farthest < z * share
-                if not shadow:
-                    u = (np.float32(i + 0.5) - np.float32(cx) + shift / z) * scale + middle
-                    cell = int(np.floor(u))
-                    fu = u - np.float32(cell)
-                    a, b = cell & mask, (cell + 1) & mask
-                    upper = pattern[above, a] * (one - fu) + pattern[above, b] * fu
-                    lower = pattern[below, a] * (one - fu) + pattern[below, b] * fu
-                    light = upper * (one - fv) + lower * fv
-            out[k, i] = int(light + half)
+                    lower = (
+                        pattern[lower_cell, left_cell] * (one - fraction_u)
+                        + pattern[lower_cell, right_cell] * fraction_u
+                    )
+                    value = upper * (one - fraction_v) + lower * fraction_v
+            light[row, column] = int(value + half)

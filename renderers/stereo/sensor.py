@@ -1,7 +1,6 @@
 """Image sensor: a rendered colour image to a camera image with exposure, noise and saturation.
 
-The noise of a grey value v has the variance a^2 + b g v, in grey levels, with g = 10^(gain / 20), read noise a = 0.2 g
-and shot noise b = 0.0004: about 0.3 levels at mid grey and 0 dB, as in images recorded with a device.
+``exposure.noise_sigma`` has the noise: about 0.3 grey levels at mid grey and 0 dB, as in images recorded with a device.
 """
 
 from __future__ import annotations
@@ -14,19 +13,11 @@ from numpy.typing import NDArray
 
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import sensor_kernels as kernels
-from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, READ_NOISE, SHOT_NOISE, Exposure
+from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, Exposure, noise_sigma
 from renderers.stereo.noise import NORMAL_TABLE
 
-_LUMA_STEPS: Final = 1024
-"""Steps of luma, finer than grey levels to avoid banding."""
-
-
-def _quantiles() -> NDArray[np.float32]:
-    groups = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
-    return np.asarray(groups / groups.std(), np.float32)
-
-
-_QUANTILES: Final = _quantiles()
+_GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
+_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
 """(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
 
 
@@ -66,19 +57,20 @@ def sensor_image(
     image = np.empty((height, width, 3 if color else 1), np.uint8)
     key = np.uint64(key)
     response, sigma = _curves(exposure, noise)
-    steps = exposure.factor / exposure.full * (kernels.STEPS - 1)
+    step_factor = exposure.factor / exposure.saturation * (kernels.STEPS - 1)
     # Without dots a grey level depends on one byte or luma step: a table of noisy levels halves the time.
     if dots is not None:
-        lit = ((1.0 + dot_light * np.arange(256) / 255.0) ** (1.0 / DISPLAY_GAMMA) * steps).astype(np.float32)
+        light = 1.0 + dot_light * np.arange(256) / 255.0
+        dot_factors = (light ** (1.0 / DISPLAY_GAMMA) * step_factor).astype(np.float32)
         weights = np.diag(exposure.channels / 255.0) if color else (exposure.channels * LUMA / 255.0)[None]
         total = kernels.with_dots(
-            rendered, dots, lit, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
+            rendered, dots, dot_factors, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
         )
     elif color:
-        table = np.stack([_noisy_levels(response, sigma, 256, steps * channel) for channel in exposure.channels])
-        total = kernels.color_from_table(rendered, table, key, image)
+        levels = [_noisy_levels(response, sigma, 256, step_factor * channel) for channel in exposure.channels]
+        total = kernels.color_from_table(rendered, np.stack(levels), key, image)
     else:
-        table = _noisy_levels(response, sigma, _LUMA_STEPS, steps)
+        table = _noisy_levels(response, sigma, kernels.LUMA_STEPS, step_factor)
         total = kernels.grey_from_table(rendered, table, _luma_weights(exposure), key, image[:, :, 0])
     return SensorImage(image if color else image[:, :, 0], total / (255.0 * image.size))
 
@@ -90,10 +82,20 @@ def _luma_weights(exposure: Exposure) -> NDArray[np.int64]:
 
 
 def _noisy_levels(
-    response: NDArray[np.float32], sigma: NDArray[np.float32], inputs: int, steps: float
+    response: NDArray[np.float32], sigma: NDArray[np.float32], count: int, step_factor: float
 ) -> NDArray[np.uint8]:
-    """Return the grey level of each display-encoded value for 128 equally likely noises, (inputs, 128) uint8."""
-    values = np.arange(inputs, dtype=np.float32) / (inputs - 1) * np.float32(steps)
+    """Return the grey levels of ``count`` display-encoded values from 0 to 1 for 128 equally likely noises.
+
+    Args:
+        response: grey level of each step (``_curves``).
+        sigma: noise of each step (``_curves``).
+        count: number of values.
+        step_factor: steps per display-encoded value.
+
+    Returns:
+        (count, 128) uint8.
+    """
+    values = np.arange(count, dtype=np.float32) / (count - 1) * np.float32(step_factor)
     step = np.minimum(values, kernels.STEPS - 1).astype(np.int32)
     levels = response[step][:, None] + sigma[step][:, None] * _QUANTILES
     return np.clip(levels, 0.0, 255.0).astype(np.uint8)
@@ -101,25 +103,24 @@ def _noisy_levels(
 
 def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return grey level and noise by step of the multiplied display-encoded value, both (4096,) float32."""
-    x = np.arange(kernels.STEPS) / (kernels.STEPS - 1) * exposure.full
+    x = np.arange(kernels.STEPS) / (kernels.STEPS - 1) * exposure.saturation
     grey = 255.0 * exposure.response(x)
-    amplification = 10.0 ** (exposure.gain / 20.0)
+    amplification = exposure.amplification
     if exposure.hdr:
-        sigma = _combined_noise(x, amplification) * np.gradient(grey, x)
+        sigma = _hdr_noise(x, amplification) * np.gradient(grey, x)
     else:
-        sigma = np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey)
+        sigma = noise_sigma(grey, amplification)
     return (grey + 0.5).astype(np.float32), (sigma * noise).astype(np.float32)
 
 
-def _combined_noise(x: NDArray[np.float64], amplification: float) -> NDArray[np.float64]:
+def _hdr_noise(x: NDArray[np.float64], amplification: float) -> NDArray[np.float64]:
     """Return the noise of the mean of three exposures, weighted by their distance from black and white."""
-    total, variance = np.zeros_like(x), np.zeros_like(x)
+    weight_sum, variance = np.zeros_like(x), np.zeros_like(x)
     for bracket in BRACKETS:
         scale = bracket ** (1.0 / DISPLAY_GAMMA)
         value = np.minimum(x * scale, 1.0)
         weight = np.maximum(1.0 - (2.0 * value - 1.0) ** 12, 1e-3) * np.where(value < 1.0, scale**2, 1e-6)
-        one = np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * 255.0 * value) / 255.0 / scale
-        total += weight
-        variance += (weight * one) ** 2
-    combined: NDArray[np.float64] = np.sqrt(variance) / total
-    return combined
+        weight_sum += weight
+        variance += (weight * (noise_sigma(255.0 * value, amplification) / 255.0 / scale)) ** 2
+    sigma: NDArray[np.float64] = np.sqrt(variance) / weight_sum
+    return sigma

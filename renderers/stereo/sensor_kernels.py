@@ -1,4 +1,4 @@
-"""Kernels of ``sensor``. Each returns the sum of the grey levels that it wrote."""
+"""Kernels of ``sensor``. Each writes an image and returns the sum of its grey levels."""
 
 from __future__ import annotations
 
@@ -6,71 +6,100 @@ from typing import Final
 
 import numpy as np
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.stereo.noise import random64
 
 STEPS: Final = 4096
 """Entries of the response curve over the display-encoded value."""
+LUMA_STEPS: Final = 1024
+"""Rows of the table of grey levels: finer than grey levels, to avoid banding."""
+_WHITE_LUMA: Final = 255 * 256
+_STEPS_PER_LUMA: Final = 1028
+"""Luma steps per unit of luma, times 2^16: the brightest luma is the last step."""
 
 
-@cached_njit(nogil=True)
-def grey_from_table(rendered, table, weights, key, out):
-    """Write grey levels; ``weights`` of red, green and blue are units of 1/256, ``table`` has 1024 luma steps."""
-    height, width = out.shape
+@kernel("int64(uint8[:,:,::1], uint8[:,::1], int64[::1], uint64, uint8[:,::1])")
+def grey_from_table(rendered, levels, luma_weights, key, image):
+    """Write a grey image.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB.
+        levels: (``LUMA_STEPS``, 128) uint8: grey levels of each luma for 128 equally likely noises.
+        luma_weights: (3,) int64, weights of red, green and blue, units of 1/256.
+        key: random key.
+        image: (H, W) uint8, output.
+    """
+    height, width = image.shape
     total = 0
-    red, green, blue = np.uint32(weights[0]), np.uint32(weights[1]), np.uint32(weights[2])
-    white = np.uint32(65280)
-    for k in range(height):
-        random = np.uint64(0)
-        for i in range(width):
-            if i & 7 == 0:
-                random = random64(key, k * width + i)
-            luma = red * rendered[k, i, 0] + green * rendered[k, i, 1] + blue * rendered[k, i, 2]
-            grey = table[(min(luma, white) * 1028) >> 16, random & np.uint64(127)]
-            random >>= np.uint64(8)
-            out[k, i] = grey
-            total += grey
+    red, green, blue = np.uint32(luma_weights[0]), np.uint32(luma_weights[1]), np.uint32(luma_weights[2])
+    white = np.uint32(_WHITE_LUMA)
+    for row in range(height):
+        random_bits = np.uint64(0)
+        for column in range(width):
+            if column & 7 == 0:
+                random_bits = random64(key, row * width + column)
+            luma = red * rendered[row, column, 0] + green * rendered[row, column, 1] + blue * rendered[row, column, 2]
+            level = levels[(min(luma, white) * _STEPS_PER_LUMA) >> 16, random_bits & np.uint64(127)]
+            random_bits >>= np.uint64(8)
+            image[row, column] = level
+            total += level
     return total
 
 
-@cached_njit(nogil=True)
-def color_from_table(rendered, table, key, out):
-    height, width = out.shape[:2]
+@kernel("int64(uint8[:,:,::1], uint8[:,:,::1], uint64, uint8[:,:,::1])")
+def color_from_table(rendered, levels, key, image):
+    """Write an RGB image; ``levels`` is (3, 256, 128) uint8, for each byte of a channel as in ``grey_from_table``."""
+    height, width = image.shape[:2]
     total = 0
-    for k in range(height):
-        for i in range(width):
-            random = random64(key, k * width + i)
-            for c in range(3):
-                value = table[c, rendered[k, i, c], random & np.uint64(127)]
-                random >>= np.uint64(8)
-                out[k, i, c] = value
-                total += value
+    for row in range(height):
+        for column in range(width):
+            random_bits = random64(key, row * width + column)
+            for channel in range(3):
+                level = levels[channel, rendered[row, column, channel], random_bits & np.uint64(127)]
+                random_bits >>= np.uint64(8)
+                image[row, column, channel] = level
+                total += level
     return total
 
 
-@cached_njit(nogil=True)
-def with_dots(rendered, dots, light, weights, response, sigma, normal, key, out):
-    """Write grey or colour under the projector's light; ``weights`` is (channels, 3) of red, green and blue."""
-    height, width, channels = out.shape
-    top = np.float32(STEPS - 1)
+@kernel(
+    "int64(uint8[:,:,::1], uint8[:,::1], float32[::1], float32[:,::1], float32[::1], float32[::1], float32[::1], "
+    "uint64, uint8[:,:,::1])"
+)
+def with_dots(rendered, dots, dot_factors, channel_weights, response, sigma, normal_table, key, image):
+    """Write a grey or RGB image under the projector's light.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB.
+        dots: (H, W) uint8, the projector's light.
+        dot_factors: (256,) float32, factor of display-encoded values for each light, in steps of ``response``.
+        channel_weights: (1 or 3, 3) float32, weights of red, green and blue in each channel of the image.
+        response: (``STEPS``,) float32, grey level of each step.
+        sigma: (``STEPS``,) float32, standard deviation of the noise of each step, grey levels.
+        normal_table: ``noise.NORMAL_TABLE``.
+        key: random key.
+        image: (H, W, 1 or 3) uint8, output.
+    """
+    height, width, channels = image.shape
+    last_step = np.float32(STEPS - 1)
     pixels_per_draw = 4 // channels
     total = 0
-    for k in range(height):
-        random = np.uint64(0)
-        for i in range(width):
-            if i % pixels_per_draw == 0:
-                random = random64(key, k * width + i)
-            lit = light[dots[k, i]]
-            for c in range(channels):
+    for row in range(height):
+        random_bits = np.uint64(0)
+        for column in range(width):
+            if column % pixels_per_draw == 0:
+                random_bits = random64(key, row * width + column)
+            factor = dot_factors[dots[row, column]]
+            for channel in range(channels):
                 value = (
-                    rendered[k, i, 0] * weights[c, 0]
-                    + rendered[k, i, 1] * weights[c, 1]
-                    + rendered[k, i, 2] * weights[c, 2]
+                    rendered[row, column, 0] * channel_weights[channel, 0]
+                    + rendered[row, column, 1] * channel_weights[channel, 1]
+                    + rendered[row, column, 2] * channel_weights[channel, 2]
                 )
-                step = int(min(value * lit, top))
-                noisy = response[step] + sigma[step] * normal[random & np.uint64(4095)]
-                random >>= np.uint64(16)
+                step = int(min(value * factor, last_step))
+                noisy = response[step] + sigma[step] * normal_table[random_bits & np.uint64(4095)]
+                random_bits >>= np.uint64(16)
                 level = int(min(max(noisy, np.float32(0.0)), np.float32(255.0)))
-                out[k, i, c] = level
+                image[row, column, channel] = level
                 total += level
     return total

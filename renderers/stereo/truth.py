@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 
 OCCLUSION_STEP: Final = 1.0
@@ -34,39 +34,36 @@ def true_disparity(
     Args:
         depth_left: (H, W) float32 depth from the left camera, metres along the optical axis, +inf: background.
         depth_right: (H, W) float32 depth from the right camera.
-        focal_times_baseline: f t at this resolution, pixels times metres.
+        focal_times_baseline: at this resolution, pixels times metres.
         limits: depths outside are not measured.
 
     Returns:
-        (H, W) float32: ``d = f t / z`` in pixels. 0: background, out of range, occluded in the right image, or outside
-        it (left edge of the field of view).
+        (H, W) float32: ``focal_times_baseline / depth`` in pixels. 0: background, out of range, occluded in the right
+        image, or outside it (left edge of the field of view).
     """
     wait_until_compiled("stereo")
-    out = np.empty(depth_left.shape, np.float32)
-    near, far = np.float32(limits.min_depth), np.float32(limits.max_depth)
-    _true_disparity(
-        depth_left, depth_right, np.float32(focal_times_baseline), near, far, np.float32(OCCLUSION_STEP), out
-    )
-    return out
+    disparity = np.empty(depth_left.shape, np.float32)
+    min_depth, max_depth = np.float32(limits.min_depth), np.float32(limits.max_depth)
+    _true_disparity(depth_left, depth_right, np.float32(focal_times_baseline), min_depth, max_depth, disparity)
+    return disparity
 
 
-@cached_njit(nogil=True)
-def _true_disparity(left, right, ft, near, far, occlusion_step, out):
-    height, width = left.shape
-    for k in range(height):
-        for i in range(width):
-            z = left[k, i]
+@kernel("void(float32[:,::1], float32[:,::1], float32, float32, float32, float32[:,::1])")
+def _true_disparity(depth_left, depth_right, focal_times_baseline, min_depth, max_depth, disparity):
+    height, width = depth_left.shape
+    for row in range(height):
+        for column in range(width):
+            z = depth_left[row, column]
             d = np.float32(0.0)
-            if near <= z <= far:
-                d = ft / z
-                x = np.float32(i) - d  # column in the right image; integers are pixel centres
-                if x < np.float32(-0.5):
+            if min_depth <= z <= max_depth:
+                d = focal_times_baseline / z
+                x_right = np.float32(column) - d  # integers are pixel centres
+                if x_right < np.float32(-0.5):
                     d = np.float32(0.0)
                 else:
-                    a = max(int(np.floor(x)), 0)
-                    b = min(a + 1, width - 1)
-                    farther = max(right[k, a], right[k, b])
+                    j = max(int(np.floor(x_right)), 0)
                     # +inf: the right camera looks past an edge, so nothing occludes the point.
-                    if ft / farther > d + occlusion_step:
+                    farther = max(depth_right[row, j], depth_right[row, min(j + 1, width - 1)])
+                    if focal_times_baseline / farther > d + np.float32(OCCLUSION_STEP):
                         d = np.float32(0.0)
-            out[k, i] = d
+            disparity[row, column] = d

@@ -18,12 +18,12 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.service import StereoService
+from gateway.wiring.warmup import PARTS
 from renderers.drawlist import DrawList
 from renderers.interface import Renderer
 from renderers.raster import CpuRenderer
 from renderers.raster.warmup import warmup
 from renderers.stereo.model import StereoModel
-from renderers.stereo.warmup import warm_up
 from tests.stereo.scenes import pose, table
 from tests.support.waiting import SECONDS, until
 
@@ -71,7 +71,7 @@ class Camera:
 
 @pytest.fixture(scope="session")
 def renderer() -> CpuRenderer:
-    warm_up()
+    PARTS["stereo"]()
     warmup()
     return CpuRenderer(2)
 

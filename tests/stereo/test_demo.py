@@ -11,13 +11,14 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.depth import MatcherPair, matched_depth, measurable_depths
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.noise import NoiseStream
-from renderers.stereo.truth import DepthRange, true_disparity
+from renderers.stereo.truth import true_disparity
 
 
 @pytest.mark.parametrize("seconds", [1.3, 4.0, 0.625 * PERIOD])
@@ -37,15 +38,16 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
         imaging.expose(capture, ImageRequest(exposure, stream, divisor, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
     )
-    images = imaging.match(left, right, exposure, settings)
-    ft = model.intrinsics(divisor).focal_length * model.baseline
+    images = matched_depth(imaging.config, MatcherPair(left, right, exposure), settings, None)
     with (
         imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
         imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
     ):
         assert seen.depth is not None
         assert other.depth is not None
-        true = true_disparity(seen.depth, other.depth, ft, DepthRange(model.nearest_depth(0.1, 100.0, divisor), 100.0))
+        true = true_disparity(
+            seen.depth, other.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+        )
     visible = true > 0
     assert visible.mean() > 0.6
     valid = visible & (images.disparity > 0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.stereo.errors import DepthImages, ErrorModel, add_errors, error_scale
+from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.errors import add_errors, choose_error_scale
 from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.model import MODELS, Quality, StereoModel
 from renderers.stereo.noise import NoiseStream, frame_key
@@ -15,7 +16,6 @@ from tests.stereo.analytic import plane, sphere
 
 MODEL = MODELS["rc_visard 160-4"]
 RANGE = DepthRange(0.4, 100.0)
-QUIET = ErrorModel(0.0)
 
 ACCURACY_MM = {
     "rc_visard 65-4": (0.9, 3.6, 14.2, 32.1),
@@ -38,7 +38,7 @@ def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], ND
 def test_depth_by_the_manuals_formula_equals_rendered_depth(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
     left, _, true = scene(MODEL, quality)
-    images = add_errors(true, QUIET, frame_key(0, 0, NoiseStream.DISPARITY))
+    images = add_errors(true, 0.0, frame_key(0, 0, NoiseStream.DISPARITY))
     valid = images.disparity > 0
     assert valid.mean() > 0.7
     # d = f t / z: the difference is the rounding to 1/16 pixel and nothing else.
@@ -83,7 +83,7 @@ def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
     ft = k.focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
         true = np.full((k.height, k.width), ft / depth, np.float32)
-        d = add_errors(true, ErrorModel(0.25), frame_key(3, 1, NoiseStream.DISPARITY)).disparity / 16
+        d = add_errors(true, 0.25, frame_key(3, 1, NoiseStream.DISPARITY)).disparity / 16
         millimetres = float(np.std(ft / d)) * 1000
         assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
         assert millimetres == pytest.approx(published, abs=0.1)
@@ -92,8 +92,8 @@ def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
 def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
     true = np.full((100, 100), 50.0, np.float32)
     for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
-        assert error_scale(sigma, 100) == 1 / 16
-        assert set(np.unique(add_errors(true, ErrorModel(sigma), np.uint64(9)).error)) == {unit}
+        assert choose_error_scale(sigma, 100) == 1 / 16
+        assert set(np.unique(add_errors(true, sigma, np.uint64(9)).error)) == {unit}
 
 
 @pytest.mark.parametrize("d_eps", [0.25, 0.7])
@@ -104,8 +104,8 @@ def test_error_image_is_the_standard_deviation_within_five_percent(
     # Not a multiple of 1/16 anywhere: disparities on a slope too small for outliers.
     true = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
     sigma = d_eps / quality.divisor / averaged**0.5
-    scale = error_scale(sigma, MODEL.disparity_range(quality.divisor, 0.1))
-    images = add_errors(true, ErrorModel(sigma, scale), np.uint64(9))
+    scale = choose_error_scale(sigma, MODEL.disparity_count(quality.divisor, 0.1))
+    images = add_errors(true, sigma, np.uint64(9), scale)
     (unit,) = np.unique(images.error)
     assert unit * scale == pytest.approx(sigma, rel=0.05)
     if sigma > 1 / 32:  # below, rounding to 1/16 pixel is most of the error
@@ -115,7 +115,7 @@ def test_error_image_is_the_standard_deviation_within_five_percent(
 @pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
 @pytest.mark.parametrize("sigma", [0.0, 1e-9, 1e-4, 0.02, 0.3, 20.0])
 def test_disparities_fit_into_16_bits_at_every_scale(sigma: float, disparities: int) -> None:
-    scale = error_scale(sigma, disparities)
+    scale = choose_error_scale(sigma, disparities)
     assert (disparities + 4 * sigma) / scale < 65536
     factor = 1 / 16 / scale
     assert factor >= 1
@@ -131,7 +131,7 @@ def test_confidence_is_the_probability_defined_by_the_manual() -> None:
     for frame, slope in enumerate((0.0, 1.2, 2.2, 3.2, 4.2, 5.2)):
         left = plane(k, 0.0, 1.2, slope)
         true = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), ft, RANGE)
-        m = add_errors(true, ErrorModel(0.25), frame_key(5, frame, NoiseStream.DISPARITY))
+        m = add_errors(true, 0.25, frame_key(5, frame, NoiseStream.DISPARITY))
         valid = m.disparity > 0
         inside = np.abs(m.disparity[valid] / 16 - true[valid]) <= 3 * m.error[valid] / 16
         counts += np.bincount(m.confidence[valid], minlength=256)
@@ -148,7 +148,7 @@ def test_noise_is_determined_by_seed_and_frame() -> None:
     true = scene(MODEL, Quality.LOW)[2]
 
     def make(seed: int, frame: int) -> bytes:
-        m = add_errors(true, ErrorModel(0.05), frame_key(seed, frame, NoiseStream.DISPARITY))
+        m = add_errors(true, 0.05, frame_key(seed, frame, NoiseStream.DISPARITY))
         return m.disparity.tobytes() + m.confidence.tobytes()
 
     assert make(1, 1) == make(1, 1)
@@ -238,4 +238,4 @@ def test_intrinsics_are_exact_fractions() -> None:
     high = model.intrinsics(2)
     assert (high.width, high.height) == (640, 480)
     assert high.focal_length == pytest.approx(552.185, rel=1e-5)
-    assert model.disparity_range(2, 0.1) == 221  # ceil(552.185 * 0.16005 / (2.5 * 0.16005))
+    assert model.disparity_count(2, 0.1) == 221  # ceil(552.185 * 0.16005 / (2.5 * 0.16005))

@@ -91,7 +91,7 @@ def test_high_dynamic_range_saturates_nothing_and_keeps_the_order() -> None:
     exposures = [replace(e, gain=12.0, time=0.005) for e in (plain, hdr)]
     noise = [float(sensor_image(dark, e, KEY, color=False).image.std()) for e in exposures]
     assert noise[1] < noise[0]
-    assert replace(plain, hdr=True).full > 1.5
+    assert replace(plain, hdr=True).saturation > 1.5
 
 
 def test_automatic_exposure_of_high_dynamic_range_meets_its_target() -> None:
@@ -103,12 +103,12 @@ def test_automatic_exposure_of_high_dynamic_range_meets_its_target() -> None:
 
 def test_white_balance_changes_red_and_blue() -> None:
     grey = np.full((40, 40, 3), 100, np.uint8)
-    warm = settings(exp_control="Manual", wb_auto=False, wb_ratio_red=2.4, wb_ratio_blue=1.2).manual
+    warm = settings(exp_control="Manual", wb_auto=False, wb_ratio_red=2.4, wb_ratio_blue=1.2).manual_exposure
     red, green, blue = sensor_image(grey, warm, KEY, color=True, noise=0.0).image.mean(axis=(0, 1))
     assert green == pytest.approx(100, abs=1)
     assert red == pytest.approx(100 * 2 ** (1 / 2.2), abs=1.5)
     assert blue == pytest.approx(100 * 0.5 ** (1 / 2.2), abs=1.5)
-    neutral = settings(exp_control="Manual", wb_auto=False).manual
+    neutral = settings(exp_control="Manual", wb_auto=False).manual_exposure
     assert (neutral.red, neutral.blue) == (1.0, 1.0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     assert sensor_image(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
@@ -215,13 +215,13 @@ async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> 
 async def test_static_scenes_are_averaged(start: Start) -> None:
     camera = await start(d_eps=0.5)
     settings = camera.service.settings
-    assert settings.averaged == 1
+    assert settings.averaged_images == 1
     camera.service.set_parameters("rc_stereomatching", [("static_scene", True)])
     assert camera.service.settings.depth_rate == 3.0
     camera.service.set_parameters("rc_camera", [("fps", 8.0)])
     assert camera.service.settings.depth_rate == 1.0
     camera.service.set_parameters("rc_stereomatching", [("quality", "Low")])
-    assert camera.service.settings.averaged == 1
+    assert camera.service.settings.averaged_images == 1
     camera.service.set_parameters("rc_camera", [("fps", 25.0)])
     errors = []
     for on in (False, True):

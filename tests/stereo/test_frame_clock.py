@@ -70,7 +70,7 @@ def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
 
 
 def test_depth_in_single_frame_mode_needs_the_trigger() -> None:
-    clock, single = clock_at(FixedClock(), "max"), replace(SETTINGS, single=True)
+    clock, single = clock_at(FixedClock(), "max"), replace(SETTINGS, single_frame=True)
     assert not clock.depth_due(single, PERIOD, triggered=False)
     assert clock.depth_due(single, PERIOD, triggered=True)
     assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "rate max"
@@ -121,3 +121,19 @@ def test_system_timestamps_are_unique(monkeypatch: pytest.MonkeyPatch) -> None:
     assert clock.next_timestamp(now, PERIOD) == now + 1
     assert clock.next_timestamp(now + NANOSECONDS - 1, PERIOD) == now + NANOSECONDS
     assert clock.next_timestamp(now + NANOSECONDS, PERIOD) == now, "set back by a second"
+
+
+def test_simulated_timestamps_are_one_period_apart() -> None:
+    clock = SimulatedClock(7)
+    assert [clock.next_timestamp(None, PERIOD), clock.next_timestamp(7, PERIOD)] == [7, 7 + PERIOD]
+    assert SimulatedClock().next_timestamp(None, PERIOD) == NANOSECONDS
+
+
+def test_system_time_does_not_advance_with_frames() -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.timestamp = 3
+    clock.skip_frame(PERIOD)
+    clock.delay_for_alternate_exposure(PERIOD)
+    assert clock.timestamp == 3
+    assert clock.seconds_until_frame(0.0) == pytest.approx(0.04)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.stereo.hub import Hub, LimitError, Mailbox, StreamError, Subscription
+from gateway.stereo.hub import Hub, LimitError, MailboxState, StreamError, Subscription
 from gateway.stereo.request import SetKind
 from tests.support.waiting import SECONDS
 
@@ -29,7 +29,7 @@ async def test_unsubscribing_wakes_the_producer() -> None:
             """Publish a set when no mailbox is full."""
             while True:
                 hub.changed.clear()
-                if len(hub) and not hub.kinds_in(Mailbox.FULL):
+                if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
                     hub.publish(LEFT, 2, b"next")
                     return
                 await hub.changed.wait()
@@ -38,7 +38,7 @@ async def test_unsubscribing_wakes_the_producer() -> None:
         next_set = asyncio.create_task(stays.get())
         for _ in range(5):
             await asyncio.sleep(0)
-        assert leaves.state is Mailbox.FULL
+        assert leaves.state is MailboxState.FULL
         assert not producer.done()
         other.close()
         async with asyncio.timeout(SECONDS):
@@ -52,7 +52,7 @@ async def test_mailbox_holds_the_newest_set_and_counts_replaced_ones() -> None:
         for number in (1, 3, 2, 3):
             hub.publish(LEFT, number, b"%d" % number)
         assert await one.get() == b"3"
-        assert one.state is Mailbox.EMPTY
+        assert one.state is MailboxState.EMPTY
         assert (hub.sent, hub.skipped) == (1, 1)
     assert (hub.sent, hub.skipped) == (1, 1)
 
@@ -62,11 +62,11 @@ async def test_a_cancelled_get_ends_the_waiting_state() -> None:
     with hub.subscribe(LEFT) as one:
         waiting = asyncio.create_task(one.get())
         await asyncio.sleep(0)
-        assert hub.kinds_in(Mailbox.WAITING) == {LEFT}
+        assert hub.kinds_with_mailbox(MailboxState.WAITING) == {LEFT}
         waiting.cancel()
         await asyncio.gather(waiting, return_exceptions=True)
-        assert hub.kinds_in(Mailbox.WAITING) == set()
-        assert hub.kinds_in(Mailbox.EMPTY) == {LEFT}
+        assert hub.kinds_with_mailbox(MailboxState.WAITING) == set()
+        assert hub.kinds_with_mailbox(MailboxState.EMPTY) == {LEFT}
 
 
 STEPS = st.lists(
@@ -110,7 +110,7 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
             hub.end_streams(kind, "broken")
             over |= {id(s) for _, s in open_ if s.kind == kind}
             full -= over
-        elif some is not None and what == "take" and some[1].state in (Mailbox.FULL, Mailbox.CLOSED):
+        elif some is not None and what == "take" and some[1].state in (MailboxState.FULL, MailboxState.CLOSED):
             if id(some[1]) in over:
                 with pytest.raises(StreamError, match="broken"):
                     await some[1].get()
@@ -126,7 +126,7 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
             over.discard(id(some[1]))
             assert hub.changed.is_set()
         assert len(hub) == len(open_)
-        assert {id(s) for _, s in open_ if s.state in (Mailbox.FULL, Mailbox.CLOSED)} == full | over
+        assert {id(s) for _, s in open_ if s.state in (MailboxState.FULL, MailboxState.CLOSED)} == full | over
         assert hub.kinds() == {s.kind for _, s in open_}
         assert (hub.sent, hub.skipped) == (taken, replaced)
     some = None
@@ -145,7 +145,7 @@ async def test_later_subscriptions_do_not_get_outdated_sets() -> None:
         generation = 2
         with hub.subscribe(LEFT) as late:
             hub.publish(LEFT, 1, b"old", 1)
-            assert (early.state, late.state) == (Mailbox.FULL, Mailbox.EMPTY)
+            assert (early.state, late.state) == (MailboxState.FULL, MailboxState.EMPTY)
             hub.publish(LEFT, 2, b"new", 2)
             assert await late.get() == await early.get() == b"new"
 
@@ -158,3 +158,54 @@ async def test_a_closed_hub_rejects_subscriptions() -> None:
             await one.get()
     with pytest.raises(StreamError, match="shutting down"), hub.subscribe(LEFT):
         pass
+
+
+def test_limits_are_named_and_reached_exactly() -> None:
+    hub = Hub(3, 2)
+    with hub.subscribe(LEFT), hub.subscribe(DEPTH):
+        with (
+            pytest.raises(LimitError, match=r"^2 different requests are served already, the limit \(max_kinds\)$"),
+            hub.subscribe(SetKind(right=True)),
+        ):
+            pass
+        with (
+            hub.subscribe(LEFT),
+            pytest.raises(LimitError, match=r"^3 streams are open already, the limit \(max_clients\)$"),
+            hub.subscribe(LEFT),
+        ):
+            pass
+    assert len(hub) == 0
+    with hub.subscribe(SetKind(right=True)):
+        assert hub.kinds() == {SetKind(right=True)}
+
+
+async def test_sets_go_to_their_kind_and_not_to_later_generations() -> None:
+    generation = 5
+    hub = Hub(4, 4, lambda: generation)
+    with hub.subscribe(LEFT) as left, hub.subscribe(DEPTH) as depth:
+        assert hub.take_new_kinds() == {LEFT, DEPTH}
+        assert hub.take_new_kinds() == set()
+        hub.publish(LEFT, 1, b"old", 4)
+        assert left.state is MailboxState.EMPTY
+        hub.publish(LEFT, 1, b"now", 5)
+        assert (left.state, depth.state) == (MailboxState.FULL, MailboxState.EMPTY)
+        assert await left.get() == b"now"
+        hub.publish(LEFT, 1, b"again", 6)
+        assert left.state is MailboxState.EMPTY, "the same frame once"
+        hub.end_streams(DEPTH, "broken")
+        assert (left.state, depth.state) == (MailboxState.EMPTY, MailboxState.CLOSED)
+        hub.publish(DEPTH, 2, b"late", 6)
+        with pytest.raises(StreamError, match=r"^broken$"):
+            await depth.get()
+        assert (hub.sent, hub.skipped) == (1, 0)
+
+
+async def test_a_closed_hub_refuses_subscriptions() -> None:
+    hub = Hub(4, 4)
+    with hub.subscribe(LEFT) as one:
+        hub.close("shutting down")
+        with pytest.raises(StreamError, match=r"^shutting down$"):
+            await one.get()
+    with pytest.raises(StreamError, match=r"^shutting down$"), hub.subscribe(LEFT):
+        pass
+    assert len(hub) == 0

@@ -129,7 +129,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         depths.append(z)
         images.append(sensor_image(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match_pair(images[0], images[1], MODEL.disparity_range(quality.divisor, 0.1), 0.3)
+    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() > 0.95
     error = np.abs(measured.disparity / 16 - true)

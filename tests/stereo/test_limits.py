@@ -13,14 +13,14 @@ from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.pairs import Pair, Pairs
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, check
-from gateway.stereo.request import RequestError, kind_of
+from gateway.stereo.request import RequestError, set_kind_of
 from gateway.stereo.settings import Region
 from gateway.stereo.truth import parse_timestamp
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
-from renderers.stereo.errors import DepthImages
+from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.filters import Filters, apply_filters
-from renderers.stereo.mesh import MeshOptions, bin_size, disparity_mesh
+from renderers.stereo.mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.support.waiting import until
@@ -127,7 +127,7 @@ def test_cells_are_connected_up_to_two_pixels(step: int, triangles: int) -> None
     ("size", "max_points", "n"), [((6, 4), 24, 1), ((6, 4), 23, 2), ((6, 4), 6, 2), ((6, 4), 5, 3), ((5, 7), 12, 2)]
 )
 def test_bins_meet_the_number_of_points(size: tuple[int, int], max_points: int, n: int) -> None:
-    assert bin_size(*size, max_points) == n
+    assert smallest_bin_size(*size, max_points) == n
 
 
 def test_regions_cover_partly_covered_pixels() -> None:
@@ -155,12 +155,12 @@ def test_the_minimum_of_mesh_points() -> None:
         return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
 
     for points in (0, 1000):
-        kind = kind_of(mesh(points))
+        kind = set_kind_of(mesh(points))
         assert kind.mesh is not None
         assert kind.mesh.max_points == points
     for points in (1, 999):
         with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
-            kind_of(mesh(points))
+            set_kind_of(mesh(points))
 
 
 def test_timestamps_have_twelve_and_nine_digits() -> None:

@@ -24,13 +24,13 @@ from gateway.stereo import server
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.hub import Hub, Mailbox
+from gateway.stereo.hub import Hub, MailboxState
 
 async def publish(hub):
     number = 0
     while True:
         await asyncio.sleep(0.05)
-        if hub.kinds_in(Mailbox.EMPTY, Mailbox.WAITING):
+        if hub.kinds_with_mailbox(MailboxState.EMPTY, MailboxState.WAITING):
             number += 1
             data = pb.ImageSet(left=pb.Image(data=bytes({SET_MB} << 20))).SerializeToString()
             for kind in hub.kinds():

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from renderers.stereo.mesh import MeshOptions, bin_size, disparity_mesh
+from renderers.stereo.mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import MODELS, Intrinsics
 from tests.stereo.analytic import plane, sphere
 
@@ -145,7 +145,7 @@ def test_scan_size_is_the_footprint_of_a_pixel() -> None:
 
 @given(st.integers(1, 700), st.integers(1, 700), st.integers(0, 10**6))
 def test_bins_are_the_smallest_that_suffice(width: int, height: int, limit: int) -> None:
-    n = bin_size(width, height, limit)
+    n = smallest_bin_size(width, height, limit)
     if limit:
         assert -(-width // n) * -(-height // n) <= limit
         assert n == 1 or -(-width // (n - 1)) * -(-height // (n - 1)) > limit
@@ -172,7 +172,7 @@ def test_any_disparity_image_gives_a_valid_file(
     left = np.zeros((height * 2, width * 2), np.uint8)
     options = MeshOptions(max_points, min_depth, watertight, textured, textured)
     _, vertices, faces = read(disparity_mesh(d, k, 0.1, options, left))
-    n = bin_size(width, height, max_points)
+    n = smallest_bin_size(width, height, max_points)
     bins = -(-width // n) * -(-height // n)
     assert len(vertices) <= bins
     if watertight:

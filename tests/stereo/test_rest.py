@@ -108,7 +108,7 @@ async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
     assert answer.json()[0]["value"] == 5.0
     answer = await rest.put("/api/v1/nodes/rc_stereocamera/parameters/exp_auto", json={"value": False})
     assert answer.json()["value"] is False
-    assert camera.service.settings.auto is None
+    assert camera.service.settings.auto_exposure is None
     assert (await rest.get(f"{V2}/rc_camera/parameters/exp_control")).json()["value"] == "Manual"
 
 

@@ -37,8 +37,8 @@ def test_custom_camera_from_a_file(tmp_path: Path) -> None:
 
 def test_disparity_range_is_limited_by_the_matcher() -> None:
     huge = model_of(load({"stereo_model": "custom", "stereo_size": "8192x64", "stereo_focal_factor": "20"}))
-    assert huge.disparity_range(1, 0.1) == 2032
-    assert MODELS["rc_visard 160-6"].disparity_range(Quality.FULL.divisor, 0.1) < 2032
+    assert huge.disparity_count(1, 0.1) == 2032
+    assert MODELS["rc_visard 160-6"].disparity_count(Quality.FULL.divisor, 0.1) < 2032
 
 
 def test_image_noise_is_a_factor() -> None:

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
 from gateway.stereo.messages import ImageMetadata
-from gateway.stereo.request import RequestError, SetKind, kind_of
+from gateway.stereo.request import RequestError, SetKind, set_kind_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import Intrinsics
 
-METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, lines=1)
+METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, gpio=1)
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (2, 3, 3), (2400, 2000)])
@@ -107,7 +107,7 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     options = request.mesh_options
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
-        kind = kind_of(request)
+        kind = set_kind_of(request)
     except RequestError as error:
         assert wrong
         assert "mesh_options." in str(error)
@@ -117,13 +117,13 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     fields = ("left_enabled", "right_enabled", "disparity_enabled", "disparity_error_enabled", "confidence_enabled")
     assert [getattr(kind, n) for n in names] == [getattr(request, f) for f in fields]
     assert (kind.mesh is not None) == request.mesh_enabled
-    assert kind.depth == any(getattr(request, f) for f in (*fields[2:], "mesh_enabled"))
+    assert kind.has_depth == any(getattr(request, f) for f in (*fields[2:], "mesh_enabled"))
     assert str(kind)
 
 
 def test_equivalent_requests_are_one_kind() -> None:
     # Mesh options without a mesh, and colour without images, are ignored.
-    assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
-    assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
+    assert set_kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
+    assert set_kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
         left=True
     )

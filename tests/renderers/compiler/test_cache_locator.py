@@ -15,7 +15,7 @@ from numba.core import caching
 from numba.core import config as numba_config
 
 import renderers.raster
-import renderers.stereo.warmup  # noqa: F401 - they define kernels
+import renderers.stereo.errors  # noqa: F401 - they define kernels
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, KernelCacheLocator, cached_njit, folder_of
 
