@@ -1,4 +1,4 @@
-"""Light rigs of the look ``studio`` from TOML files.
+"""Read light rigs of the look ``studio`` from TOML files.
 
 Missing values have the defaults of ``renderers.light_rig``. World frame, metres, Z up, angles in degrees::
 
@@ -31,17 +31,17 @@ import math
 import reprlib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
-Light_ = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Color = tuple[Light_, Light_, Light_]
-Vector = tuple[Number, Number, Number]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Color = tuple[NonNegative, NonNegative, NonNegative]
+Vector = tuple[Finite, Finite, Finite]
 
 
 class RigFileError(ValueError):
@@ -49,6 +49,8 @@ class RigFileError(ValueError):
 
 
 class _Table(BaseModel):
+    """A table of the file."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
@@ -65,14 +67,14 @@ class _Surroundings(_Table):
     ground: Color = Hemisphere().ground
     softboxes: tuple[_Softbox, ...] = Field((), max_length=MAX_LIGHTS)
     image: Path | None = None
-    intensity: Light_ = 1.0
-    turn: Number = 0.0
+    intensity: NonNegative = 1.0
+    turn: Finite = 0.0
 
 
 class _Light(_Table):
     kind: Literal["directional", "point", "spot"]
     color: Color = (1.0, 1.0, 1.0)
-    intensity: Light_ = 1.0
+    intensity: NonNegative = 1.0
     position: Vector = (0.0, 0.0, 0.0)
     direction: Vector = (0.0, 0.0, -1.0)
     range: float | None = Field(None, gt=0, allow_inf_nan=False)
@@ -82,7 +84,7 @@ class _Light(_Table):
 
 
 class _Rig(_Table):
-    exposure: Light_ = 1.0
+    exposure: NonNegative = 1.0
     tone: ToneName = Rig().tone
     shadow_size: int = Rig().shadow_size
     shadow_radius: int = Rig().shadow_radius
@@ -92,19 +94,19 @@ class _Rig(_Table):
 
 
 def rig_of(path: Path | None) -> Rig:
-    """Return the rig of a file, or the default rig.
+    """Return the rig of a file, or the default rig without one.
 
     Raises:
-        RigFileError: see ``read_rig``.
+        RigFileError: See ``read_rig``.
     """
     return STUDIO if path is None else read_rig(path)
 
 
 def rig_digest(path: Path) -> str:
-    """Return the SHA-256 of a rig's file and the image of its surroundings, in hexadecimal.
+    """Return the SHA-256 of a rig file and the image of its surroundings together, in hexadecimal.
 
     Raises:
-        RigFileError: see ``read_rig``.
+        RigFileError: See ``read_rig``.
     """
     rig = read_rig(path)
     image = rig.surroundings.image if rig.surroundings is not None else None
@@ -115,46 +117,45 @@ def read_rig(path: Path) -> Rig:
     """Return the rig of a TOML file. Paths are relative to its folder.
 
     Raises:
-        RigFileError: a file cannot be read, or a value cannot be used.
+        RigFileError: A file cannot be read, or a value cannot be used.
     """
     try:
-        values: dict[str, Any] = tomllib.loads(path.read_text("utf-8"))
-        read = _Rig.model_validate(values)
+        table = _Rig.model_validate(tomllib.loads(path.read_text("utf-8")))
         return Rig(
-            lights=tuple(_light(table, f"lights.{n}") for n, table in enumerate(read.lights)),
-            surroundings=_surroundings(read.surroundings, path.parent) if read.surroundings is not None else None,
-            scene_lights=read.scene_lights,
-            exposure=read.exposure,
-            tone=read.tone,
-            shadow_size=read.shadow_size,
-            shadow_radius=read.shadow_radius,
+            lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
+            surroundings=_surroundings(table.surroundings, path.parent) if table.surroundings is not None else None,
+            scene_lights=table.scene_lights,
+            exposure=table.exposure,
+            tone=table.tone,
+            shadow_size=table.shadow_size,
+            shadow_radius=table.shadow_radius,
         )
     except OSError as error:
-        of = f" (the surroundings of {path})" if error.filename not in (None, str(path)) else ""
-        raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{of}") from None
+        owner = f" (the surroundings of {path})" if error.filename not in (None, str(path)) else ""
+        raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{owner}") from None
     except ValidationError as error:
-        raise RigFileError(f"{path}: {_fault(error)}") from None
+        raise RigFileError(f"{path}: {_first_error(error)}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
         raise RigFileError(f"{path}: {error}") from None
 
 
 def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
-    from renderers.shading.studio.environment_map import read_hdr
+    from renderers.shading.studio.environment_image import read_hdr
 
     image = (folder / table.image).read_bytes() if table.image is not None else None
     if image is not None:
-        read_hdr(image)  # fail now, not with the first image
+        read_hdr(image)  # refuse a damaged file now, not when the first frame is rendered
     return Surroundings(
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
             Softbox(
-                _direction(box.direction, f"surroundings.softboxes.{n}"),
+                _unit_vector(box.direction, f"surroundings.softboxes.{number}"),
                 box.radiance,
                 math.radians(box.width),
                 math.radians(box.height),
                 box.softness,
             )
-            for n, box in enumerate(table.softboxes)
+            for number, box in enumerate(table.softboxes)
         ),
         image=image,
         intensity=table.intensity,
@@ -162,17 +163,17 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
     )
 
 
-def _light(table: _Light, where: str) -> Light:
+def _light(table: _Light, table_name: str) -> Light:
     if table.kind == "spot" and table.inner_cone >= table.outer_cone:
         raise ValueError(
-            f"{where}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}"
+            f"{table_name}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}"
         )
     return Light(
         LightKind(table.kind),
         table.color,
         table.intensity,
         table.position,
-        _direction(table.direction, where),
+        _unit_vector(table.direction, table_name),
         table.range,
         math.radians(table.inner_cone),
         math.radians(table.outer_cone),
@@ -180,16 +181,17 @@ def _light(table: _Light, where: str) -> Light:
     )
 
 
-def _direction(v: Vector, where: str) -> Vector:
-    length = math.hypot(*v)
+def _unit_vector(direction: Vector, table_name: str) -> Vector:
+    x, y, z = direction
+    length = math.hypot(x, y, z)
     if not 1e-9 < length < 1e9:
-        raise ValueError(f"{where}: direction = {list(v)} has no direction")
-    return v[0] / length, v[1] / length, v[2] / length
+        raise ValueError(f"{table_name}: direction = {list(direction)} has no direction")
+    return x / length, y / length, z / length
 
 
-def _fault(error: ValidationError) -> str:
-    """Return the first error as a sentence with field, reason and, if one was given, value."""
-    fault = error.errors(include_url=False)[0]
-    where = ".".join(map(str, fault["loc"]))
-    text = f"{where}: {fault['msg'][:1].lower()}{fault['msg'][1:]}"
-    return text if fault["type"] == "missing" else f"{text}, not {reprlib.repr(fault['input'])}"
+def _first_error(error: ValidationError) -> str:
+    """Return the first error as a sentence with field, reason and, unless it is missing, the value."""
+    first = error.errors(include_url=False)[0]
+    field = ".".join(map(str, first["loc"]))
+    sentence = f"{field}: {first['msg'][:1].lower()}{first['msg'][1:]}"
+    return sentence if first["type"] == "missing" else f"{sentence}, not {reprlib.repr(first['input'])}"

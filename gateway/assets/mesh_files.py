@@ -1,7 +1,7 @@
-"""Mesh files named by clients, read from folders that the operator opened, and cached while they do not change.
+"""Load mesh files that clients name, from folders that the operator opened to them (``--mesh-root``), with a cache.
 
-No other file is read: names, also those of materials and textures inside the files, are resolved with all symbolic
-links before they are compared with the roots. Nothing is fetched from the network.
+No other file is read: all names, also those of materials and textures inside mesh files, are resolved including
+symbolic links and must then be below one of these folders. Nothing is fetched from the network.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from gateway.scene.transforms import scaling
 from renderers.cache import Cache
 
 SIBLINGS = ("obj", "gltf", "glb", "stl", "ply", "dae")
-"""Formats of files with the same stem that replace a file that is missing or of an unknown format (``.vtp``, ``.sdf``),
-in this order. Director prefers them even to an existing file."""
+"""Extensions that are tried, in this order, for a file that is missing or of an unknown format (``.vtp``, ``.sdf``).
+Director tries them even for existing files."""
 
 
 class MeshFileError(ValueError):
@@ -52,14 +52,14 @@ class MeshFileLimits:
 
 
 _Stamp = tuple[str, int, int]
-"""(real path, mtime in ns, size)."""
+"""(real path, time of the last change in ns, size in bytes): differs once a file was changed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Loaded:
+class _LoadedFile:
     parts: tuple[Part, ...]
     stamps: tuple[_Stamp, ...]
-    """Stamps of the file and of all files that it refers to and that could be read."""
+    """Of the file and of all files that it refers to and that could be read."""
     nbytes: int
 
 
@@ -76,7 +76,8 @@ class MeshFiles:
         self._packages = Packages(self._roots)
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
-        self.cache: Cache[str, _Loaded] = Cache(self._limits.cache_bytes)
+        """Locks by path, so that threads which need the same file load it once."""
+        self.cache: Cache[str, _LoadedFile] = Cache(self._limits.cache_bytes)
         """Loaded files by path."""
 
     def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
@@ -95,7 +96,7 @@ class MeshFiles:
             lock = self._loading.setdefault(key, threading.Lock())
         try:
             with lock:
-                loaded = self._unchanged(key) or self._load(path, filename)
+                loaded = self._cached(key) or self._load(path, filename)
         finally:
             with self._lock:
                 self._loading.pop(key, None)
@@ -107,70 +108,69 @@ class MeshFiles:
     def _find(self, filename: str) -> Path:
         """Return the real path of an existing, allowed file of a known format."""
         if not self._roots:
-            raise MeshFileError(f"{_shown(filename)}: no folder is open to clients (--mesh-root)")
-        candidates = self._candidates(filename)
-        allowed = [path for path in candidates if self._allowed(path)]
+            raise MeshFileError(f"{_quoted(filename)}: no folder is open to clients (--mesh-root)")
+        allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
         if not allowed:
-            raise MeshFileError(f"{_shown(filename)} lies outside of the folders that are open to clients")
+            raise MeshFileError(f"{_quoted(filename)} lies outside of the folders that are open to clients")
         for path in allowed:
             if path.suffix[1:].lower() in FORMATS and _is_file(path):
                 return path
         for path in allowed:
             for extension in SIBLINGS:
                 sibling = Path(os.path.realpath(path.with_suffix("." + extension))) if path.name else path
-                if self._allowed(sibling) and _is_file(sibling):
+                if self._is_below_root(sibling) and _is_file(sibling):
                     return sibling
         for path in allowed:
             if _stamp(str(path)) is not None:
-                known = ", ".join(sorted(FORMATS))
-                raise MeshFileError(f"{_shown(filename)} is not a file of a known format ({known})")
-        raise MeshFileError(f"{_shown(filename)}: there is no such file", missing=True)
+                formats = ", ".join(sorted(FORMATS))
+                raise MeshFileError(f"{_quoted(filename)} is not a file of a known format ({formats})")
+        raise MeshFileError(f"{_quoted(filename)}: there is no such file", missing=True)
 
     def _candidates(self, filename: str) -> list[Path]:
-        """Return the real paths (without links) that a name may refer to."""
+        """Return the paths that a name may refer to, with symbolic links resolved."""
         if "\0" in filename or not filename or len(filename) > 4096:
-            raise MeshFileError(f"{_shown(filename)} is not a file name")
+            raise MeshFileError(f"{_quoted(filename)} is not a file name")
         scheme, separator, rest = filename.partition("://")
         if separator and scheme == "package":
-            name, _, below = rest.partition("/")
-            folder = self._packages.folder(name)
+            package, _, path_in_package = rest.partition("/")
+            folder = self._packages.folder(package)
             if folder is None:
-                raise MeshFileError(f"{_shown(filename)}: there is no package {_shown(name)}", missing=True)
-            named = [folder / below]
+                raise MeshFileError(f"{_quoted(filename)}: there is no package {_quoted(package)}", missing=True)
+            paths = [folder / path_in_package]
         elif separator and scheme == "file":
-            named = [Path("/" + unquote(rest).lstrip("/"))]
+            paths = [Path("/" + unquote(rest).lstrip("/"))]
         elif separator:
-            raise MeshFileError(f"{_shown(filename)}: only package:// and file:// can be read, nothing is fetched")
+            raise MeshFileError(f"{_quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
         elif filename.startswith("/"):
-            named = [Path(filename)]
+            paths = [Path(filename)]
         else:
-            named = [root / filename for root in self._roots]
+            paths = [root / filename for root in self._roots]
         try:
-            return [Path(os.path.realpath(path)) for path in named]
+            return [Path(os.path.realpath(path)) for path in paths]
         except (OSError, ValueError):
-            raise MeshFileError(f"{_shown(filename)} is not a file name") from None
+            raise MeshFileError(f"{_quoted(filename)} is not a file name") from None
 
-    def _allowed(self, real: Path) -> bool:
-        return any(real.is_relative_to(root) for root in self._roots)
+    def _is_below_root(self, path: Path) -> bool:
+        return any(path.is_relative_to(root) for root in self._roots)
 
-    def _unchanged(self, key: str) -> _Loaded | None:
+    def _cached(self, key: str) -> _LoadedFile | None:
         """Return a file from the cache, unless it or a file that it refers to has changed."""
         loaded = self.cache.get(key)
         if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
             return None
         return loaded
 
-    def _load(self, path: Path, filename: str) -> _Loaded:
-        source = _Source(path, self._roots, self._limits)
+    def _load(self, path: Path, filename: str) -> _LoadedFile:
+        reader = _FileReader(path, self._roots, self._limits)
         try:
-            data = source.read(path)
-            parts = parse_mesh(data, path.suffix[1:].lower(), source.resolve, self._limits.gltf)
+            data = reader.read(path)
+            parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf)
         except (MeshFormatError, GltfError, _RefusedError) as error:
-            raise MeshFileError(f"{_shown(filename)}: {error}") from error
+            raise MeshFileError(f"{_quoted(filename)}: {error}") from error
         except OSError as error:
-            raise MeshFileError(f"{_shown(filename)} cannot be read: {error.strerror}") from error
+            raise MeshFileError(f"{_quoted(filename)} cannot be read: {error.strerror}") from error
         parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
-        loaded = _Loaded(parts, tuple(source.stamps), _nbytes(parts))
+        loaded = _LoadedFile(parts, tuple(reader.stamps), _nbytes(parts))
         self.cache.put(str(path), loaded, loaded.nbytes)
         return loaded
 
@@ -179,7 +179,7 @@ class _RefusedError(ValueError):
     """A file that may not be read."""
 
 
-class _Source:
+class _FileReader:
     """Reads one mesh file and the files that it refers to, within the roots and the limits."""
 
     def __init__(self, path: Path, roots: tuple[Path, ...], limits: MeshFileLimits) -> None:
@@ -193,24 +193,28 @@ class _Source:
     def resolve(self, name: str) -> bytes:
         """Return the bytes of a file that the mesh file refers to, relative to it."""
         if "\0" in name or "://" in name:
-            raise _RefusedError(f"{_shown(name)} is not a file beside it")
-        real = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
-        if not any(real.is_relative_to(root) for root in self._roots):
-            raise _RefusedError(f"{_shown(name)} lies outside of the folders that are open to clients")
-        return self.read(real)
+            raise _RefusedError(f"{_quoted(name)} is not a file beside it")
+        path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
+        if not any(path.is_relative_to(root) for root in self._roots):
+            raise _RefusedError(f"{_quoted(name)} lies outside of the folders that are open to clients")
+        return self.read(path)
 
-    def read(self, real: Path) -> bytes:
-        """Return the bytes of a regular file."""
-        stamp = _stamp(str(real))
+    def read(self, path: Path) -> bytes:
+        """Return the bytes of a regular file.
+
+        Args:
+            path: With symbolic links resolved.
+        """
+        stamp = _stamp(str(path))
         # Without O_NONBLOCK, opening a pipe in the folder would block the thread for ever.
-        descriptor = os.open(real, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise _RefusedError(f"{_shown(real.name)} is not a regular file")
+                raise _RefusedError(f"{_quoted(path.name)} is not a regular file")
             limit = min(self._limits.max_bytes, self._remaining)
             data = file.read(limit + 1)
         if len(data) > limit:
-            raise _RefusedError(f"{_shown(real.name)} is larger than the {limit} bytes that are left to it")
+            raise _RefusedError(f"{_quoted(path.name)} is larger than the {limit} bytes that are left to it")
         self._remaining -= len(data)
         if stamp is not None:
             self.stamps.append(stamp)
@@ -222,12 +226,13 @@ def _is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - see the docstring
 
 
-def _stamp(real: str) -> _Stamp | None:
+def _stamp(path: str) -> _Stamp | None:
+    """Return the stamp of a file; None if it does not exist."""
     try:
-        status = os.stat(real)  # noqa: PTH116 - a string is what is kept
+        status = os.stat(path)  # noqa: PTH116 - a string is what is kept
     except (OSError, ValueError):
         return None
-    return real, status.st_mtime_ns, status.st_size
+    return path, status.st_mtime_ns, status.st_size
 
 
 def _nbytes(parts: tuple[Part, ...]) -> int:
@@ -242,5 +247,6 @@ def _nbytes(parts: tuple[Part, ...]) -> int:
     return total
 
 
-def _shown(name: str) -> str:
+def _quoted(name: str) -> str:
+    """Return a name from a client for a message: quoted, and shortened to 120 characters."""
     return repr(name if len(name) <= 120 else name[:117] + "...")

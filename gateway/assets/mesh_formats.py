@@ -1,4 +1,4 @@
-"""Mesh files of all formats as parts of the scene: OBJ, STL, PLY and COLLADA by trimesh, glTF by our own reader."""
+"""Parse mesh files of all formats: OBJ, STL, PLY and COLLADA by trimesh, glTF by ``gateway.gltf``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Resolve = Callable[[str], bytes]
 
 
 class MeshFormatError(ValueError):
-    """A content that cannot be parsed. The message does not name the file."""
+    """A file that cannot be parsed. The message does not name the file."""
 
 
 def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
@@ -49,8 +49,8 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
     """
     if extension in _GLTF_FORMATS:
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
-    base = _collada_axes(data) if extension == "dae" else IDENTITY
-    parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), base, limits)
+    X_part_file = _collada_axes(data) if extension == "dae" else IDENTITY
+    parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), X_part_file, limits)
     if not parts:
         raise MeshFormatError("the file holds no triangles or points")
     return without_broken_textures(tuple(parts), limits.max_total_image_pixels)
@@ -103,17 +103,17 @@ def _collada_axes(data: bytes) -> Matrix:
     """Return the transform to metres and Z up from the document's unit and up axis (COLLADA 1.4, 5-19)."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise MeshFormatError("COLLADA documents with a DOCTYPE, or not in UTF-8, are refused")
-    head = data[: 1 << 16].decode("utf-8", "replace")
-    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", head)
-    axis = re.search(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>", head)
+    start = data[: 1 << 16].decode("utf-8", "replace")
+    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", start)
+    axis = re.search(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>", start)
     try:
         metres = float(unit[1]) if unit else 1.0
     except ValueError:
         metres = 1.0
     if not 1e-9 < metres < 1e9:
         raise MeshFormatError(f"its unit of {metres:g} m is out of range")
-    turn = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[axis[1] if axis else "Y"]
-    return turn @ scaling(metres, metres, metres)
+    rotation = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[axis[1] if axis else "Y"]
+    return rotation @ scaling(metres, metres, metres)
 
 
 _X_UP_TO_Z_UP: Final[Matrix] = np.array(
@@ -122,7 +122,8 @@ _X_UP_TO_Z_UP: Final[Matrix] = np.array(
 """From COLLADA's X_UP (right -Y, up +X, inward +Z) to right +X, up +Z, inward +Y."""
 
 
-def _parts_of_scene(scene: Any, base: Matrix, limits: GltfLimits) -> list[Part]:
+def _parts_of_scene(scene: Any, X_part_file: Matrix, limits: GltfLimits) -> list[Part]:
+    """Return a part for each instance of a geometry in a trimesh scene."""
     parts: list[Part] = []
     shapes: dict[str, tuple[Shape, Material] | None] = {}
     vertices = elements = 0
@@ -137,12 +138,12 @@ def _parts_of_scene(scene: Any, base: Matrix, limits: GltfLimits) -> list[Part]:
                     f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles"
                 )
             shapes[name] = _shape_of(geometry, limits)
-        made = shapes[name]
-        if made is None:
+        shape_and_material = shapes[name]
+        if shape_and_material is None:
             continue
         if len(parts) >= limits.max_instances:
             raise MeshFormatError(f"it has more than {limits.max_instances} parts")
-        parts.append(Part(made[0], made[1], base @ np.asarray(X, dtype=np.float64)))
+        parts.append(Part(*shape_and_material, X_part_file @ np.asarray(X, dtype=np.float64)))
     return parts
 
 
@@ -168,13 +169,13 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
         positions[~finite] = 0.0
     uv, material = _material_of(geometry, len(positions), limits)
     # trimesh computes missing normals in its property; only the cache tells if the file has any.
-    given = geometry._cache.cache.get("vertex_normals")
-    if given is None or len(given) != len(positions):
+    file_normals = geometry._cache.cache.get("vertex_normals")
+    if file_normals is None or len(file_normals) != len(positions):
         from gateway.scene.crease_normals import with_creases  # the import compiles or loads kernels
 
         return Surface(with_creases(positions, triangles, uv=uv, colors=colors)), material
     with np.errstate(all="ignore"):
-        normals = given / np.linalg.norm(given, axis=1, keepdims=True)
+        normals = file_normals / np.linalg.norm(file_normals, axis=1, keepdims=True)
     normals = np.ascontiguousarray(np.nan_to_num(normals, posinf=0.0, neginf=0.0), dtype=np.float32)
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
 
@@ -199,23 +200,23 @@ def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray
     """Return texture coordinates (origin at the top left, unlike in these files) and the material."""
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
-        return None, _colored(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
-    source = getattr(visual, "material", None)
-    if source is None:
+        return None, _diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
+    file_material = getattr(visual, "material", None)
+    if file_material is None:
         return None, _DEFAULT_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
     if coordinates is not None and np.shape(coordinates) == (count, 2) and np.isfinite(coordinates).all():
         uv = np.array(coordinates, dtype=np.float32)
         uv[:, 1] = 1.0 - uv[:, 1]
-    texture = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
+    texture = getattr(file_material, "baseColorTexture", None) or getattr(file_material, "image", None)
     image = _image_of(texture, limits) if uv is not None and texture is not None else None
-    diffuse = getattr(source, "baseColorFactor", None)
-    diffuse = getattr(source, "diffuse", None) if diffuse is None else diffuse
+    diffuse = getattr(file_material, "baseColorFactor", None)
+    diffuse = getattr(file_material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.asarray(diffuse, dtype=np.float64)[:4] / 255.0
     color = np.append(color, 1.0)[:4]
-    color[3] *= _mtl_opacity(getattr(source, "kwargs", None) or {})
-    return uv if image is not None else None, _colored(color, image)
+    color[3] *= _mtl_opacity(getattr(file_material, "kwargs", None) or {})
+    return uv if image is not None else None, _diffuse_material(color, image)
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:
@@ -229,10 +230,13 @@ def _mtl_opacity(statements: dict[str, Any]) -> float:
     return 1.0
 
 
-def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
-    """Return a diffuse material of an sRGB colour.
+def _diffuse_material(color: NDArray[np.float64], image: Image | None) -> Material:
+    """Return a diffuse material.
 
-    A texture replaces the colour except its opacity, as in VTK and Drake: files often pair textures with a black Kd.
+    An image replaces the colour except its opacity, as in VTK and Drake: files often have a black Kd with a texture.
+
+    Args:
+        color: (4,) float64, sRGB and opacity in 0 .. 1.
     """
     r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
     base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))

@@ -1,4 +1,4 @@
-"""ROS packages below given folders, for ``package://name/...``."""
+"""Find ROS packages below given folders, for names such as ``package://name/path``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SKIPPED: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__pycache__
 
 
 class Packages:
-    """Folders by package name, found by their ``package.xml``. The first one in the order of the roots counts."""
+    """Folders by package name, found by their ``package.xml``. Of several, the first one counts. Thread-safe."""
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
         """
@@ -32,38 +32,39 @@ class Packages:
         self._roots = roots
         self._clock = clock
         self._lock = threading.Lock()
-        self._found: dict[str, Path] = {}
-        self._scanned: float | None = None
+        self._folders: dict[str, Path] = {}
+        self._last_scan: float | None = None
+        """Time on the clock; None before the first search."""
 
     def folder(self, name: str) -> Path | None:
-        """Return the folder of a package; None where there is none."""
+        """Return the folder of a package; None if there is none."""
         with self._lock:
-            found = self._found.get(name)
-            now = self._clock()
-            if found is None and (self._scanned is None or now - self._scanned >= RESCAN_SECONDS):
-                self._found = self.scan()
-                self._scanned = self._clock()
-                found = self._found.get(name)
-            return found
+            folder = self._folders.get(name)
+            if folder is None and (self._last_scan is None or self._clock() - self._last_scan >= RESCAN_SECONDS):
+                self._folders = self.scan()
+                self._last_scan = self._clock()
+                folder = self._folders.get(name)
+            return folder
 
     def scan(self) -> dict[str, Path]:
-        found: dict[str, Path] = {}
+        """Search the roots, at most ``MAX_FOLDERS`` folders. Packages inside packages are not found."""
+        folders: dict[str, Path] = {}
         remaining = MAX_FOLDERS
         for root in self._roots:
-            depth = len(root.parts)
-            for folder, below, files in os.walk(root):
+            root_depth = len(root.parts)
+            for folder, subfolders, files in os.walk(root):
                 remaining -= 1
                 if remaining < 0:
-                    return found
+                    return folders
                 if "package.xml" in files:
                     name = _package_name(Path(folder) / "package.xml")
                     if name is not None:
-                        found.setdefault(name, Path(folder))
-                    below.clear()
-                elif len(Path(folder).parts) - depth >= MAX_DEPTH:
-                    below.clear()
-                below[:] = sorted(name for name in below if name not in _SKIPPED)
-        return found
+                        folders.setdefault(name, Path(folder))
+                    subfolders.clear()
+                elif len(Path(folder).parts) - root_depth >= MAX_DEPTH:
+                    subfolders.clear()
+                subfolders[:] = sorted(name for name in subfolders if name not in _SKIPPED)
+        return folders
 
 
 def _package_name(manifest: Path) -> str | None:

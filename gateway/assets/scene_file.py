@@ -1,4 +1,4 @@
-"""glTF files of the operator, rotated to Z up. They may refer to files beside them."""
+"""Read glTF files that the operator names, rotated to Z up. They may refer to files in their own folder."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class FolderFiles:
     def __init__(self, path: Path) -> None:
         self._path = path.resolve()
         self.digests: dict[str, str] = {}
-        """SHA-256 of the files read so far, by path relative to the folder, the scene file first."""
+        """SHA-256 in hexadecimal of the files read so far, by path relative to the folder; the scene file is first."""
 
     def read_scene(self) -> bytes:
         """Return the bytes of the scene file; raises OSError."""
@@ -98,7 +98,7 @@ def read_scene_file(
     return SceneFile(rotated, cameras, scene.warnings, scene.generator, lights)
 
 
-def _rotated(v: tuple[float, float, float]) -> tuple[float, float, float]:
+def _rotated(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     """Rotate a point or direction from Y up to Z up."""
-    x, y, z = Y_UP_TO_Z_UP[:3, :3] @ v
+    x, y, z = Y_UP_TO_Z_UP[:3, :3] @ vector
     return float(x), float(y), float(z)

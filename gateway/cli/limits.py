@@ -116,7 +116,7 @@ def reference() -> str:
         parts += [_row(field, _number(value), text) for field, value, text in _limits_of(kind)]
     for heading, module, names in CONSTANTS:
         source = importlib.import_module(module)
-        texts = _texts(ast.parse(inspect.getsource(source)).body)
+        texts = _docstrings(ast.parse(inspect.getsource(source)).body)
         parts.append(f"\n## {heading}\n\n`{module}`\n\n| constant | value | |\n| --- | --- | --- |")
         parts += [_row(name, _number(getattr(source, name)), texts[name]) for name in names]
     return "\n".join(parts) + "\n"
@@ -125,15 +125,15 @@ def reference() -> str:
 def _limits_of(kind: type[Any]) -> Iterator[tuple[str, Any, str]]:
     (body,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(body, ast.ClassDef)
-    texts = _texts(body.body)
+    texts = _docstrings(body.body)
     for field in fields(kind):
         if field.name not in _NOT_LIMITS and type(field.default) in (int, float):
             yield field.name, field.default, texts.get(field.name, "")
 
 
-def _texts(body: list[ast.stmt]) -> dict[str, str]:
+def _docstrings(body: list[ast.stmt]) -> dict[str, str]:
     """Return the docstrings of assignments, by name."""
-    found = {}
+    docstrings = {}
     for statement, after in pairwise(body):
         if isinstance(statement, ast.AnnAssign):
             target: ast.expr = statement.target
@@ -142,8 +142,8 @@ def _texts(body: list[ast.stmt]) -> dict[str, str]:
         else:
             continue
         if isinstance(target, ast.Name) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            found[target.id] = " ".join(str(after.value.value).replace("``", "`").split())
-    return found
+            docstrings[target.id] = " ".join(str(after.value.value).replace("``", "`").split())
+    return docstrings
 
 
 def _row(name: str, value: str, text: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.buffers import Buffer, Buffers
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.schema import Document, Sparse
 
@@ -29,7 +29,7 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
 COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MAX_STRIDE: Final = 252
 """Maximum ``byteStride``, by the specification."""
-_pack_layout: Final = Struct("<3qcB?").pack
+_pack_key: Final = Struct("<B32s3qc??").pack
 _NO_BUFFER: Final = bytes(32)
 
 
@@ -53,13 +53,21 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def key(self) -> bytes:
-        """Content of the accessor: equal keys mean equal values. The length of a key follows from its own bytes."""
-        digest = _NO_BUFFER if self.buffer is None else self.buffer.digest
-        dtype, sparse = self.dtype.char.encode(), self.sparse
-        layout = _pack_layout(self.offset, self.stride, self.count, dtype, self.components, self.normalized)
-        if sparse is None:
-            return b"%b%b\0" % (digest, layout)
-        return b"%b%b\1%b%b" % (digest, layout, sparse[0].key, sparse[1].key)
+        """Identifies the content: equal keys mean equal values.
+
+        A key's own bytes tell its length, so that joined keys are equal only if each of them is.
+        """
+        key = _pack_key(
+            self.components,  # never 0, unlike the key of an absent accessor
+            _NO_BUFFER if self.buffer is None else self.buffer.digest,
+            self.offset,
+            self.stride,
+            self.count,
+            self.dtype.char.encode(),
+            self.normalized,
+            self.sparse is not None,
+        )
+        return key if self.sparse is None else key + self.sparse[0].key + self.sparse[1].key
 
     def values(self, begin: int = 0, end: int | None = None) -> Array:
         """Return the values from ``begin`` to ``end`` as stored.
@@ -118,25 +126,25 @@ class Accessors:
         self._merged = merged
         self._accessors: dict[int, Accessor] = {}
 
-    def get(self, index: int, where: str) -> Accessor:
-        """Return ``accessors[index]``, to which the property ``where`` refers.
+    def get(self, index: int, path: str) -> Accessor:
+        """Return ``accessors[index]``, to which the property ``path`` refers.
 
         Raises:
             GltfError: Out of range, of an unknown type, or beyond its buffer view.
         """
-        if (known := self._accessors.get(index)) is not None:
-            return known
-        source = item(self._sources, index, "accessors", where)
+        if (checked := self._accessors.get(index)) is not None:
+            return checked
+        source = checked_item(self._sources, index, "accessors", path)
         name = f"accessors[{index}]"
-        dtype = _component_type(source.component_type, name)
+        dtype = _checked_dtype(source.component_type, name)
         components = COMPONENT_COUNTS.get(source.type)
         if components is None:
             raise GltfError(
                 f"{name}.type: {str(source.type)[:20]} is not one of {', '.join(map(str, COMPONENT_COUNTS))}"
             )
-        count = _count(source.count, self._max_count, f"{name}.count")
-        place = self._locate(name, source.buffer_view, source.byte_offset, dtype.itemsize * components, count)
-        accessor = Accessor(name, dtype, components, bool(source.normalized), count, *place)
+        count = _checked_count(source.count, self._max_count, f"{name}.count")
+        location = self._locate(name, source.buffer_view, source.byte_offset, dtype.itemsize * components, count)
+        accessor = Accessor(name, dtype, components, bool(source.normalized), count, *location)
         if source.sparse is not None:
             try:
                 accessor = self._with_sparse(accessor, source.sparse)
@@ -150,7 +158,7 @@ class Accessors:
     def _locate(
         self, name: str, view_index: int | None, byte_offset: int | None, size: int, count: int
     ) -> tuple[Buffer | None, int, int]:
-        """Return buffer, offset and stride of ``count`` values of ``size`` bytes; None without a buffer view."""
+        """Return buffer, offset and stride of ``count`` values of ``size`` bytes; no buffer without a buffer view."""
         if view_index is None:
             return None, 0, 0
         view = self._buffers.view(view_index, f"{name}.bufferView")
@@ -163,39 +171,40 @@ class Accessors:
         return view.buffer, view.offset + offset, stride
 
     def _with_sparse(self, base: Accessor, sparse: Sparse) -> Accessor:
+        """Return ``base`` with the sparse part checked and added."""
         name = f"{base.name}.sparse"
-        count = _count(sparse.count, base.count, f"{name}.count")
+        count = _checked_count(sparse.count, base.count, f"{name}.count")
         if count == 0:
             return base
         if sparse.indices is None or sparse.values is None:
             raise GltfError(f"{name}: indices or values are missing")
         if sparse.indices.buffer_view is None or sparse.values.buffer_view is None:
             raise GltfError(f"{name}: the bufferView of indices or values is missing")
-        dtype = _component_type(sparse.indices.component_type, f"{name}.indices")
+        dtype = _checked_dtype(sparse.indices.component_type, f"{name}.indices")
         if dtype.kind != "u":
             raise GltfError(f"{name}.indices.componentType: {sparse.indices.component_type} is not unsigned")
-        place = self._locate(
+        location = self._locate(
             f"{name}.indices", sparse.indices.buffer_view, sparse.indices.byte_offset, dtype.itemsize, count
         )
-        indices = Accessor(f"{name}.indices", dtype, 1, False, count, *place)
+        indices = Accessor(f"{name}.indices", dtype, 1, False, count, *location)
         size = base.dtype.itemsize * base.components
-        place = self._locate(f"{name}.values", sparse.values.buffer_view, sparse.values.byte_offset, size, count)
-        values = Accessor(f"{name}.values", base.dtype, base.components, base.normalized, count, *place)
-        if (largest := int(indices.values().max())) >= base.count:
-            raise GltfError(f"{name}.indices: {largest} is out of range ({base.count} elements)")
+        location = self._locate(f"{name}.values", sparse.values.buffer_view, sparse.values.byte_offset, size, count)
+        values = Accessor(f"{name}.values", base.dtype, base.components, base.normalized, count, *location)
+        if (max_index := int(indices.values().max())) >= base.count:
+            raise GltfError(f"{name}.indices: {max_index} is out of range ({base.count} elements)")
         return msgspec.structs.replace(base, sparse=(indices, values))
 
 
-def _component_type(component_type: int | None, name: str) -> np.dtype[Any]:
+def _checked_dtype(component_type: int | None, name: str) -> np.dtype[Any]:
     dtype = COMPONENT_TYPES.get(component_type)
     if dtype is None:
         raise GltfError(f"{name}.componentType: {component_type} is not a component type")
     return dtype
 
 
-def _count(count: int | None, limit: int, where: str) -> int:
+def _checked_count(count: int | None, limit: int, path: str) -> int:
     if count is None:
-        raise GltfError(f"{where}: missing")
+        raise GltfError(f"{path}: missing")
     if not 0 <= count <= limit:
-        raise GltfError(f"{where}: {count} is not between 0 and {limit}")
+        raise GltfError(f"{path}: {count} is not between 0 and {limit}")
     return count

@@ -1,4 +1,4 @@
-"""Buffers and buffer views: data URIs, files by way of a resolver, and the binary chunk of a ``.glb``."""
+"""Buffers and buffer views. Their bytes come from data URIs, a resolver of files, or the binary chunk of a ``.glb``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import msgspec
 import pybase64
 
 from gateway.gltf.container import Container
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.schema import Document
 from renderers.stop import check_stop
@@ -21,10 +21,10 @@ Resolver = Callable[[str], bytes]
 """Return the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
-_MAX_HEAD: Final = 1024
-"""Bytes of a data URI that are searched for its comma."""
-_BASE64_NOISE: Final = re.compile(rb"[\s=]+")
-_URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
+_MAX_HEADER_BYTES: Final = 1024
+"""Bytes of a data URI that are searched for the comma before its data."""
+_SPACE_AND_PADDING: Final = re.compile(rb"[\s=]+")
+_STANDARD_FROM_URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
 
 class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -56,37 +56,37 @@ class Buffers:
         self._buffers: dict[int, Buffer] = {}
         self._nbytes = 0
 
-    def view(self, index: int, where: str) -> BufferView:
-        """Return ``bufferViews[index]``, to which the property ``where`` refers.
+    def view(self, index: int, path: str) -> BufferView:
+        """Return ``bufferViews[index]``, to which the property ``path`` refers.
 
         Raises:
             GltfError: Out of range, beyond its buffer, or the buffer cannot be read.
         """
-        view = item(self._views, index, "bufferViews", where)
+        source = checked_item(self._views, index, "bufferViews", path)
         name = f"bufferViews[{index}]"
-        if view.buffer is None:
-            compressed = [e for e in view.extensions or () if e.endswith("_meshopt_compression")]
+        if source.buffer is None:
+            compressed = [e for e in source.extensions or () if e.endswith("_meshopt_compression")]
             raise GltfError(f"{name}: {compressed[0]} is not supported" if compressed else f"{name}.buffer: missing")
-        buffer = self._buffer(view.buffer, f"{name}.buffer")
-        offset, length = view.byte_offset or 0, view.byte_length
+        buffer = self._buffer(source.buffer, f"{name}.buffer")
+        offset, length = source.byte_offset or 0, source.byte_length
         if length is None:
             raise GltfError(f"{name}.byteLength: missing")
         if offset < 0 or length < 0 or offset + length > len(buffer.data):
             raise GltfError(
-                f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{view.buffer}] "
+                f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{source.buffer}] "
                 f"({len(buffer.data)} bytes)"
             )
-        return BufferView(buffer, offset, length, view.byte_stride)
+        return BufferView(buffer, offset, length, source.byte_stride)
 
-    def _buffer(self, index: int, where: str) -> Buffer:
-        if (known := self._buffers.get(index)) is not None:
-            return known
-        source = item(self._sources, index, "buffers", where)
+    def _buffer(self, index: int, path: str) -> Buffer:
+        if (loaded := self._buffers.get(index)) is not None:
+            return loaded
+        source = checked_item(self._sources, index, "buffers", path)
         if source.uri is not None:
             buffer = self.from_uri(source.uri, f"buffers[{index}].uri")
-        elif index == 0 and self._container.bin is not None:
-            self.charge(len(self._container.bin), "the binary chunk")
-            buffer = _hashed(self._container.bin)
+        elif index == 0 and self._container.binary_chunk is not None:
+            self.count_bytes(len(self._container.binary_chunk), "the binary chunk")
+            buffer = _hashed(self._container.binary_chunk)
         else:
             raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
         if source.byte_length is not None and source.byte_length > len(buffer.data):  # glTF 2.0, section 3.6.1.1
@@ -96,50 +96,50 @@ class Buffers:
         self._buffers[index] = buffer
         return buffer
 
-    def from_uri(self, text: str, where: str) -> Buffer:
+    def from_uri(self, json_uri: str, path: str) -> Buffer:
         """Return the bytes of a data URI or, through the resolver, of a file.
 
         Args:
-            text: A URI as parsed from the JSON.
-            where: Property that holds it, for the message.
+            json_uri: A URI from the JSON: itself, or the placeholder of a data URI.
+            path: Property that holds it, for the message.
         """
         check_stop()
-        uri = self._container.uri(text)
+        uri = self._container.original_uri(json_uri)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
-            return self._from_file(uri, where)
-        self.charge(len(uri) * 3 // 4, where)
+            return self._from_file(uri, path)
+        self.count_bytes(len(uri) * 3 // 4, path)
         try:
             return _hashed(decode_data_uri(uri))
         except ValueError:
             pass
         try:
-            # A URI that was taken out of the JSON may have escapes ("\/").
+            # A URI that a placeholder replaced may have escapes ("\/").
             unescaped = uri if isinstance(uri, str) else msgspec.json.decode(b'"%b"' % bytes(uri), type=str)
             return _hashed(decode_data_uri(unescaped))
         except (ValueError, msgspec.MsgspecError) as error:
-            raise GltfError(f"{where}: not a valid data URI: {error}") from error
+            raise GltfError(f"{path}: not a valid data URI: {error}") from error
 
-    def charge(self, nbytes: int, where: str) -> None:
-        """Count bytes against ``max_buffer_bytes`` before they are allocated.
+    def count_bytes(self, nbytes: int, path: str) -> None:
+        """Count bytes towards ``max_buffer_bytes`` before they are allocated.
 
         Raises:
             GltfError: The limit is exceeded.
         """
         if self._nbytes + nbytes > self._limits.max_buffer_bytes:
-            raise GltfError(f"{where}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
+            raise GltfError(f"{path}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
         self._nbytes += nbytes
 
-    def _from_file(self, uri: str, where: str) -> Buffer:
-        shown = uri if len(uri) <= 80 else f"{uri[:77]}..."
+    def _from_file(self, uri: str, path: str) -> Buffer:
+        short_uri = uri if len(uri) <= 80 else f"{uri[:77]}..."
         if _SCHEME.match(uri) or uri.startswith(("/", "\\")):
-            raise GltfError(f"{where}: only data URIs and relative URIs are read, not '{shown}'")
+            raise GltfError(f"{path}: only data URIs and relative URIs are read, not '{short_uri}'")
         if self._resolve is None:
-            raise GltfError(f"{where}: '{shown}' is a file, but only data URIs are allowed here")
+            raise GltfError(f"{path}: '{short_uri}' is a file, but only data URIs are allowed here")
         try:
             data = self._resolve(unquote(uri))
         except (OSError, ValueError, LookupError) as error:
-            raise GltfError(f"{where}: cannot read '{shown}': {error}") from error
-        self.charge(len(data), where)
+            raise GltfError(f"{path}: cannot read '{short_uri}': {error}") from error
+        self.count_bytes(len(data), path)
         return _hashed(data)
 
 
@@ -153,12 +153,12 @@ def decode_data_uri(uri: str | memoryview) -> bytes:
     Raises:
         ValueError: There is no comma, or the text is not base64.
     """
-    head = uri[:_MAX_HEAD] if isinstance(uri, str) else bytes(uri[:_MAX_HEAD]).decode("latin-1")
-    comma = head.find(",")
-    if comma < 0:
-        raise ValueError(f"there is no comma within its first {_MAX_HEAD} bytes")
-    text = uri[comma + 1 :]
-    if head[:comma].rstrip()[-7:].lower() != ";base64":
+    start = uri[:_MAX_HEADER_BYTES] if isinstance(uri, str) else bytes(uri[:_MAX_HEADER_BYTES]).decode("latin-1")
+    header, comma, _ = start.partition(",")
+    if not comma:
+        raise ValueError(f"there is no comma within its first {_MAX_HEADER_BYTES} bytes")
+    text = uri[len(header) + 1 :]
+    if not header.rstrip().lower().endswith(";base64"):
         return unquote_to_bytes(text if isinstance(text, str) else bytes(text))
     try:
         return pybase64.b64decode(text, None, True)  # keyword arguments take as long as decoding a small buffer
@@ -166,5 +166,5 @@ def decode_data_uri(uri: str | memoryview) -> bytes:
         pass
     # Line breaks, missing padding and the URL alphabet are sloppy, but unambiguous.
     raw = unquote_to_bytes(text if isinstance(text, str) else bytes(text))
-    cleaned = _BASE64_NOISE.sub(b"", raw).translate(_URL_ALPHABET)
+    cleaned = _SPACE_AND_PADDING.sub(b"", raw).translate(_STANDARD_FROM_URL_ALPHABET)
     return pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), validate=True)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from gateway.gltf import schema
-from gateway.gltf.errors import item
+from gateway.gltf.errors import checked_item
 from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
 _SCALE_TOLERANCE: Final = 1e-12
+"""Deviation of an axis' length from 1 that is rounding, not scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
     for position, node in enumerate(nodes.sources):
         if node.camera is None:
             continue
-        source = item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
+        source = checked_item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
         perspective = source.perspective
         lens = perspective or source.orthographic
         camera = GltfCamera(
@@ -70,10 +70,9 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
     A glTF camera looks along -Z with +Y up.
     """
     pose = X_world_node.copy()
-    with np.errstate(all="ignore"):
-        lengths = np.sqrt((pose[:3, :3] ** 2).sum(axis=0))
-    scaled = (np.abs(lengths - 1.0) > _SCALE_TOLERANCE).any()
-    if scaled and (lengths > 0.0).all() and np.isfinite(lengths).all():
+    lengths = [math.sqrt(x * x + y * y + z * z) for x, y, z in pose[:3, :3].T.tolist()]
+    scaled = any(abs(length - 1.0) > _SCALE_TOLERANCE for length in lengths)
+    if scaled and all(0.0 < length < math.inf for length in lengths):
         pose[:3, :3] /= lengths
     pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # not -x: no negative zeros
     return pose

@@ -1,4 +1,4 @@
-"""The container of a document (``.glb`` or ``.gltf``), and its JSON text without the embedded data."""
+"""First step of reading: split a ``.glb`` or ``.gltf`` file into JSON text without embedded data, and the data."""
 
 from __future__ import annotations
 
@@ -14,29 +14,27 @@ _MAGIC: Final = b"glTF"
 _JSON_CHUNK: Final = 0x4E4F534A
 _BIN_CHUNK: Final = 0x004E4942
 _DATA_URI: Final = re.compile(rb'"uri"\s*:\s*"(?=data:)')
-"""The text before a data URI that is the value of a ``uri`` property, unless a backslash precedes it."""
+"""The text before a data URI. A match with a backslash before it is inside a string, and ignored."""
 _MIN_URI_BYTES: Final = 1024
-"""Shorter data URIs stay in the JSON, where they cost less."""
-_TOKEN: Final = "\0data {}"  # noqa: S105 - not a secret
-"""Text that replaces a data URI. No other URI of a valid document starts with this character."""
+"""Shorter data URIs stay in the JSON: parsing them costs less than taking them out."""
+_PLACEHOLDER: Final = "\0data {}"
+"""String that replaces a data URI in the JSON. No URI of a valid document starts with this character."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Container:
-    """A document before its JSON is parsed."""
+    """The parts of a file. Its memory views refer to the file's bytes."""
 
     json: bytes
-    """The JSON text, its long data URIs replaced by tokens."""
-    uris: dict[str, memoryview]
-    """Data URIs as they stand in the file (escapes included), by token."""
-    tail: int | None
-    """Offset in the file of the text after the last replaced URI; None for a ``.glb``."""
-    bin: memoryview | None
-    """Binary chunk of a ``.glb``."""
+    """The JSON text, with placeholders for its long data URIs."""
+    data_uris: dict[str, memoryview]
+    """Data URIs by placeholder, as written in the file: escapes such as ``\\/`` are not decoded."""
+    binary_chunk: memoryview | None
+    """Data of a ``.glb``."""
 
-    def uri(self, text: str) -> str | memoryview:
-        """Return the data URI that a token stands for, or any other text as it is."""
-        return self.uris.get(text, text)
+    def original_uri(self, uri: str) -> str | memoryview:
+        """Return the data URI that a placeholder replaced, or any other URI unchanged."""
+        return self.data_uris.get(uri, uri)
 
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
@@ -45,70 +43,71 @@ def open_container(data: bytes | bytearray | memoryview) -> Container:
     Raises:
         GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is neither form of glTF.
     """
-    view = memoryview(data).cast("B")
-    start = bytes(view[:4])
-    if start == _MAGIC:
-        text, binary = _glb_chunks(view)
-        json, uris, _ = _extract_data_uris(bytes(text))
-        return Container(json.rstrip(b"\0"), uris, None, binary)  # some writers pad the chunk with zeros
-    if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
-        raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
-    json, uris, tail = _extract_data_uris(data if isinstance(data, bytes | bytearray) else bytes(view))
-    return Container(json, uris, tail, None)
+    file = memoryview(data).cast("B")
+    magic = bytes(file[:4])
+    if magic == _MAGIC:
+        json_chunk, binary_chunk = _glb_chunks(file)
+        json, data_uris = _extract_data_uris(bytes(json_chunk))
+        return Container(json.rstrip(b"\0"), data_uris, binary_chunk)  # some writers pad the chunk with zeros
+    if not bytes(file[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
+        raise GltfError(f"neither glTF JSON nor GLB: it starts with {magic!r}" if magic else "the document is empty")
+    json, data_uris = _extract_data_uris(data if isinstance(data, bytes | bytearray) else bytes(file))
+    return Container(json, data_uris, None)
 
 
-def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
-    """Return the JSON chunk and the binary chunk, if there is one."""
-    if len(view) < 20:
-        raise GltfError(f"GLB: {len(view)} bytes are too few for a header and a chunk")
-    version, length = struct.unpack_from("<II", view, 4)
+def _glb_chunks(file: memoryview) -> tuple[memoryview, memoryview | None]:
+    """Return the JSON chunk and the first binary chunk, or None without one (GLB 2.0: glTF 2.0, section 4.4)."""
+    if len(file) < 20:
+        raise GltfError(f"GLB: {len(file)} bytes are too few for a header and a chunk")
+    version, length = struct.unpack_from("<II", file, 4)
     if version != 2:
         raise GltfError(f"GLB: version {version} is not supported, only 2")
-    if length > len(view):
-        raise GltfError(f"GLB: the header announces {length} bytes, but there are {len(view)}")
-    text: memoryview | None = None
-    binary: memoryview | None = None
+    if length > len(file):
+        raise GltfError(f"GLB: the header announces {length} bytes, but there are {len(file)}")
+    json_chunk: memoryview | None = None
+    binary_chunk: memoryview | None = None
     offset = 12
     while offset + 8 <= length:
-        size, kind = struct.unpack_from("<II", view, offset)
-        begin, offset = offset + 8, offset + 8 + size
-        if offset > length:
-            raise GltfError(f"GLB: the chunk at byte {begin - 8} has {size} bytes, but only {length - begin} are left")
-        if text is None:
-            if kind != _JSON_CHUNK:
-                raise GltfError(f"GLB: the first chunk is of type {kind:#010x}, not JSON")
-            text = view[begin:offset]
-        elif kind == _BIN_CHUNK and binary is None:
-            binary = view[begin:offset]
-        # Chunks should be padded to four bytes. Some writers pad them without counting it, others do not pad at all.
-        if size % 4 and view[offset + 4 : offset + 8] != _BIN_CHUNK.to_bytes(4, "little"):
+        size, chunk_type = struct.unpack_from("<II", file, offset)
+        begin, end = offset + 8, offset + 8 + size
+        if end > length:
+            raise GltfError(f"GLB: the chunk at byte {offset} has {size} bytes, but only {length - begin} are left")
+        if json_chunk is None:
+            if chunk_type != _JSON_CHUNK:
+                raise GltfError(f"GLB: the first chunk is of type {chunk_type:#010x}, not JSON")
+            json_chunk = file[begin:end]
+        elif chunk_type == _BIN_CHUNK and binary_chunk is None:
+            binary_chunk = file[begin:end]
+        offset = end
+        # Sizes should be multiples of four. Some writers pad without counting the padding, others do not pad at all.
+        if size % 4 and file[offset + 4 : offset + 8] != _BIN_CHUNK.to_bytes(4, "little"):
             offset += -offset % 4
-    if text is None:
+    if json_chunk is None:
         raise GltfError("GLB: there is no JSON chunk")
-    return text, binary
+    return json_chunk, binary_chunk
 
 
-def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview], int]:
-    """Return the JSON text with tokens for its long data URIs, these URIs, and the offset after the last one.
+def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview]]:
+    """Return the JSON text with placeholders for its long data URIs, and these URIs.
 
-    Parsing megabytes of base64 as JSON strings costs more than decoding them. A quote that no backslash precedes begins
-    or ends a string, so a URI ends at the next quote; a URI with an escaped quote stays in the JSON.
+    Parsing megabytes of base64 as JSON strings costs more than decoding them. A URI ends at the next quote; one with an
+    escaped quote stays in the JSON.
     """
     view = memoryview(text)
     pieces: list[memoryview | bytes] = []
-    uris: dict[str, memoryview] = {}
-    done = at = 0
-    while match := _DATA_URI.search(text, at):
+    data_uris: dict[str, memoryview] = {}
+    copied_until = end = 0
+    while match := _DATA_URI.search(text, end):
         check_stop()
         begin = match.end()
-        at = text.find(b'"', begin)
-        if at < 0:
+        end = text.find(b'"', begin)
+        if end < 0:
             break
-        escaped = 0x5C in (text[match.start() - 1], text[at - 1])
-        if at - begin >= _MIN_URI_BYTES and not escaped:
-            token = _TOKEN.format(len(uris))
-            uris[token] = view[begin:at]
-            pieces += view[done:begin], token.replace("\0", "\\u0000").encode()
-            done = at
-    pieces.append(view[done:])
-    return b"".join(pieces), uris, done
+        escaped = ord("\\") in (text[match.start() - 1], text[end - 1])
+        if end - begin >= _MIN_URI_BYTES and not escaped:
+            placeholder = _PLACEHOLDER.format(len(data_uris))
+            data_uris[placeholder] = view[begin:end]
+            pieces += view[copied_until:begin], placeholder.replace("\0", "\\u0000").encode()
+            copied_until = end
+    pieces.append(view[copied_until:])
+    return b"".join(pieces), data_uris

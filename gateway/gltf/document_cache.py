@@ -1,8 +1,8 @@
-"""Cache of documents that differ in their nodes only: everything else is read once.
+"""Cache of document contents, so that a document that differs from an earlier one in its nodes only is read quickly.
 
-Drake's client sends the whole scene with every image, and its writer sorts the members of the document by name. While
-a robot moves, the text up to the member ``nodes`` (accessors, buffers, materials, meshes: nearly all of it) stays the
-same. Its result is found by the SHA-256 of that text; only the nodes and the scenes behind it are parsed again.
+Drake's client sends the whole scene with every image, with the members of the JSON document sorted by name. While a
+robot moves, the text before the member ``nodes`` (accessors, buffers, materials, meshes: nearly all of it) stays the
+same. The cache finds its content by the SHA-256 of that text; only the text from ``nodes`` on is parsed again.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import msgspec
@@ -25,40 +26,43 @@ from renderers.cache import Cache
 MIN_BYTES: Final = 4096
 """Shorter texts before the nodes are not kept: parsing them costs no more than hashing."""
 _NODES: Final = b'"nodes"'
-_OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
-"""Start of the nodes of a document; members of that name inside scenes are lists of numbers."""
+_DATA_URI: Final = b'"data:'
+_LIST_OF_OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
+"""Value of the document's member ``nodes``; members of that name inside scenes are lists of numbers."""
 _MAX_CANDIDATES: Final = 64
 """Maximum number of occurrences of ``"nodes"`` that are tried, from the end: scenes and extras may have it, too."""
-_PER_REQUEST: Final = frozenset({"nodes", "scene", "scenes"})
+_CHANGING_MEMBERS: Final = frozenset({"nodes", "scene", "scenes"})
+"""Members of the document that are parsed again."""
 
-_members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
-_nodes: Final = msgspec.json.Decoder(list[schema.Node | None] | None)
-_scenes: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
-_index: Final = msgspec.json.Decoder(int | None)
+_members_decoder: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
+_nodes_decoder: Final = msgspec.json.Decoder(list[schema.Node | None] | None)
+_scenes_decoder: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
+_scene_decoder: Final = msgspec.json.Decoder(int | None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class HashedDocument:
-    """The bytes of a ``.gltf`` or ``.glb`` file and their digests."""
+    """The bytes of a ``.gltf`` or ``.glb`` file and their digests, computed with the GIL released."""
 
-    data: bytes | bytearray
-    """The file; must not change."""
-    nodes_at: int
-    """Offset of the member ``nodes``; 0 where the text before it is too short to be kept, or there is none."""
-    prefix_digest: bytes
-    """SHA-256 of the ``nodes_at`` bytes before it."""
-    digest: str
-    """SHA-256 of all bytes, 64 hexadecimal digits."""
-
-    @classmethod
-    def of(cls, data: bytes | bytearray) -> HashedDocument:
-        """Hash a file in one pass, with the GIL released."""
-        nodes_at = _nodes_offset(data)
+    def __init__(self, data: bytes | bytearray) -> None:
+        """
+        Args:
+            data: The file; must not change.
+        """
+        self.data: Final = data
+        self.nodes_offset: Final = _nodes_offset(data)
+        """Offset of the member ``nodes``; 0 if the text cannot be split there (``_nodes_offset``)."""
         with memoryview(data) as view:
-            hashed = hashlib.sha256(view[:nodes_at])
-            prefix_digest = hashed.digest()
-            hashed.update(view[nodes_at:])
-        return cls(data, nodes_at, prefix_digest, hashed.hexdigest())
+            self._prefix_hash = hashlib.sha256(view[: self.nodes_offset])
+        self.prefix_digest: Final = self._prefix_hash.digest()
+        """SHA-256 of the ``nodes_offset`` bytes before the nodes."""
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all bytes, 64 hexadecimal digits. The bytes before the nodes are not hashed again."""
+        whole = self._prefix_hash.copy()
+        with memoryview(self.data) as view:
+            whole.update(view[self.nodes_offset :])
+        return whole.hexdigest()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +76,9 @@ class DocumentContent:
     parts: Mapping[int, tuple[Part, ...]]
     """Primitives by mesh index, for the meshes in use."""
     used_meshes: tuple[int, ...]
-    """``SceneNodes.used_meshes`` of the nodes that this was read for."""
+    """Indices of the meshes in use, in the order of their first use."""
+    element_counts: Mapping[int, int]
+    """Number of triangles, lines and points by mesh index."""
     morphed_meshes: int
     """Number of meshes with weights of their own."""
     warnings: tuple[str, ...]
@@ -82,15 +88,16 @@ class DocumentContent:
 
 
 _Key: TypeAlias = tuple[bytes, GltfLimits, bool]
-_Fixed: TypeAlias = dict[str, bytes]
-"""JSON text of the members after the nodes, other than nodes and scenes, by name."""
+"""``HashedDocument.prefix_digest``, limits, and True if textures are read."""
+_UnchangedMembers: TypeAlias = dict[str, bytes]
+"""JSON text by name of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
 
 
 class DocumentCache:
     """Contents of documents by the digest of the text before their nodes. Thread-safe; bounded in bytes."""
 
     def __init__(self, max_bytes: int) -> None:
-        self.cache: Final[Cache[_Key, tuple[_Fixed, DocumentContent]]] = Cache(max_bytes)
+        self.cache: Final[Cache[_Key, tuple[_UnchangedMembers, DocumentContent]]] = Cache(max_bytes)
 
     def find(
         self, document: HashedDocument, limits: GltfLimits, textures: bool
@@ -100,15 +107,15 @@ class DocumentCache:
         Args:
             textures: True if textures are read, as for ``read_gltf``.
         """
-        if document.nodes_at == 0:
+        if document.nodes_offset == 0:
             return None
-        found = self.cache.get((document.prefix_digest, limits, textures))
-        if found is None:
+        cached = self.cache.get((document.prefix_digest, limits, textures))
+        if cached is None:
             return None
-        fixed, content = found
+        unchanged, content = cached
         with memoryview(document.data) as view:
-            rest = _parse_rest(bytes(view[document.nodes_at :]), fixed, limits)
-        return None if rest is None else (content, rest)
+            nodes_and_scenes = _parse_from_nodes(bytes(view[document.nodes_offset :]), unchanged, limits)
+        return None if nodes_and_scenes is None else (content, nodes_and_scenes)
 
     def add(
         self,
@@ -123,10 +130,10 @@ class DocumentCache:
         Args:
             container: The document, opened.
         """
-        fixed = _fixed_members(document, container)
-        if fixed is not None:
-            nbytes = content.mesh_bytes + len(document.data)  # nearly all of it may be encoded images
-            self.cache.put((document.prefix_digest, limits, textures), (fixed, content), nbytes)
+        unchanged = _unchanged_members(document, container)
+        if unchanged is not None:
+            nbytes = content.mesh_bytes + len(document.data)  # an upper limit for images, which are kept encoded
+            self.cache.put((document.prefix_digest, limits, textures), (unchanged, content), nbytes)
 
     def clear(self) -> None:
         """Drop everything."""
@@ -134,59 +141,65 @@ class DocumentCache:
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:
-    """Return the offset of the last ``"nodes"`` followed by a list of objects; 0 where there is none.
+    """Return the offset of the last ``"nodes"`` followed by a list of objects.
 
-    Nothing is proved yet: the text may stand inside another member.
+    The result is 0 where there is none, where data URIs follow, and for a ``.glb``. A match is a candidate: it may be
+    inside another member, which ``_unchanged_members`` finds out.
     """
     if text.startswith(b"glTF"):
         return 0
-    at = len(text)
+    offset = len(text)
     for _ in range(_MAX_CANDIDATES):
-        at = text.rfind(_NODES, MIN_BYTES, at)
-        if at < 0:
+        offset = text.rfind(_NODES, MIN_BYTES, offset)
+        if offset < 0:
             return 0
-        if _OBJECTS.match(text, at + len(_NODES)):
-            return at
+        if _LIST_OF_OBJECTS.match(text, offset + len(_NODES)):
+            return offset if text.find(_DATA_URI, offset) < 0 else 0
     return 0
 
 
-def _fixed_members(document: HashedDocument, container: Container) -> _Fixed | None:
-    """Return the members after the nodes that must not change; None where the text cannot be split before the nodes.
+def _unchanged_members(document: HashedDocument, container: Container) -> _UnchangedMembers | None:
+    """Return the members after the nodes that must not change; None if the text cannot be split before the nodes.
 
-    That both halves are JSON objects proves that ``nodes`` is a member of the outermost object. A text is not split
-    when data URIs follow its nodes, when scenes come before them, or in a ``.glb``.
+    Both halves must be JSON objects, which proves that ``nodes`` is a member of the outermost object. Scenes before the
+    nodes would be kept with the content, so such a text is not split.
     """
-    if container.tail is None or document.nodes_at < container.tail or document.nodes_at == 0:
+    if document.nodes_offset == 0:
         return None
     text = container.json
-    at = len(text) - (len(document.data) - document.nodes_at)
-    before = text[:at].rstrip()
+    split = len(text) - (len(document.data) - document.nodes_offset)  # there are no placeholders after the nodes
+    before = text[:split].rstrip()
     if not before.endswith(b","):
         return None
     try:
-        stable = _members.decode(before[:-1] + b"}")
-        rest = _members.decode(b"{" + text[at:])
+        members_before = _members_decoder.decode(before[:-1] + b"}")
+        members_after = _members_decoder.decode(b"{" + text[split:])
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
-    return _without_nodes(rest) if _PER_REQUEST.isdisjoint(stable) else None
+    return _without_nodes_and_scenes(members_after) if _CHANGING_MEMBERS.isdisjoint(members_before) else None
 
 
-def _without_nodes(members: dict[str, msgspec.Raw]) -> _Fixed:
-    return {name: bytes(value) for name, value in members.items() if name not in _PER_REQUEST}
+def _without_nodes_and_scenes(members: dict[str, msgspec.Raw]) -> _UnchangedMembers:
+    return {name: bytes(value) for name, value in members.items() if name not in _CHANGING_MEMBERS}
 
 
-def _parse_rest(text: bytes, fixed: _Fixed, limits: GltfLimits) -> schema.Document | None:
-    """Return nodes and scenes of the text from ``nodes`` on; None when the document must be read as a whole."""
+def _parse_from_nodes(text: bytes, unchanged: _UnchangedMembers, limits: GltfLimits) -> schema.Document | None:
+    """Return a document of nodes and scenes only; None if the document must be read as a whole.
+
+    Args:
+        text: JSON text from the name of the member ``nodes`` to the end.
+        unchanged: Required values of the other members.
+    """
     if len(text) > limits.max_json_bytes or count_values(text, limits) > limits.max_json_values:
         return None
     try:
-        members = _members.decode(b"{" + text)
-        if _without_nodes(members) != fixed:
+        members = _members_decoder.decode(b"{" + text)
+        if _without_nodes_and_scenes(members) != unchanged:
             return None
         return schema.Document(
-            nodes=_nodes.decode(members["nodes"]) if "nodes" in members else None,
-            scenes=_scenes.decode(members["scenes"]) if "scenes" in members else None,
-            scene=_index.decode(members["scene"]) if "scene" in members else None,
+            nodes=_nodes_decoder.decode(members["nodes"]),
+            scenes=_scenes_decoder.decode(members["scenes"]) if "scenes" in members else None,
+            scene=_scene_decoder.decode(members["scene"]) if "scene" in members else None,
         )
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None

@@ -8,22 +8,22 @@ T = TypeVar("T")
 
 
 class GltfError(ValueError):
-    """A document that cannot be read. The message names the item, its value and the reason."""
+    """A document that cannot be read. The message names the property, its value and the reason."""
 
 
-def item(items: list[T | None] | None, index: object, kind: str, where: str) -> T:
-    """Return ``items[index]`` for an index from the document.
+def checked_item(items: list[T | None] | None, index: object, array_name: str, path: str) -> T:
+    """Return ``items[index]``, where ``index`` comes from the document.
 
     Args:
-        kind: Name of the array in the document, for the message.
-        where: Property that holds the index (``accessors[3].bufferView``), for the message.
+        array_name: Name of the array in the document, for the message.
+        path: Property that holds the index, such as ``accessors[3].bufferView``, for the message.
 
     Raises:
         GltfError: The index is not an integer or out of range, or the item is null.
     """
     if type(index) is int and items is not None and 0 <= index < len(items):
-        found = items[index]
-        if found is not None:
-            return found
-        raise GltfError(f"{where}: {kind}[{index}] is null")
-    raise GltfError(f"{where}: {index} is out of range ({len(items) if items else 0} {kind})")
+        item = items[index]
+        if item is not None:
+            return item
+        raise GltfError(f"{path}: {array_name}[{index}] is null")
+    raise GltfError(f"{path}: {index} is out of range ({len(items) if items else 0} {array_name})")

@@ -1,7 +1,7 @@
-"""Results of earlier reads, so that equal bytes become equal objects across documents.
+"""Cache of the reader: equal bytes become the same ``Mesh`` and ``Image`` objects in all documents.
 
-A renderer prepares each ``Mesh`` and ``Image`` object once. Drake's client sends the whole scene with every image: the
-same objects for the same bytes spare both the reader and the renderer the work.
+Drake's client sends the whole scene with every image. Known bytes are not decoded again, and a renderer, which prepares
+each ``Mesh`` and ``Image`` object once, has nothing to prepare.
 """
 
 from __future__ import annotations
@@ -37,11 +37,10 @@ class GltfCache:
     """Whole documents by the text before their nodes, and meshes and images by their bytes. Thread-safe."""
 
     def __init__(self, max_bytes: int = 512 << 20, max_document_bytes: int | None = None) -> None:
-        """The default holds some ten scenes of 25 MB each.
-
+        """
         Args:
-            max_bytes: Size of everything that is kept.
-            max_document_bytes: Share of the documents; None: half.
+            max_bytes: Size of everything that is kept. The default is enough for ten scenes of 25 MB.
+            max_document_bytes: Part of it for document contents; None: half.
         """
         document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
         self.documents: Final = DocumentCache(document_bytes)

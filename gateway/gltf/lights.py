@@ -1,7 +1,7 @@
 """KHR_lights_punctual: the document's lights, placed by the nodes that refer to them.
 
-Faults are warnings, not errors: only some looks use lights, and Drake's merge of several files leaves the indices of
-lights as they were in the single files.
+Unusable lights are warnings, not errors: only some looks use lights, and where Drake's client merges several files, it
+does not adapt their references to lights.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.nodes import SceneNodes
-from gateway.gltf.parser import extension, vector
+from gateway.gltf.parser import extension_json, finite_vector_or_default
 from gateway.scene.transforms import Matrix
 from renderers.drawlist import Light, LightKind
 
@@ -24,7 +24,7 @@ EXTENSION: Final = "KHR_lights_punctual"
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
     """Return the lights in the document's extensions."""
-    raw = extension(document.extensions, EXTENSION)
+    raw = extension_json(document.extensions, EXTENSION)
     if raw is None:
         return []
     try:
@@ -37,7 +37,7 @@ def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.L
 def place_lights(
     sources: list[schema.Light | None], nodes: SceneNodes, limit: int, warnings: list[str]
 ) -> tuple[Light, ...]:
-    """Return the lights of the scene's nodes, in the document's world.
+    """Return the lights of the scene's nodes, in the document's world frame.
 
     Args:
         sources: Result of ``read_lights``.
@@ -47,7 +47,7 @@ def place_lights(
     if not sources:
         return ()
     for position, (index, node) in enumerate(zip(nodes.indices, nodes.sources, strict=True)):
-        raw = extension(node.extensions, EXTENSION)
+        raw = extension_json(node.extensions, EXTENSION)
         if raw is None:
             continue
         name = f"nodes[{index}]"
@@ -56,7 +56,7 @@ def place_lights(
             break
         try:
             light = msgspec.json.decode(raw, type=schema.LightReference).light
-            source = item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
+            source = checked_item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
             lights.append(_light(source, f"lights[{light}]", nodes.X_world_node[position]))
         except (msgspec.MsgspecError, GltfError) as error:
             warnings.append(f"{error}: the light is left out")
@@ -73,16 +73,18 @@ def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
     if not (0.0 < length < math.inf and np.isfinite(X_world_node).all()):
         raise GltfError(f"{name}: its node has no direction")
     spot = source.spot or schema.Spot()
-    inner = 0.0 if spot.inner_cone_angle is None else spot.inner_cone_angle
-    outer = math.pi / 4.0 if spot.outer_cone_angle is None else spot.outer_cone_angle
-    if kind is LightKind.SPOT and not 0.0 <= inner < outer <= math.pi / 2.0:
-        raise GltfError(f"{name}.spot: the cones {inner:g} and {outer:g} must lie within 0 .. pi/2, the inner first")
+    inner_cone = 0.0 if spot.inner_cone_angle is None else spot.inner_cone_angle
+    outer_cone = math.pi / 4.0 if spot.outer_cone_angle is None else spot.outer_cone_angle
+    if kind is LightKind.SPOT and not 0.0 <= inner_cone < outer_cone <= math.pi / 2.0:
+        raise GltfError(
+            f"{name}.spot: the cones {inner_cone:g} and {outer_cone:g} must lie within 0 .. pi/2, the inner first"
+        )
     intensity = 1.0 if source.intensity is None else source.intensity
     if not 0.0 <= intensity < math.inf:
         raise GltfError(f"{name}.intensity: {intensity} is not a finite number from 0 on")
     if source.range is not None and not 0.0 < source.range < math.inf:
         raise GltfError(f"{name}.range: {source.range} is not a positive finite number")
-    color = vector(source.color, (1.0, 1.0, 1.0), f"{name}.color")
+    color = finite_vector_or_default(source.color, (1.0, 1.0, 1.0), f"{name}.color")
     x, y, z = (float(v) for v in X_world_node[:3, 3])
     dx, dy, dz = (float(v) for v in axis / length)
-    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), source.range, inner, outer)
+    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), source.range, inner_cone, outer_cone)

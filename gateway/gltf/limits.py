@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class GltfLimits:
-    """Limits of a document. The error for a document beyond one names the limit."""
+    """Limits of a document. The error for a document beyond a limit names the limit and its value."""
 
     max_json_bytes: int = 16 << 20
     """Size of the JSON text without embedded data URIs of 1 KiB and more. Drake's largest scenes (25 MB bodies) have

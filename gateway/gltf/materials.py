@@ -9,8 +9,8 @@ from typing import Final, TypeVar
 import msgspec
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, item
-from gateway.gltf.parser import extension, vector
+from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.parser import extension_json, finite_vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
 from renderers.stop import check_stop
@@ -18,15 +18,15 @@ from renderers.stop import check_stop
 DEFAULT_MATERIAL: Final = Material(metallic=0.0)
 """Material of primitives without one: white and not metallic, as RenderEngineVtk shows it. Compare by ``is``."""
 
-_NOT_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
+_NEVER_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
 """Attributes that VTK's exporter never writes in documents from Drake (only POSITION and TEXCOORD_0)."""
 _WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 _ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _DIELECTRIC_REFLECTANCE: Final = 0.04
-"""Reflectance at normal incidence for the default index of refraction."""
+"""Reflectance at normal incidence for an index of refraction of 1.5."""
 
-_E = TypeVar("_E", bound=msgspec.Struct)
+_Extension = TypeVar("_Extension", bound=msgspec.Struct)
 
 
 def label_from_material(material: Material) -> int:
@@ -64,62 +64,65 @@ class Materials:
         if index is None:
             return DEFAULT_MATERIAL
         # Materials of other exporters may look like VTK's, but VTK never writes normals or vertex colours.
-        may_be_vtk = self._from_drake and _NOT_FROM_VTK.isdisjoint(primitive.attributes or ())
-        known = self._materials.get((index, may_be_vtk))
-        if known is None:
+        may_be_vtk = self._from_drake and _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ())
+        material = self._materials.get((index, may_be_vtk))
+        if material is None:
             check_stop()
-            source = item(self._sources, index, "materials", f"{name}.material")
-            known = self._materials[index, may_be_vtk] = self._read(
-                source, f"materials[{index}]", vtk=may_be_vtk and _has_vtk_shape(source)
-            )
-        return known
+            source = checked_item(self._sources, index, "materials", f"{name}.material")
+            vtk = may_be_vtk and _looks_written_by_vtk(source)
+            material = self._materials[index, may_be_vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
+        return material
 
     def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
         """Read a material.
 
         Args:
             name: ``materials[3]``, for messages.
-            vtk: True for a material of VTK's exporter, which states neither transparency nor that both sides show.
+            vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()
-        base_color = vector(pbr.base_color_factor, _WHITE, f"{name}.pbrMetallicRoughness.baseColorFactor")
-        normal, occlusion, texture = source.normal_texture, source.occlusion_texture, self._textures.get
+        base_color = finite_vector_or_default(
+            pbr.base_color_factor, _WHITE, f"{name}.pbrMetallicRoughness.baseColorFactor"
+        )
+        normal, occlusion, read_texture = source.normal_texture, source.occlusion_texture, self._textures.get
         material = Material(
             base_color=base_color,
-            base_color_texture=texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
-            metallic=_unit(pbr.metallic_factor, f"{name}.metallicFactor"),
-            roughness=_unit(pbr.roughness_factor, f"{name}.roughnessFactor"),
-            metallic_roughness_texture=texture(pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"),
-            normal_texture=texture(normal, f"{name}.normalTexture"),
-            normal_scale=_number(normal.scale if normal else None, 1.0, f"{name}.normalTexture.scale"),
-            occlusion_texture=texture(occlusion, f"{name}.occlusionTexture"),
-            occlusion_strength=_unit(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
-            emissive=vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
-            emissive_texture=texture(source.emissive_texture, f"{name}.emissiveTexture"),
+            base_color_texture=read_texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
+            metallic=_factor(pbr.metallic_factor, f"{name}.metallicFactor"),
+            roughness=_factor(pbr.roughness_factor, f"{name}.roughnessFactor"),
+            metallic_roughness_texture=read_texture(pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"),
+            normal_texture=read_texture(normal, f"{name}.normalTexture"),
+            normal_scale=_finite_or_default(normal.scale if normal else None, 1.0, f"{name}.normalTexture.scale"),
+            occlusion_texture=read_texture(occlusion, f"{name}.occlusionTexture"),
+            occlusion_strength=_factor(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
+            emissive=finite_vector_or_default(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
+            emissive_texture=read_texture(source.emissive_texture, f"{name}.emissiveTexture"),
             alpha_mode=AlphaMode.BLEND if vtk and base_color[3] < 1.0 else _alpha_mode(source.alpha_mode, name),
-            alpha_cutoff=_number(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
+            alpha_cutoff=_finite_or_default(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
             double_sided=bool(source.double_sided) or vtk,
             vtk_export=vtk,
         )
         return self._with_extensions(material, source, name) if source.extensions else material
 
     def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
-        strength = _extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
-        ior = _extension(source, "KHR_materials_ior", schema.Ior, name)
-        specular = _extension(source, "KHR_materials_specular", schema.Specular, name)
+        strength = _parsed_extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
+        ior = _parsed_extension(source, "KHR_materials_ior", schema.Ior, name)
+        specular = _parsed_extension(source, "KHR_materials_specular", schema.Specular, name)
         material = replace(
             material,
-            emissive_strength=max(0.0, _number(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
-            unlit=extension(source.extensions, "KHR_materials_unlit") is not None,
+            emissive_strength=max(0.0, _finite_or_default(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
+            unlit=extension_json(source.extensions, "KHR_materials_unlit") is not None,
             ior=_ior(ior.ior, f"{name}.ior"),
-            specular=_unit(specular.specular_factor, f"{name}.specularFactor"),
+            specular=_factor(specular.specular_factor, f"{name}.specularFactor"),
             specular_texture=self._textures.get(specular.specular_texture, f"{name}.specularTexture"),
-            specular_color=vector(specular.specular_color_factor, (1.0, 1.0, 1.0), f"{name}.specularColorFactor"),
+            specular_color=finite_vector_or_default(
+                specular.specular_color_factor, (1.0, 1.0, 1.0), f"{name}.specularColorFactor"
+            ),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
         )
-        if extension(source.extensions, _GLOSSINESS) is None:
+        if extension_json(source.extensions, _GLOSSINESS) is None:
             return material
-        glossiness = _extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
+        glossiness = _parsed_extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
         return self._with_glossiness(material, glossiness, name)
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
@@ -127,14 +130,14 @@ class Materials:
 
         The glossiness in the alpha of its texture is not read.
         """
-        r, g, b = vector(source.specular_factor, (1.0, 1.0, 1.0), f"{name}.specularFactor")
+        r, g, b = finite_vector_or_default(source.specular_factor, (1.0, 1.0, 1.0), f"{name}.specularFactor")
         reflectance = _DIELECTRIC_REFLECTANCE
         return replace(
             material,
-            base_color=vector(source.diffuse_factor, _WHITE, f"{name}.diffuseFactor"),
+            base_color=finite_vector_or_default(source.diffuse_factor, _WHITE, f"{name}.diffuseFactor"),
             base_color_texture=self._textures.get(source.diffuse_texture, f"{name}.diffuseTexture"),
             metallic=0.0,
-            roughness=1.0 - _unit(source.glossiness_factor, f"{name}.glossinessFactor"),
+            roughness=1.0 - _factor(source.glossiness_factor, f"{name}.glossinessFactor"),
             metallic_roughness_texture=None,
             specular_color=(r / reflectance, g / reflectance, b / reflectance),
             specular_color_texture=self._textures.get(
@@ -143,8 +146,8 @@ class Materials:
         )
 
 
-def _has_vtk_shape(source: schema.Material) -> bool:
-    """Return True for exactly the properties that VTK's exporter writes.
+def _looks_written_by_vtk(source: schema.Material) -> bool:
+    """Return True for a material with exactly the properties that VTK's exporter writes.
 
     These are ``{pbrMetallicRoughness: {baseColorFactor, [baseColorTexture], metallicFactor: 0, roughnessFactor: 1}}``.
     """
@@ -155,9 +158,9 @@ def _has_vtk_shape(source: schema.Material) -> bool:
     return pbr == schema.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)
 
 
-def _extension(source: schema.Material, extension_name: str, kind: type[_E], name: str) -> _E:
-    """Parse a material's extension; all fields are null where it is absent."""
-    raw = extension(source.extensions, extension_name)
+def _parsed_extension(source: schema.Material, extension_name: str, kind: type[_Extension], name: str) -> _Extension:
+    """Parse a material's extension; all fields are null if it is absent."""
+    raw = extension_json(source.extensions, extension_name)
     if raw is None:
         return kind()
     try:
@@ -173,20 +176,21 @@ def _alpha_mode(value: str | None, name: str) -> AlphaMode:
     return mode
 
 
-def _number(value: float | None, default: float, where: str) -> float:
+def _finite_or_default(value: float | None, default: float, path: str) -> float:
+    """Return a number from the document, or ``default`` for null; GltfError if it is not finite."""
     if value is None:
         return default
     if not math.isfinite(value):
-        raise GltfError(f"{where}: not finite")
+        raise GltfError(f"{path}: not finite")
     return float(value)
 
 
-def _unit(value: float | None, where: str) -> float:
-    """Return a factor clamped to 0 .. 1; 1 where it is absent."""
-    return min(1.0, max(0.0, _number(value, 1.0, where)))
+def _factor(value: float | None, path: str) -> float:
+    """Return a factor clamped to 0 .. 1; 1 if it is absent."""
+    return min(1.0, max(0.0, _finite_or_default(value, 1.0, path)))
 
 
-def _ior(value: float | None, where: str) -> float:
+def _ior(value: float | None, path: str) -> float:
     """Return an index of refraction of at least 1, or 0, which has a meaning of its own (KHR_materials_ior)."""
-    number = _number(value, 1.5, where)
-    return number if number == 0.0 else max(1.0, number)
+    ior = _finite_or_default(value, 1.5, path)
+    return ior if ior == 0.0 else max(1.0, ior)

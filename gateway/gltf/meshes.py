@@ -16,34 +16,58 @@ from gateway.gltf.limits import GltfLimits
 from gateway.gltf.normals import unit_rows, vertex_normals
 from gateway.gltf.schema import Primitive
 from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, elements_of
-from gateway.gltf.vertex_attributes import Floats, finite, rgba, unit_tangents, without_invalid_vertices
+from gateway.gltf.vertex_attributes import (
+    Floats,
+    rgba_colors,
+    unit_tangents,
+    without_invalid_vertices,
+    zero_if_not_finite,
+)
 from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 from renderers.stop import check_stop
 
-_OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
-"""Attributes that are read besides POSITION, with their numbers of components."""
-_ATTRIBUTES: Final = ("POSITION", *_OPTIONAL)
+_COMPONENTS: Final = {
+    "POSITION": (3,),
+    "NORMAL": (3,),
+    "TANGENT": (4,),
+    "TEXCOORD_0": (2,),
+    "TEXCOORD_1": (2,),
+    "COLOR_0": (3, 4),
+}
+"""Attributes that are read, with their allowed numbers of components."""
+_CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
+    "TEXCOORD_0": ("uv0", zero_if_not_finite),
+    "TEXCOORD_1": ("uv1", zero_if_not_finite),
+    "COLOR_0": ("colors", rgba_colors),
+    "TANGENT": ("tangents", unit_tangents),
+}
+"""Fields of ``Mesh`` and the functions that bring an attribute into their form."""
+_MODE_KEYS: Final = [bytes((mode,)) for mode in range(MODE_COUNT)]
 _DRACO: Final = "KHR_draco_mesh_compression"
-_RESTART: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
-"""Primitive restart values, which glTF forbids, by the size of an index."""
+_RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
+"""Primitive restart values, which glTF forbids, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
+"""Size of a vertex with all attributes."""
 _ELEMENT_BYTES: Final = 12
+"""Size of the indices of a triangle."""
 
 
-class _Source(msgspec.Struct, frozen=True, gc=False, eq=False):
-    """A primitive whose references are checked."""
+class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """A primitive whose accessors exist and have allowed types."""
 
     name: str
+    """``meshes[2].primitives[0]``, for messages."""
     mode: int
-    attributes: dict[str, Accessor]
-    """POSITION and the attributes of ``_OPTIONAL`` that can be used."""
+    position: Accessor
     indices: Accessor | None
+    attributes: dict[str, Accessor]
+    """POSITION and the other attributes of ``_COMPONENTS`` that can be used."""
 
     @property
     def key(self) -> MeshKey:
-        accessors = (self.indices, *map(self.attributes.get, _ATTRIBUTES))
-        return bytes((self.mode,)) + b"".join([b"\0" if a is None else b"\1" + a.key for a in accessors])
+        accessors = (self.indices, *map(self.attributes.get, _COMPONENTS))
+        return b"".join([_MODE_KEYS[self.mode], *[b"\0" if a is None else a.key for a in accessors]])
 
 
 class Meshes:
@@ -61,7 +85,9 @@ class Meshes:
         self._limits = limits
         self._warnings = warnings
         self._meshes: dict[MeshKey, Mesh | None] = {}
-        self._vertex_count = self._element_count = self._nbytes = 0
+        self._vertex_count = self._element_count = 0
+        self._max_nbytes = 0
+        """Size of all meshes if their vertices had all attributes; counted before they are read."""
         self.nbytes = 0
         """Size of all meshes, each counted once."""
         self.first_without_positions = ""
@@ -79,154 +105,162 @@ class Meshes:
             GltfError: A reference or an index is out of range, or a limit is exceeded.
         """
         check_stop()
-        source = self._check(primitive, name)
-        if source is None:
+        checked = self._check(primitive, name)
+        if checked is None:
             return None
-        key = source.key
-        if key in self._meshes:
-            return self._meshes[key]
-        mesh = self._meshes[key] = self._shared_or_new(key, source)
-        self.nbytes += 0 if mesh is None else mesh.nbytes
-        return mesh
+        key = checked.key
+        if key not in self._meshes:
+            self._meshes[key] = self._cached_or_new(key, checked)
+        return self._meshes[key]
 
-    def _shared_or_new(self, key: MeshKey, source: _Source) -> Mesh | None:
-        found = self._content.get(key)
-        if isinstance(found, Mesh):
-            self._charge(len(found.positions), len(found.elements), source.name)
-            return found
+    def _cached_or_new(self, key: MeshKey, checked: _CheckedPrimitive) -> Mesh | None:
+        cached = self._content.get(key)
+        if isinstance(cached, Mesh):
+            self._count(len(cached.positions), len(cached.elements), checked.name)
+            self.nbytes += cached.nbytes
+            return cached
         warning_count = len(self._warnings)
-        mesh = self._build(source)
-        # A mesh with a warning is not shared: the next document would not get the warning.
-        if mesh is not None and len(self._warnings) == warning_count:
-            self._content.put(key, mesh, mesh.nbytes)
+        mesh = self._read_new(checked)
+        if mesh is None:
+            return None
+        nbytes = mesh.nbytes
+        self.nbytes += nbytes
+        if len(self._warnings) == warning_count:  # otherwise the next document would not get the warning
+            self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str) -> _Source | None:
+    def _check(self, primitive: Primitive, name: str) -> _CheckedPrimitive | None:
         """Check a primitive's references; None when it has no positions."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
             raise GltfError(f"{name}.mode: {mode} is not between 0 and {MODE_COUNT - 1}")
-        references = {key: value for key, value in (primitive.attributes or {}).items() if value is not None}
-        if "POSITION" not in references:
+        references = primitive.attributes or {}
+        position_index = references.get("POSITION")
+        if position_index is None:
             self.first_without_positions = self.first_without_positions or name
             self._warnings.append(f"{name}: no POSITION, nothing to draw")
             return None
         self.any_positions = True
-        position = self._accessors.get(references["POSITION"], f"{name}.attributes.POSITION")
+        position = self._accessors.get(position_index, f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
         if position.buffer is None and position.sparse is None and _DRACO in (primitive.extensions or {}):
             raise GltfError(f"{name}: {_DRACO} is not supported")
         attributes = {"POSITION": position}
-        for key, components in _OPTIONAL.items():
-            if key not in references:
+        for attribute, index in references.items():
+            if index is None or attribute not in _COMPONENTS or attribute == "POSITION":
                 continue
-            accessor = self._accessors.get(references[key], f"{name}.attributes.{key}")
-            if accessor.components not in components:
-                self._warnings.append(f"{name}.attributes.{key}: {accessor.components} components, ignored")
+            path = f"{name}.attributes.{attribute}"
+            accessor = self._accessors.get(index, path)
+            if accessor.components not in _COMPONENTS[attribute]:
+                self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
-                self._warnings.append(
-                    f"{name}.attributes.{key}: {accessor.count} values for {position.count} vertices, ignored"
-                )
+                self._warnings.append(f"{path}: {accessor.count} values for {position.count} vertices, ignored")
             else:
-                attributes[key] = accessor
+                attributes[attribute] = accessor
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
-        return _Source(name, mode, attributes, indices)
+        return _CheckedPrimitive(name, mode, position, indices, attributes)
 
-    def _charge(self, vertices: int, elements: int, name: str) -> None:
-        """Count a mesh against the limits before it is allocated."""
+    def _count(self, vertices: int, elements: int, name: str) -> None:
+        """Count vertices and elements towards the limits before they are allocated."""
         limits = self._limits
         self._vertex_count += vertices
         self._element_count += elements
-        self._nbytes += _VERTEX_BYTES * vertices + _ELEMENT_BYTES * elements
+        self._max_nbytes += _VERTEX_BYTES * vertices + _ELEMENT_BYTES * elements
         if self._vertex_count > limits.max_vertices:
             raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
         if self._element_count > limits.max_elements:
             raise GltfError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
-        if self._nbytes > limits.max_mesh_bytes:
+        if self._max_nbytes > limits.max_mesh_bytes:
             raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
-    def _build(self, source: _Source) -> Mesh | None:
-        position, name = source.attributes["POSITION"], source.name
-        count = element_count(source.mode, position.count if source.indices is None else source.indices.count)
+    def _read_new(self, checked: _CheckedPrimitive) -> Mesh | None:
+        """Read a mesh from its accessors; None if it has no complete element, or none with finite positions."""
+        begin, end = 0, checked.position.count
+        count = element_count(checked.mode, end if checked.indices is None else checked.indices.count)
         if count == 0:
             return None
-        begin, end = 0, position.count
-        self._charge(0, count, name)
-        if source.indices is None:
-            self._charge(end, 0, name)
-            elements = elements_of(source.mode, np.arange(end, dtype=np.uint32))
+        if checked.indices is None:
+            self._count(end, count, checked.name)
+            elements = elements_of(checked.mode, np.arange(end, dtype=np.uint32))
         else:
-            indices = source.indices.values()[:, 0]
-            low, high = _index_range(source, indices)
-            if 2 * (high + 1 - low) <= position.count:
+            self._count(0, count, checked.name)  # before the indices are searched
+            indices = checked.indices.values()[:, 0]
+            min_index, max_index = _index_range(checked, checked.indices, indices)
+            if 2 * (max_index + 1 - min_index) <= end:
                 # Exporters let primitives share one big vertex buffer: keep only the range that this one uses.
-                begin, end = low, high + 1
-            self._charge(end - begin, 0, name)
-            elements = elements_of(source.mode, indices)
+                begin, end = min_index, max_index + 1
+            self._count(end - begin, 0, checked.name)
+            elements = elements_of(checked.mode, indices)
             if begin:
                 elements -= np.uint32(begin)
-        return self._assemble(source, elements, begin, end)
+        return self._with_attributes(checked, elements, begin, end)
 
-    def _assemble(self, source: _Source, elements: NDArray[np.uint32], begin: int, end: int) -> Mesh | None:
-        """Read the attributes of the vertices from ``begin`` to ``end``."""
+    def _with_attributes(
+        self, checked: _CheckedPrimitive, elements: NDArray[np.uint32], begin: int, end: int
+    ) -> Mesh | None:
+        """Read the attributes of the vertices from ``begin`` to ``end``. A mesh's arrays are read-only.
 
-        def read(name: str, convert: Callable[[Floats], Floats]) -> Floats | None:
-            accessor = source.attributes.get(name)
-            if accessor is None:
-                return None
-            check_stop()
-            return convert(accessor.floats(begin, end))
-
-        positions = source.attributes["POSITION"].floats(begin, end)
+        Args:
+            elements: (M, 1 | 2 | 3) uint32, indices from ``begin`` on.
+        """
+        positions = checked.position.floats(begin, end)
         if not np.isfinite(positions).all():
             positions, elements, dropped = without_invalid_vertices(positions, elements)
-            self._warnings.append(f"{source.name}: {dropped} elements with vertices that are not finite are left out")
+            self._warnings.append(f"{checked.name}: {dropped} elements with vertices that are not finite are left out")
             if len(elements) == 0:
                 return None
-        normals = _normals(read("NORMAL", lambda normals: normals), positions, elements)
-        uv0, uv1 = read("TEXCOORD_0", finite), read("TEXCOORD_1", finite)
-        colors, tangents = read("COLOR_0", rgba), read("TANGENT", unit_tangents)
-        for array in (positions, elements, normals, uv0, uv1, colors, tangents):
-            if array is not None:
-                array.setflags(write=False)
-        return Mesh(positions, elements, normals, uv0, uv1, colors, tangents)
+        positions.setflags(write=False)
+        elements.setflags(write=False)
+        optional: dict[str, Floats] = {}
+        accessor = checked.attributes.get("NORMAL")
+        normals = _normals(None if accessor is None else accessor.floats(begin, end), positions, elements)
+        if normals is not None:
+            normals.setflags(write=False)
+            optional["normals"] = normals
+        for attribute, (field, convert) in _CONVERSIONS.items():
+            if (accessor := checked.attributes.get(attribute)) is not None:
+                check_stop()
+                values = optional[field] = convert(accessor.floats(begin, end))
+                values.setflags(write=False)
+        return Mesh(positions, elements, **optional)
 
 
-def _normals(given: Floats | None, positions: Floats, elements: NDArray[np.uint32]) -> Floats | None:
-    """Return the given normals at unit length, and computed ones of triangles where none are given."""
-    triangles = elements.shape[1] == 3
-    if given is None:
-        return vertex_normals(positions, elements) if triangles else None
-    normals, invalid = unit_rows(given)
+def _normals(stored: Floats | None, positions: Floats, elements: NDArray[np.uint32]) -> Floats | None:
+    """Return stored normals at unit length; computed ones for triangles without, and in place of invalid ones."""
+    are_triangles = elements.shape[1] == 3
+    if stored is None:
+        return vertex_normals(positions, elements) if are_triangles else None
+    normals, invalid = unit_rows(stored)
     if invalid.any():
-        computed = vertex_normals(positions, elements) if triangles else np.array([(0, 0, 1)], np.float32)
+        computed = vertex_normals(positions, elements) if are_triangles else np.array([(0, 0, 1)], np.float32)
         normals = np.where(invalid[:, None], computed, normals)
     return normals
 
 
-def _index_range(source: _Source, indices: NDArray[Any]) -> tuple[int, int]:
+def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:
     """Return the smallest and the largest index.
+
+    Args:
+        indices: (N,), N > 0, the values of ``accessor``.
 
     Raises:
         GltfError: An index is beyond the vertices, or the primitive restart value.
     """
-    assert source.indices is not None
-    position = source.attributes["POSITION"]
-    low, high = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
+    min_index, max_index = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
     check_stop()
-    if high == _RESTART[indices.itemsize]:
+    if max_index == _RESTART_INDEX[indices.itemsize]:
         raise GltfError(
-            f"{source.name}.indices: {source.indices.name} has the index {high}, the largest of its component "
+            f"{checked.name}.indices: {accessor.name} has the index {max_index}, the largest of its component "
             "type, which glTF forbids: graphics libraries take it for the start of another primitive"
         )
-    if low < 0 or high >= position.count:
+    if min_index < 0 or max_index >= checked.position.count:
         raise GltfError(
-            f"{source.name}.indices: {source.indices.name} has the index {low if low < 0 else high}, "
-            f"but {position.name} has {position.count} vertices"
+            f"{checked.name}.indices: {accessor.name} has the index {min_index if min_index < 0 else max_index}, "
+            f"but {checked.position.name} has {checked.position.count} vertices"
         )
-    return low, high
+    return min_index, max_index

@@ -1,4 +1,4 @@
-"""Matrices of many nodes at once: a NumPy call for each node would take ten times as long."""
+"""Local and world matrices of all nodes, by NumPy calls on arrays of nodes: one call a node takes ten times as long."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.gltf import schema
 from gateway.gltf.errors import GltfError
-from gateway.gltf.parser import vector
+from gateway.gltf.parser import finite_vector_or_default
 from gateway.scene.transforms import IDENTITY, Matrix, affine_product, from_poses
 
 _AFFINE_TOLERANCE: Final = 1e-6
@@ -40,37 +40,42 @@ def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
         if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
     ]
     if with_matrix:
-        columns = _rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
+        columns = _property_rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
         matrices = columns.reshape(-1, 4, 4).transpose(0, 2, 1)
         affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
         if not affine.all():
-            first = int(np.argmin(affine))
-            name = f"nodes[{indices[with_matrix[first]]}].matrix"
-            raise GltfError(f"{name}: not affine, its last row is {matrices[first, 3].tolist()}")
+            bad = int(np.argmin(affine))
+            name = f"nodes[{indices[with_matrix[bad]]}].matrix"
+            raise GltfError(f"{name}: not affine, its last row is {matrices[bad, 3].tolist()}")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
-        translations = _rows(nodes, indices, with_trs, "translation", _TRANSLATION)
-        rotations = _rows(nodes, indices, with_trs, "rotation", _ROTATION)
-        scales = _rows(nodes, indices, with_trs, "scale", _SCALE)
+        translations = _property_rows(nodes, indices, with_trs, "translation", _TRANSLATION)
+        rotations = _property_rows(nodes, indices, with_trs, "rotation", _ROTATION)
+        scales = _property_rows(nodes, indices, with_trs, "scale", _SCALE)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
         poses[:, :3, :3] *= scales[:, None, :]
         X[with_trs] = poses
     return X
 
 
-def _rows(
-    nodes: list[schema.Node], indices: list[int], which: list[int], name: str, default: tuple[float, ...]
+def _property_rows(
+    nodes: list[schema.Node], indices: list[int], selected: list[int], name: str, default: tuple[float, ...]
 ) -> NDArray[np.float64]:
-    """Return a property of some nodes as (len(which), len(default)) float64."""
-    given: list[Any] = [getattr(nodes[i], name) for i in which]
-    values = [default if value is None else value for value in given]
+    """Return a property of the selected nodes as (len(selected), len(default)) float64.
+
+    Args:
+        selected: Positions in ``nodes``.
+        default: Replaces null.
+    """
+    values: list[Any] = [getattr(nodes[i], name) for i in selected]
+    values = [default if value is None else value for value in values]
     try:
         rows = np.array(values, np.float64)
-    except ValueError:  # of different lengths
+    except ValueError:  # lists of different lengths
         rows = np.empty(0)
-    if rows.shape != (len(which), len(default)) or not np.isfinite(rows).all():
-        for i in which:
-            vector(getattr(nodes[i], name), default, f"nodes[{indices[i]}].{name}")
+    if rows.shape != (len(selected), len(default)) or not np.isfinite(rows).all():
+        for i in selected:  # find the node for the message
+            finite_vector_or_default(getattr(nodes[i], name), default, f"nodes[{indices[i]}].{name}")
     return rows
 
 
@@ -89,6 +94,6 @@ def world_matrices(X_parent_node: Matrix, parents: list[int], levels: list[list[
     X_world_node = X_parent_node.copy()
     with np.errstate(all="ignore"):
         for level in levels[1:]:
-            above = [parents[position] for position in level]
-            X_world_node[level] = affine_product(X_world_node[above], X_parent_node[level])
+            level_parents = [parents[position] for position in level]
+            X_world_node[level] = affine_product(X_world_node[level_parents], X_parent_node[level])
     return X_world_node

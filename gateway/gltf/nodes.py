@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.node_transforms import local_matrices, world_matrices
 from gateway.scene import tree
@@ -40,15 +40,15 @@ class SceneNodes:
 
     def used_meshes(self) -> tuple[int, ...]:
         """Return the indices of the meshes in use, in the order of their first use."""
-        return tuple(self.first_users())
+        return tuple(self.first_node_by_mesh())
 
-    def first_users(self) -> dict[int, int]:
-        """Return, by the index of each mesh in use, the index of the first node that uses it."""
-        users: dict[int, int] = {}
+    def first_node_by_mesh(self) -> dict[int, int]:
+        """Return the index of the first node that uses a mesh, by the index of the mesh."""
+        nodes: dict[int, int] = {}
         for node, mesh in zip(self.indices, self.meshes, strict=True):
             if mesh is not None:
-                users.setdefault(mesh, node)
-        return users
+                nodes.setdefault(mesh, node)
+        return nodes
 
     def tree(self, parts: NodeParts) -> tree.Node:
         """Return a committed tree whose children are the roots of the scene.
@@ -57,12 +57,13 @@ class SceneNodes:
             parts: Parts of each node.
         """
         names = self._names()
-        moved = (self.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
-        matrices = [X if moves else IDENTITY for X, moves in zip(self.X_parent_node, moved, strict=True)]
-        children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(names) + 1)]  # the last: the roots
+        not_identity = (self.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
+        matrices = [X if differs else IDENTITY for X, differs in zip(self.X_parent_node, not_identity, strict=True)]
+        # Children by the position of their parent, last child first; parent -1, the scene, is the last entry.
+        children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(names) + 1)]
         for position in range(len(names) - 1, -1, -1):
-            own = dict(reversed(children[position].items()))  # children were added last first
-            children[self.parents[position]][names[position]] = tree.Node(parts[position], matrices[position], own)
+            ordered = dict(reversed(children[position].items()))
+            children[self.parents[position]][names[position]] = tree.Node(parts[position], matrices[position], ordered)
         return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
 
     def _names(self) -> list[str]:
@@ -70,8 +71,8 @@ class SceneNodes:
         names = [source.name or f"node{index}" for index, source in zip(self.indices, self.sources, strict=True)]
         if len(set(zip(self.parents, names, strict=True))) == len(names):
             return names
-        taken: dict[int, dict[str, int]] = {}
-        return [_unique(name, taken.setdefault(parent, {})) for name, parent in zip(names, self.parents, strict=True)]
+        numbers: dict[int, dict[str, int]] = {}
+        return [_unique(name, numbers.setdefault(parent, {})) for name, parent in zip(names, self.parents, strict=True)]
 
 
 def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
@@ -81,7 +82,7 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
         GltfError: Cycles, several parents, references out of range, matrices that are not affine, or a limit.
     """
     nodes = document.nodes or []
-    roots, where = _roots(document)
+    roots, roots_path = _roots(document)
     indices: list[int] = []
     sources: list[schema.Node] = []
     parents: list[int] = []
@@ -97,9 +98,9 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
             if index is None:
                 continue
             if not 0 <= index < len(nodes) or (source := nodes[index]) is None or index in visited:
-                property_ = where if parent < 0 else f"nodes[{indices[parent]}].children"
-                item(document.nodes, index, "nodes", property_)
-                raise GltfError(f"{property_}: nodes[{index}] has several parents or is part of a cycle")
+                path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
+                checked_item(document.nodes, index, "nodes", path)
+                raise GltfError(f"{path}: nodes[{index}] has several parents or is part of a cycle")
             position = len(indices)
             if position == limits.max_nodes:
                 raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
@@ -122,10 +123,13 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
 
 
 def _roots(document: schema.Document) -> tuple[list[int | None], str]:
-    """Return the root nodes of the default or the first scene, or all nodes that are not children; and their place."""
+    """Return the root nodes, and the name of the property that lists them, for messages.
+
+    These are the nodes of the default or the first scene; without scenes, all nodes that are not children.
+    """
     if document.scenes:
         index = document.scene or 0
-        scene = item(document.scenes, index, "scenes", "scene")
+        scene = checked_item(document.scenes, index, "scenes", "scene")
         return scene.nodes or [], f"scenes[{index}].nodes"
     nodes = document.nodes or []
     children = {child for node in nodes if node is not None for child in node.children or ()}
@@ -135,17 +139,17 @@ def _roots(document: schema.Document) -> tuple[list[int | None], str]:
     return roots, "nodes"
 
 
-def _unique(name: str, taken: dict[str, int]) -> str:
+def _unique(name: str, last_numbers: dict[str, int]) -> str:
     """Return ``name``, or the first of ``name#2``, ``name#3`` ... that no sibling has.
 
     Args:
-        taken: Names of the siblings, and the last number tried for each: with 100,000 equal names, trying all numbers
-            for each would take minutes.
+        last_numbers: The last number tried, by name of a sibling: with 100,000 equal names, trying all numbers for each
+            would take minutes.
     """
-    candidate, number = name, taken.get(name, 1)
-    while candidate in taken:
+    candidate, number = name, last_numbers.get(name, 1)
+    while candidate in last_numbers:
         number += 1
         candidate = f"{name}#{number}"
-    taken[name] = number
-    taken.setdefault(candidate, 1)
+    last_numbers[name] = number
+    last_numbers.setdefault(candidate, 1)
     return candidate

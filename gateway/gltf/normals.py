@@ -1,4 +1,4 @@
-"""Vertex normals: computed where a primitive has none, and brought to unit length."""
+"""Vertex normals: computed for primitives without, and scaled to unit length."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.kernel_calls import is_set
 from renderers.stop import check_stop, current_stop
 
-_BLOCK: Final = 1 << 18
-"""Rows between two checks of the ``StopFlag``."""
-_TRIANGLE_BLOCK: Final = 1 << 16
-"""Triangles or vertices between two checks of the ``StopFlag`` in the kernel."""
+_ROWS_PER_STOP_CHECK: Final = 1 << 18
+"""Vectors that NumPy processes between two checks of the ``StopFlag``."""
+_KERNEL_STEPS_PER_STOP_CHECK: Final = 1 << 16
+"""Triangles or vertices that the kernel processes between two checks of the ``StopFlag``."""
 _UNIT_TOLERANCE: Final = 1e-3
 """Maximum deviation of a given normal's length from 1 that is left as it is."""
 
@@ -41,7 +41,9 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view: Numba would compile the kernel again for writable arrays."""
+    """Return a read-only array: Numba would compile the kernel again for writable ones."""
+    if not array.flags.writeable:
+        return array
     view = array.view()
     view.setflags(write=False)
     return view
@@ -57,10 +59,10 @@ def _write_vertex_normals(
         stop: Address of a ``StopFlag``; the result is incomplete once it is set.
     """
     sums = np.zeros((len(positions), 3), np.float64)
-    for t in range(len(triangles)):
-        if t % _TRIANGLE_BLOCK == 0 and is_set(stop):
+    for triangle in range(len(triangles)):
+        if triangle % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop):
             return
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
         x, y, z = np.float64(positions[a, 0]), np.float64(positions[a, 1]), np.float64(positions[a, 2])
         ux, uy, uz = positions[b, 0] - x, positions[b, 1] - y, positions[b, 2] - z
         vx, vy, vz = positions[c, 0] - x, positions[c, 1] - y, positions[c, 2] - z
@@ -69,16 +71,16 @@ def _write_vertex_normals(
             sums[vertex, 0] += nx
             sums[vertex, 1] += ny
             sums[vertex, 2] += nz
-    for v in range(len(positions)):
-        if v % _TRIANGLE_BLOCK == 0 and is_set(stop):
+    for vertex in range(len(positions)):
+        if vertex % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop):
             return
-        x, y, z = sums[v, 0], sums[v, 1], sums[v, 2]
+        x, y, z = sums[vertex, 0], sums[vertex, 1], sums[vertex, 2]
         length = math.sqrt(x * x + y * y + z * z)
         if 0.0 < length < np.inf:
             scale = 1.0 / length
-            normals[v, 0], normals[v, 1], normals[v, 2] = x * scale, y * scale, z * scale
+            normals[vertex, 0], normals[vertex, 1], normals[vertex, 2] = x * scale, y * scale, z * scale
         else:
-            normals[v, 0], normals[v, 1], normals[v, 2] = 0.0, 0.0, 1.0
+            normals[vertex, 0], normals[vertex, 1], normals[vertex, 2] = 0.0, 0.0, 1.0
 
 
 def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -91,31 +93,31 @@ def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
         (N, 3) float32, and (N,) bool: True for rows without a direction (zero or not finite), which stay as they are.
     """
     invalid = np.zeros(len(vectors), np.bool_)
-    blocks = [slice(first, first + _BLOCK) for first in range(0, len(vectors), _BLOCK)]
+    step = _ROWS_PER_STOP_CHECK
+    blocks = [slice(begin, begin + step) for begin in range(0, len(vectors), step)]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        if all(_are_units(vectors[block]) for block in blocks):
+        if all(_are_unit_length(vectors[block]) for block in blocks):
             return vectors, invalid
         units = np.empty(vectors.shape, np.float32)
         for block in blocks:
             check_stop()
-            wide = vectors[block].astype(np.float64)
-            lengths = np.sqrt(np.einsum("ij,ij->i", wide, wide))
+            float64_vectors = vectors[block].astype(np.float64)
+            lengths = np.sqrt(np.einsum("ij,ij->i", float64_vectors, float64_vectors))
             invalid[block] = ~(np.isfinite(lengths) & (lengths > 0.0))
             lengths[invalid[block]] = 1.0
-            units[block] = wide / lengths[:, None]
+            units[block] = float64_vectors / lengths[:, None]
         return units, invalid
 
 
-def _are_units(vectors: NDArray[np.float32]) -> bool:
+def _are_unit_length(vectors: NDArray[np.float32]) -> bool:
     check_stop()
-    squares = np.einsum("ij,ij->i", vectors, vectors)
-    return bool((np.abs(squares - 1.0) <= 2.0 * _UNIT_TOLERANCE).all())
+    x, y, z = vectors.T
+    squared_lengths = x * x + y * y + z * z
+    return bool((np.abs(squared_lengths - 1.0) <= 2.0 * _UNIT_TOLERANCE).all())
 
 
 def warm_up() -> None:
     """Compile the kernel, or load it from the kernel cache."""
-    floats, indices = (
-        types.Array(types.float32, 2, "C", readonly=True),
-        types.Array(types.uint32, 2, "C", readonly=True),
-    )
-    _write_vertex_normals.compile((floats, indices, types.float32[:, ::1], types.int64))
+    positions = types.Array(types.float32, 2, "C", readonly=True)
+    triangles = types.Array(types.uint32, 2, "C", readonly=True)
+    _write_vertex_normals.compile((positions, triangles, types.float32[:, ::1], types.int64))

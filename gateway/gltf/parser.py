@@ -1,4 +1,4 @@
-"""Parse JSON text to a ``schema.Document``; helpers that check vectors and extensions in it."""
+"""JSON text to a ``schema.Document``, and helpers that read vectors and extensions from it."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def parse_document(text: bytes, limits: GltfLimits) -> Document:
     """
     if len(text) > limits.max_json_bytes:
         raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
-    if (values := count_values(text, limits)) > limits.max_json_values:
+    if (value_count := count_values(text, limits)) > limits.max_json_values:
         raise GltfError(
-            f"the JSON text has about {values} values, more than max_json_values = {limits.max_json_values}"
+            f"the JSON text has about {value_count} values, more than max_json_values = {limits.max_json_values}"
         )
     text = text.removeprefix(b"\xef\xbb\xbf")
     try:
@@ -41,16 +41,16 @@ def parse_document(text: bytes, limits: GltfLimits) -> Document:
 
 
 def count_values(text: bytes, limits: GltfLimits) -> int:
-    """Return the approximate number of values in JSON ``text``; 0 where its length alone rules out too many."""
+    """Return the approximate number of values in JSON ``text``; 0 for a text too short to exceed the limit."""
     if len(text) <= limits.max_json_values:
         return 0
     return text.count(b",") + text.count(b"{") + text.count(b"[")
 
 
 def _parse_leniently(text: bytes) -> Document:
-    """Accept what some exporters write and msgspec refuses: NaN, Infinity (as null), 3.0 in place of an integer."""
+    """Parse what some exporters write and msgspec refuses: NaN and Infinity (read as null), 3.0 for an integer."""
     try:
-        value = json.loads(text, parse_constant=lambda _: None, parse_float=_number)
+        value = json.loads(text, parse_constant=lambda _: None, parse_float=_parse_number)
     except ValueError as error:
         raise GltfError(f"not JSON: {error}") from error
     if not isinstance(value, dict):
@@ -61,7 +61,8 @@ def _parse_leniently(text: bytes) -> Document:
         raise GltfError(_with_path_first(str(error))) from error
 
 
-def _number(text: str) -> float | int | None:
+def _parse_number(text: str) -> float | int | None:
+    """Return an integer for a whole number, and None for an overflow such as 1e999."""
     check_stop()
     value = float(text)
     if not math.isfinite(value):
@@ -75,7 +76,7 @@ def _json_type(value: object) -> str:
 
 
 def _with_path_first(message: str) -> str:
-    """Turn msgspec's "Expected `int`, got `str` - at `$.nodes[3].mesh`" into the form of our own messages."""
+    """Turn "Expected `int`, got `str` - at `$.nodes[3].mesh`" into "nodes[3].mesh: expected `int`, got `str`"."""
     reason, separator, path = message.partition(" - at `")
     if not separator:
         return message
@@ -94,8 +95,12 @@ def _check_version(document: Document) -> None:
         raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
 
 
-def vector(values: list[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
-    """Return ``values`` as a tuple of the length of ``default``, which replaces null.
+def finite_vector_or_default(values: list[float] | None, default: tuple[float, ...], path: str) -> tuple[Any, ...]:
+    """Return ``values`` as a tuple, or ``default`` for null.
+
+    Args:
+        default: Its length is the required length of ``values``.
+        path: Name of the property, for messages.
 
     Raises:
         GltfError: Another length, or a value that is not finite.
@@ -103,13 +108,13 @@ def vector(values: list[float] | None, default: tuple[float, ...], where: str) -
     if values is None:
         return default
     if len(values) != len(default):
-        raise GltfError(f"{where}: {len(values)} numbers instead of {len(default)}")
+        raise GltfError(f"{path}: {len(values)} numbers instead of {len(default)}")
     if not all(map(math.isfinite, values)):
-        raise GltfError(f"{where}: not finite")
+        raise GltfError(f"{path}: not finite")
     return tuple(values)
 
 
-def extension(extensions: Extensions, name: str) -> msgspec.Raw | None:
-    """Return the raw JSON of an extension; None where it is absent or null."""
+def extension_json(extensions: Extensions, name: str) -> msgspec.Raw | None:
+    """Return the JSON text of an extension; None if it is absent or null."""
     raw = extensions.get(name) if extensions else None
     return None if raw is None or bytes(raw) == b"null" else raw

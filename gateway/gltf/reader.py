@@ -1,4 +1,4 @@
-"""Bytes of a glTF document to a scene: ``read_gltf``.
+"""Entry point of the reader: ``read_gltf`` turns the bytes of a glTF document into a scene, in four steps.
 
 1. Container and JSON: ``container``, ``parser`` (with the properties in ``schema``).
 2. Nodes of the scene with their matrices: ``nodes``.
@@ -17,7 +17,7 @@ from gateway.gltf.buffers import Buffers, Resolver
 from gateway.gltf.cameras import read_cameras
 from gateway.gltf.container import Container, open_container
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
@@ -56,21 +56,21 @@ def read_gltf(
 
     Raises:
         GltfError: The document cannot be read; a sentence that names the property, its value and the reason.
-        Exception: The current ``renderers.stop.StopFlag`` was set; no partial result is kept.
+        Exception: The error with which the current ``renderers.stop.StopFlag`` was set; no partial result is kept.
     """
     limits = limits or _DEFAULT_LIMITS
-    hashed: HashedDocument | None = None
+    hashed: HashedDocument | None = None  # for the document cache
     if isinstance(data, HashedDocument):
         hashed, data = data, data.data
     elif cache is not None and resolve is None:
-        hashed = HashedDocument.of(bytes(data))
+        hashed = HashedDocument(bytes(data))
     if cache is None:
         cache = GltfCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0)
-    if hashed is not None and (found := cache.documents.find(hashed, limits, textures)) is not None:
-        content, document = found
-        nodes = read_nodes(document, limits)
+    if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
+        content, nodes_and_scenes = cached
+        nodes = read_nodes(nodes_and_scenes, limits)
         if nodes.used_meshes() == content.used_meshes:
-            return _scene(content, nodes, limits)
+            return _combine(content, nodes, limits)
     check_stop()
     container = open_container(data)
     document = parse_document(container.json, limits)
@@ -78,7 +78,7 @@ def read_gltf(
     nodes = read_nodes(document, limits)
     content = _read_content(document, container, nodes, cache, limits, resolve, textures=textures)
     check_stop()
-    scene = _scene(content, nodes, limits)
+    scene = _combine(content, nodes, limits)
     if hashed is not None and len(content.warnings) <= _MAX_WARNINGS:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
@@ -103,18 +103,21 @@ def _read_content(
     meshes = Meshes(Accessors(document, buffers, limits, warnings, merged=merged), cache.content, limits, warnings)
     materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
     parts: dict[int, tuple[Part, ...]] = {}
+    element_counts: dict[int, int] = {}
     primitive_count = 0
-    for index, node in nodes.first_users().items():
-        primitives = item(document.meshes, index, "meshes", f"nodes[{node}].mesh").primitives or []
+    for index, node in nodes.first_node_by_mesh().items():
+        primitives = checked_item(document.meshes, index, "meshes", f"nodes[{node}].mesh").primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
             raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {limits.max_primitives}")
-        read: list[Part] = []
+        mesh_parts: list[Part] = []
+        element_counts[index] = 0
         for number, primitive in enumerate(primitives):
             name = f"meshes[{index}].primitives[{number}]"
             if primitive is not None and (mesh := meshes.read(primitive, name)) is not None:
-                read.append(Part(Surface(mesh), materials.get(primitive, name)))
-        parts[index] = tuple(read)
+                mesh_parts.append(Part(Surface(mesh), materials.get(primitive, name)))
+                element_counts[index] += len(mesh.elements)
+        parts[index] = tuple(mesh_parts)
     if meshes.first_without_positions and not meshes.any_positions:
         raise GltfError(f"{meshes.first_without_positions}: no POSITION, and no other primitive has one")
     return DocumentContent(
@@ -122,6 +125,7 @@ def _read_content(
         cameras=document.cameras or [],
         lights=lights,
         parts=parts,
+        element_counts=element_counts,
         used_meshes=nodes.used_meshes(),
         morphed_meshes=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
@@ -129,8 +133,8 @@ def _read_content(
     )
 
 
-def _scene(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
-    """Combine the nodes with the rest of the document."""
+def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
+    """Return the scene that nodes and content make together."""
     warnings = [*content.warnings, *_deformation_warnings(content, nodes)]
     cameras = read_cameras(content.cameras, nodes)
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
@@ -146,34 +150,30 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     Raises:
         GltfError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
     """
-    elements = {
-        index: sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
-        for index, parts in content.parts.items()
-    }
-    result: NodeParts = []
+    node_parts: NodeParts = []
     instance_count = element_count = 0
     for node, mesh in zip(nodes.indices, nodes.meshes, strict=True):
         if mesh is None:
-            result.append(None)
+            node_parts.append(None)
             continue
-        result.append(content.parts[mesh])
+        node_parts.append(content.parts[mesh])
         instance_count += len(content.parts[mesh])
-        element_count += elements[mesh]
+        element_count += content.element_counts[mesh]
         if instance_count > limits.max_instances:
             limit = limits.max_instances
             raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
         if element_count > limits.max_drawn_elements:
             limit = limits.max_drawn_elements
             raise GltfError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
-    return result, instance_count, element_count
+    return node_parts, instance_count, element_count
 
 
 def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
     """Warn about skins and morph targets, which are not read: meshes are drawn as they are stored."""
     warnings: list[str] = []
     with_mesh = [node for node in nodes.sources if node.mesh is not None]
-    if skinned := sum(1 for node in with_mesh if node.skin is not None):
-        warnings.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
-    if morphed := content.morphed_meshes + sum(1 for node in with_mesh if node.weights and any(node.weights)):
-        warnings.append(f"weights: morph targets are ignored, {morphed} meshes are drawn as they are stored")
+    if skin_count := sum(1 for node in with_mesh if node.skin is not None):
+        warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")
+    if morph_count := content.morphed_meshes + sum(1 for node in with_mesh if node.weights and any(node.weights)):
+        warnings.append(f"weights: morph targets are ignored, {morph_count} meshes are drawn as they are stored")
     return warnings

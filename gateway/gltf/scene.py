@@ -1,4 +1,4 @@
-"""The reader's result."""
+"""Result of ``read_gltf``."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class GltfScene:
     def camera(self) -> GltfCamera | None:
         """The camera of a render request: that of the first node with camera 0.
 
-        A document with cameras but without such a node means the identity pose. The result is None for a document
-        without cameras (Drake's client leaves the camera out when the scene holds glTF meshes only).
+        A document with cameras but without such a node has the identity pose. The result is None for a document
+        without cameras: Drake's client leaves the camera out if all of the scene's meshes are glTF files.
         """
         for camera in self.cameras:
             if camera.index == 0:

@@ -18,8 +18,8 @@ DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
-    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec searches
-    each one from the last one found."""
+    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec looks
+    for a name first after the field that it found last."""
 
 
 class Asset(_Object):

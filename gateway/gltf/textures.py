@@ -9,10 +9,10 @@ import msgspec
 
 from gateway.gltf import schema
 from gateway.gltf.buffers import Buffers
-from gateway.gltf.errors import GltfError, item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey, ImageKey
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.parser import extension, vector
+from gateway.gltf.parser import extension_json, finite_vector_or_default
 from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap
 from renderers.images import image_from_bytes, image_header
@@ -52,16 +52,16 @@ class Textures:
         """By index, with the first texture coordinates and no transform."""
         self._images: dict[int, tuple[Image, str]] = {}
         """Images and their names, by index."""
-        self._counted: set[Image] = set()
-        """Images that count against ``max_total_image_pixels``."""
-        self._pixels = 0
+        self._counted_images: set[Image] = set()
+        """Images whose pixels are counted towards ``max_total_image_pixels``."""
+        self._total_pixels = 0
 
-    def get(self, info: schema.TextureInfo | None, where: str) -> Texture | None:
+    def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
         """Return the texture of a material's property; None where there is none, or none that can be read.
 
         Args:
             info: The property's value.
-            where: Name of the property, for messages.
+            path: Name of the property, for messages.
 
         Raises:
             GltfError: A reference is out of range, or images are beyond the limits.
@@ -69,21 +69,22 @@ class Textures:
         if info is None or not self._enabled:
             return None
         if info.index is None:
-            raise GltfError(f"{where}.index: missing")
+            raise GltfError(f"{path}.index: missing")
         if info.index not in self._textures:
             check_stop()
-            self._textures[info.index] = self._load(info.index, f"{where}.index")
+            self._textures[info.index] = self._load(info.index, f"{path}.index")
         texture = self._textures[info.index]
         if texture is None or (not info.tex_coord and not info.extensions):
             return texture
-        return self._with_coordinates(texture, info, where)
+        return self._with_coordinates(texture, info, path)
 
-    def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, where: str) -> Texture:
+    def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, path: str) -> Texture:
         """Apply ``texCoord`` and KHR_texture_transform."""
-        uv_set, uv_transform = info.tex_coord or 0, None
-        raw = extension(info.extensions, "KHR_texture_transform")
+        uv_set = info.tex_coord or 0
+        uv_transform = None
+        raw = extension_json(info.extensions, "KHR_texture_transform")
         if raw is not None:
-            name = f"{where}.extensions.KHR_texture_transform"
+            name = f"{path}.extensions.KHR_texture_transform"
             try:
                 transform = msgspec.json.decode(raw, type=schema.TextureTransform)
             except msgspec.MsgspecError as error:
@@ -91,12 +92,12 @@ class Textures:
             uv_transform = _uv_transform(transform, name)
             uv_set = uv_set if transform.tex_coord is None else transform.tex_coord
         if uv_set not in (0, 1):
-            self._warnings.append(f"{where}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
+            self._warnings.append(f"{path}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
             uv_set = 0
         return Texture(texture.image, texture.sampler, uv_set, uv_transform, texture.name)
 
-    def _load(self, index: int, where: str) -> Texture | None:
-        texture = item(self._document.textures, index, "textures", where)
+    def _load(self, index: int, path: str) -> Texture | None:
+        texture = checked_item(self._document.textures, index, "textures", path)
         source, name = texture.source, f"textures[{index}].source"
         if source is None:
             source, name = self._webp_source(texture, index), f"textures[{index}].extensions.EXT_texture_webp.source"
@@ -107,8 +108,8 @@ class Textures:
 
     def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
-        raw = extension(texture.extensions, "EXT_texture_webp")
-        # Drake's merge leaves the indices in extensions as they were in the single files.
+        raw = extension_json(texture.extensions, "EXT_texture_webp")
+        # Where Drake's client merges several files, it does not adapt the indices in extensions.
         if raw is not None and not self._document.from_drake:
             try:
                 webp = msgspec.json.decode(raw, type=schema.ImageSource)
@@ -116,14 +117,14 @@ class Textures:
                 raise GltfError(f"textures[{index}].extensions.EXT_texture_webp: {error}") from error
             if webp.source is not None:
                 return webp.source
-        offered = ", ".join(texture.extensions or ()) or "no extension"
-        self._warnings.append(f"textures[{index}]: no source ({offered}), so there is no texture")
+        extensions = ", ".join(texture.extensions or ()) or "no extension"
+        self._warnings.append(f"textures[{index}]: no source ({extensions}), so there is no texture")
         return None
 
-    def _sampler(self, index: int | None, texture: int) -> Sampler:
+    def _sampler(self, index: int | None, texture_index: int) -> Sampler:
         if index is None:
             return Sampler()
-        source = item(self._document.samplers, index, "samplers", f"textures[{texture}].sampler")
+        source = checked_item(self._document.samplers, index, "samplers", f"textures[{texture_index}].sampler")
         return Sampler(
             wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
             wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
@@ -133,17 +134,17 @@ class Textures:
             mip_linear=source.min_filter not in _MIP_NEAREST,
         )
 
-    def _wrap(self, value: int | None, where: str) -> Wrap:
+    def _wrap(self, value: int | None, path: str) -> Wrap:
         wrap = _WRAPS.get(value)
         if wrap is None:
-            self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
+            self._warnings.append(f"{path}: {value} is not a wrap mode, REPEAT is used")
         return wrap or Wrap.REPEAT
 
-    def _image(self, index: int, where: str) -> tuple[Image, str]:
-        """Return ``images[index]``, which other documents may share, and its name in this one."""
-        if (known := self._images.get(index)) is not None:
-            return known
-        source = item(self._document.images, index, "images", where)
+    def _image(self, index: int, path: str) -> tuple[Image, str]:
+        """Return ``images[index]``, an object that other documents may share, and its name in this document."""
+        if (image_and_name := self._images.get(index)) is not None:
+            return image_and_name
+        source = checked_item(self._document.images, index, "images", path)
         if source.buffer_view is not None:
             view = self._buffers.view(source.buffer_view, f"images[{index}].bufferView")
             buffer, offset, length = view.buffer, view.offset, view.length
@@ -154,7 +155,7 @@ class Textures:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
         # Many images can share one buffer view, and each is copied.
-        self._buffers.charge(length, f"images[{index}]")
+        self._buffers.count_bytes(length, f"images[{index}]")
         key = ImageKey(buffer.digest, offset, length, self._limits.max_image_pixels)
         image = self._content.get(key)
         data = memoryview(buffer.data)[offset : offset + length]
@@ -162,8 +163,8 @@ class Textures:
             image = image_from_bytes(bytes(data), max_pixels=self._limits.max_image_pixels)
             self._content.put(key, image, length + IMAGE_BYTES)
         self._images[index] = image, name
-        if image not in self._counted:
-            self._counted.add(image)
+        if image not in self._counted_images:
+            self._counted_images.add(image)
             self._count_pixels(data, name)
         return image, name
 
@@ -171,24 +172,24 @@ class Textures:
         try:
             pixels = image_header(data, name).pixels
         except ImageError as error:
-            # Depth and label images do not need it; rendering a colour image raises the error.
+            # Depth and label images do not need the texture; rendering a colour image raises the error.
             self._warnings.append(str(error))
             pixels = 0
-        self._pixels += pixels
+        self._total_pixels += pixels
         limits = self._limits
         if pixels > limits.max_image_pixels:
             raise GltfError(f"{name}: {pixels} pixels are more than max_image_pixels = {limits.max_image_pixels}")
-        if self._pixels > limits.max_total_image_pixels:
+        if self._total_pixels > limits.max_total_image_pixels:
             limit = limits.max_total_image_pixels
             raise GltfError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
 
 
-def _uv_transform(source: schema.TextureTransform, where: str) -> tuple[float, float, float, float, float, float]:
-    """Return offset * rotation * scale, composed like the extension's text and reference viewer; v points down."""
-    x, y = vector(source.offset, (0.0, 0.0), f"{where}.offset")
-    sx, sy = vector(source.scale, (1.0, 1.0), f"{where}.scale")
+def _uv_transform(source: schema.TextureTransform, path: str) -> tuple[float, float, float, float, float, float]:
+    """Return the first two rows of offset * rotation * scale, as in the extension's specification; v points down."""
+    u, v = finite_vector_or_default(source.offset, (0.0, 0.0), f"{path}.offset")
+    scale_u, scale_v = finite_vector_or_default(source.scale, (1.0, 1.0), f"{path}.scale")
     angle = 0.0 if source.rotation is None else source.rotation
     if not math.isfinite(angle):
-        raise GltfError(f"{where}.rotation: not finite")
+        raise GltfError(f"{path}.rotation: not finite")
     c, s = math.cos(angle), math.sin(angle)
-    return (c * sx, s * sy, x, -s * sx, c * sy, y)
+    return (c * scale_u, s * scale_v, u, -s * scale_u, c * scale_v, v)

@@ -1,4 +1,4 @@
-"""Primitive modes: index lists as points, lines or triangles."""
+"""Index lists of all primitive modes (strips, fans, loops) as separate points, lines or triangles."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ TRIANGLES: Final = 4
 TRIANGLE_STRIP: Final = 5
 TRIANGLE_FAN: Final = 6
 MODE_COUNT: Final = 7
-_SEPARATE: Final = {POINTS: 1, LINES: 2, TRIANGLES: 3}
-"""Number of vertices of an element, for modes whose elements share no indices."""
+_SEPARATE_SIZES: Final = {POINTS: 1, LINES: 2, TRIANGLES: 3}
+"""Number of indices of an element, for modes whose elements share no indices."""
 
 
 def element_count(mode: int, index_count: int) -> int:
@@ -33,7 +33,7 @@ def element_count(mode: int, index_count: int) -> int:
 
 
 def elements_of(mode: int, indices: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return the points, lines or triangles of a primitive. Winding is kept, incomplete ones at the end are dropped.
+    """Return the points, lines or triangles of a primitive. Winding is kept; an incomplete last element is dropped.
 
     Args:
         mode: ``primitive.mode``, 0 .. 6.
@@ -43,7 +43,7 @@ def elements_of(mode: int, indices: NDArray[Any]) -> NDArray[np.uint32]:
         (M, 1 | 2 | 3) uint32, C-contiguous: a copy.
     """
     count = element_count(mode, len(indices))
-    size = _SEPARATE.get(mode)
+    size = _SEPARATE_SIZES.get(mode)
     if size is not None:
         return indices[: count * size].astype(np.uint32).reshape(-1, size)
     elements = np.empty((count, 2 if mode in (LINE_LOOP, LINE_STRIP) else 3), np.uint32)

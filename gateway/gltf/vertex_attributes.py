@@ -11,15 +11,15 @@ from renderers.stop import check_stop
 Floats = NDArray[np.float32]
 
 
-def finite(values: Floats) -> Floats:
+def zero_if_not_finite(values: Floats) -> Floats:
     """Replace numbers that are not finite by zero."""
     return values if np.isfinite(values).all() else np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def rgba(values: Floats) -> Floats:
+def rgba_colors(values: Floats) -> Floats:
     """Return RGB or RGBA colours as RGBA in 0 .. 1."""
     result = np.ones((len(values), 4), np.float32)
-    result[:, : values.shape[1]] = np.clip(finite(values), 0.0, 1.0)
+    result[:, : values.shape[1]] = np.clip(zero_if_not_finite(values), 0.0, 1.0)
     return result
 
 
@@ -41,7 +41,7 @@ def without_invalid_vertices(positions: Floats, elements: NDArray[np.uint32]) ->
         The positions with zeros in place of invalid ones, the remaining elements, and the number of dropped ones.
     """
     invalid = np.asarray(~np.isfinite(positions).all(axis=1))
-    kept = np.ascontiguousarray(elements[~invalid[elements].any(axis=1)])
-    cleaned = positions.copy()
-    cleaned[invalid] = 0.0
-    return cleaned, kept, len(elements) - len(kept)
+    remaining = np.ascontiguousarray(elements[~invalid[elements].any(axis=1)])
+    finite_positions = positions.copy()
+    finite_positions[invalid] = 0.0
+    return finite_positions, remaining, len(elements) - len(remaining)

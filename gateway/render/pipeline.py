@@ -130,7 +130,7 @@ def posted_document(request: RenderRequest) -> HashedDocument:
     Raises:
         RequestError: The hash differs from the one in the form.
     """
-    document = HashedDocument.of(request.scene)
+    document = HashedDocument(request.scene)
     if request.claimed_sha256 not in (None, document.digest):
         raise RequestError(
             400,

@@ -66,7 +66,7 @@ _ERRORS: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "The camera's node is not in the scene, or there is no stereo camera.", "content": _TEXT},
     422: {
         "description": "A parameter is out of its range, or a texture of the scene cannot be decoded.",
-        "content": {**_TEXT, "application/json": {"schema": {"type": "object"}}},
+        "content": _TEXT,
     },
     503: {
         "description": "Too many requests are waiting, see Retry-After; without Retry-After, rendering took too long.",

@@ -1,4 +1,4 @@
-"""Rig files."""
+"""Rig files: values, defaults, limits and errors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.assets.light_rig_file import RigFileError, read_rig, rig_digest
+from gateway.assets.light_rig_file import RigFileError, read_rig, rig_digest, rig_of
 from renderers.drawlist import Light, LightKind
-from renderers.light_rig import Hemisphere, Rig, Softbox
+from renderers.light_rig import STUDIO, Hemisphere, Rig, Softbox
 
 EVERYTHING = """
 exposure = 1.5
@@ -62,7 +62,7 @@ def test_everything_is_read(tmp_path: Path) -> None:
     assert not spot.casts_shadow
 
 
-def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
+def test_an_empty_file_has_no_light(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("")
     assert read_rig(path) == Rig(surroundings=None)
@@ -88,7 +88,7 @@ def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
         ("exposure = ", "rig.toml: Invalid value"),
     ],
 )
-def test_what_cannot_be_used_is_a_sentence(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_name_file_field_and_value(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(RigFileError) as error:
@@ -97,7 +97,7 @@ def test_what_cannot_be_used_is_a_sentence(tmp_path: Path, text: str, message: s
     assert "rig.toml" in str(error.value)
 
 
-def test_the_digest_is_of_the_file_and_of_its_picture(tmp_path: Path) -> None:
+def test_the_digest_covers_the_file_and_its_image(tmp_path: Path) -> None:
     path, picture = tmp_path / "rig.toml", tmp_path / "light.hdr"
     path.write_text('[surroundings]\nimage = "light.hdr"')
     pixels = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"
@@ -110,6 +110,51 @@ def test_the_digest_is_of_the_file_and_of_its_picture(tmp_path: Path) -> None:
     assert len({first, second, rig_digest(path)}) == 3
 
 
-def test_no_file(tmp_path: Path) -> None:
+def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(RigFileError, match="cannot be read"):
         read_rig(tmp_path / "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("[[lights]]\nkind = 'spot'\ninner_cone = 45", False),
+        ("[[lights]]\nkind = 'spot'\ninner_cone = 44.9", True),
+        ("[[lights]]\nkind = 'point'\ninner_cone = 50", True),
+        ("[[lights]]\nkind = 'spot'\nouter_cone = 90", True),
+        ("[[lights]]\nkind = 'spot'\nouter_cone = 90.1", False),
+        ("[[lights]]\nkind = 'point'\nintensity = 0", True),
+        ("[[lights]]\nkind = 'point'\nrange = 0", False),
+        ("[[lights]]\nkind = 'point'\ncolor = [1, -0.1, 1]", False),
+        ("[[lights]]\nkind = 'point'\nposition = [0, -1e13, 0]", True),
+        ("[[lights]]\nkind = 'point'\nposition = [0, nan, 0]", False),
+        ("[[lights]]\nkind = 'point'\ndirection = [0, 1e-9, 0]", False),
+        ("[[lights]]\nkind = 'point'\ndirection = [0, 1.1e-9, 0]", True),
+        ("[[lights]]\nkind = 'point'\ndirection = [0, -1e9, 0]", False),
+        ("[[surroundings.softboxes]]\ndirection = [0, 0, 1]\nradiance = [1, 1, 1]\nwidth = 89\nheight = 5", False),
+        ("[[surroundings.softboxes]]\ndirection = [0, 0, 1]\nradiance = [1, 1, 1]\nwidth = 5\nheight = 0", False),
+        ("exposure = 0", True),
+    ],
+)
+def test_values_at_their_limits(tmp_path: Path, text: str, allowed: bool) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    if allowed:
+        assert isinstance(read_rig(path), Rig)
+    else:
+        with pytest.raises(RigFileError):
+            read_rig(path)
+
+
+def test_directions_have_unit_length(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[[lights]]\nkind = 'directional'\ndirection = [2, -3, 6]")
+    (light,) = read_rig(path).lights
+    assert light.direction == (2 / 7, -3 / 7, 6 / 7)
+
+
+def test_without_a_path_the_default_rig_is_used(tmp_path: Path) -> None:
+    assert rig_of(None) is STUDIO
+    path = tmp_path / "rig.toml"
+    path.write_text("shadow_radius = 3")
+    assert rig_of(path) == Rig(surroundings=None, shadow_radius=3)

@@ -243,3 +243,64 @@ def test_many_meshes_of_one_buffer_are_limited() -> None:
         b.read(limits=GltfLimits(max_elements=1000))
     with pytest.raises(GltfError, match=r"max_mesh_bytes = 100000"):
         b.read(limits=GltfLimits(max_mesh_bytes=100_000))
+
+
+def test_accessors_may_end_where_their_view_ends_and_views_where_their_buffer_ends() -> None:
+    b = Builder()
+    data = np.vstack((np.ones((1, 3)), TRIANGLE)).astype(np.float32).tobytes()
+    buffer = b.buffer(b"\1" * 4 + data)
+    view = b.add("bufferViews", {"buffer": buffer, "byteOffset": 4, "byteLength": len(data)})
+    p = b.add("accessors", {"bufferView": view, "byteOffset": 12, "componentType": 5126, "count": 3, "type": "VEC3"})
+    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    (mesh,) = meshes(b.read())
+    assert mesh.positions.tolist() == TRIANGLE.tolist()
+    b.json["bufferViews"][view]["byteLength"] += 1
+    with pytest.raises(GltfError, match=r"bufferViews\[0\]: bytes 4 \.\. 53 are outside of buffers\[0\] \(52 bytes\)"):
+        b.read()
+    b.json["bufferViews"][view]["byteLength"] -= 2
+    with pytest.raises(GltfError, match=r"accessors\[0\]: needs 48 bytes of bufferViews\[0\], which has 47"):
+        b.read()
+
+
+@pytest.mark.parametrize(("stride", "allowed"), [(8, False), (12, True), (16, True), (252, True), (256, False)])
+def test_strides_are_at_least_a_value_and_at_most_252_bytes(stride: int, allowed: bool) -> None:
+    b = Builder()
+    rows = np.zeros((3, stride), np.uint8)
+    rows[:, :8] = np.ascontiguousarray(TRIANGLE[:, :2]).view(np.uint8).reshape(3, 8)
+    view = b.view(rows.tobytes() + bytes(12), byteStride=stride)
+    p = b.add("accessors", {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"})
+    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    if allowed:
+        (mesh,) = meshes(b.read())
+        assert mesh.positions.tolist() == TRIANGLE.tolist()
+    else:
+        with pytest.raises(GltfError, match=rf"byteStride: {stride} is not between 12 and 252"):
+            b.read()
+
+
+def test_sparse_indices_are_below_the_count() -> None:
+    def document(index: int) -> Builder:
+        b = Builder()
+        sparse = {
+            "count": 1,
+            "indices": {"bufferView": b.view(bytes((index,))), "componentType": 5121},
+            "values": {"bufferView": b.view(np.full(3, 7, np.float32).tobytes())},
+        }
+        p = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3", "sparse": sparse})
+        b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+        return b
+
+    (mesh,) = meshes(document(2).read())
+    assert mesh.positions.tolist() == [[0, 0, 0], [0, 0, 0], [7, 7, 7]]
+    with pytest.raises(GltfError, match=r"accessors\[0\]\.sparse\.indices: 3 is out of range \(3 elements\)"):
+        document(3).read()
+
+
+@pytest.mark.parametrize("value", [-1e13, 3e38, -3e38])
+def test_float64_values_that_fit_float32_are_kept_and_others_are_not_finite(value: float) -> None:
+    b = Builder()
+    p = b.accessor([(0, 0, 0), (0, value, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 10 * value)], "d")
+    b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    (mesh,) = meshes(b.read())
+    assert mesh.positions[1].tolist() == [0, np.float32(value), 0]
+    assert len(mesh.elements) == (2 if value == -1e13 else 1)

@@ -75,8 +75,8 @@ def test_long_data_uris_are_extracted_from_the_json() -> None:
     text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
     container = open_container(text)
     assert len(container.json) < 600
-    assert len(container.uris) == 1
-    (uri,) = container.uris.values()
+    assert len(container.data_uris) == 1
+    (uri,) = container.data_uris.values()
     assert bytes(uri).decode() == data_uri(LONG)
 
 
@@ -95,7 +95,11 @@ def test_other_strings_that_look_like_uris_stay_in_the_json() -> None:
 
 @given(
     st.recursive(
-        st.one_of(st.text('\\":{}uridata ', max_size=20), st.just("data:" + "AAAA" * 70), st.integers()),
+        st.one_of(
+            st.text('\\":{}uridata ', max_size=20),
+            st.sampled_from(["data:" + "AAAA" * count for count in (70, 255, 300)]),
+            st.integers(),
+        ),
         lambda inner: (
             st.lists(inner, max_size=4)
             | st.dictionaries(st.sampled_from(["uri", "x", '"uri":', "\\"]), inner, max_size=4)
@@ -113,7 +117,7 @@ def test_extraction_of_uris_is_reversible(value: Any, indent: int | None) -> Non
 
         def restore(v: Any, container: Any = container) -> Any:
             if isinstance(v, str):
-                uri = container.uri(v)
+                uri = container.original_uri(v)
                 return uri if isinstance(uri, str) else bytes(uri).decode()
             if isinstance(v, list):
                 return [restore(item) for item in v]
@@ -285,3 +289,66 @@ def test_buffers_are_limited_before_decoding() -> None:
         read_gltf(text, limits=GltfLimits(max_buffer_bytes=3000))
     with pytest.raises(GltfError, match="the binary chunk: the buffers exceed"):
         read_gltf(glb(document(None, len(LONG)), LONG), limits=GltfLimits(max_buffer_bytes=3000))
+
+
+def test_the_smallest_glb_has_a_header_and_an_empty_chunk() -> None:
+    empty = struct.pack("<4sIII4s", b"glTF", 2, 20, 0, b"JSON")
+    with pytest.raises(GltfError, match="not JSON"):
+        read_gltf(empty)
+    with pytest.raises(GltfError, match="GLB: 19 bytes are too few"):
+        read_gltf(empty[:19])
+
+
+def test_a_document_may_start_with_white_space() -> None:
+    assert read_gltf(b"\xef\xbb\xbf" + b" \t\r\n" * 15 + b"{}").instance_count == 0  # 63 bytes before the brace
+    with pytest.raises(GltfError, match="neither glTF JSON nor GLB"):
+        read_gltf(b" " * 64 + b"{}")
+
+
+def test_the_first_binary_chunk_counts() -> None:
+    data = glb(document(None), TRIANGLE.tobytes())
+    second = struct.pack("<I4s", 36, b"BIN\0") + bytes(36)
+    data = struct.pack("<4sII", b"glTF", 2, len(data) + len(second)) + data[12:] + second
+    assert positions(data) == TRIANGLE.tobytes()
+
+
+@pytest.mark.parametrize(("size", "extracted"), [(1023, False), (1024, True)])
+def test_data_uris_of_a_kilobyte_are_extracted(size: int, extracted: bool) -> None:
+    uri = "data:;base64,".ljust(size, "A")
+    container = open_container(json.dumps({"buffers": [{"uri": uri}]}).encode())
+    assert len(container.data_uris) == extracted
+    assert (uri.encode() in container.json) != extracted
+
+
+@pytest.mark.parametrize(("size", "allowed"), [(1024, True), (1025, False)])
+def test_the_comma_of_a_data_uri_is_within_its_first_kilobyte(size: int, allowed: bool) -> None:
+    uri = "data:".ljust(size - 1, "x") + ",ab"
+    if allowed:
+        assert decode_data_uri(uri) == decode_data_uri(memoryview(uri.encode())) == b"ab"
+    else:
+        for form in (uri, memoryview(uri.encode())):
+            with pytest.raises(ValueError, match="no comma within its first 1024 bytes"):
+                decode_data_uri(form)
+
+
+@pytest.mark.parametrize(("length", "shown"), [(80, "a" * 80), (81, "a" * 77 + "...")])
+def test_long_names_of_files_are_shortened_in_messages(length: int, shown: str) -> None:
+    with pytest.raises(GltfError, match=rf": '{shown}' is a file"):
+        read_gltf(json.dumps(document("a" * length)).encode())
+
+
+def test_only_buffer_0_is_the_binary_chunk() -> None:
+    source = document(None)
+    source["buffers"].insert(0, {"byteLength": 36})
+    source["bufferViews"][0]["buffer"] = 1
+    with pytest.raises(GltfError, match=r"buffers\[1\]: there is neither a uri nor a binary chunk"):
+        read_gltf(glb(source, TRIANGLE.tobytes()))
+
+
+@pytest.mark.parametrize("value", ["1e999", "-1e999", "NaN", "Infinity", "-Infinity"])
+@pytest.mark.parametrize("place", ["translation", "scale", "rotation"])
+def test_numbers_that_are_not_finite_are_refused(value: str, place: str) -> None:
+    count = 4 if place == "rotation" else 3
+    text = json.dumps({"nodes": [{place: [0] * count}]}).replace("0]", f"{value}]")
+    with pytest.raises(GltfError, match=rf"nodes\[0\]\.{place}\[{count - 1}\]: expected `float`, got `null`"):
+        read_gltf(text.encode())

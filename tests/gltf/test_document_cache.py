@@ -194,10 +194,21 @@ def test_the_last_list_of_nodes_is_found() -> None:
     source["meshes"][0]["name"] = '"nodes":[{}],"x"'
     source["scenes"] = [{"nodes": [4], "name": '"nodes"'}, {"nodes": []}]
     data = dump(source)
-    hashed = HashedDocument.of(data)
-    assert data[hashed.nodes_at :].startswith(b'"nodes": [{"name": "g0"')
+    hashed = HashedDocument(data)
+    assert data[hashed.nodes_offset :].startswith(b'"nodes": [{"name": "g0"')
     assert hashed.digest == hashlib.sha256(data).hexdigest()
-    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_at]).digest()
+    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_offset]).digest()
+
+
+def test_text_is_not_split_before_data_uris() -> None:
+    source = document()
+    source["zzz"] = source.pop("buffers")
+    data = dump(source)
+    assert data.index(b'"nodes"') < data.index(b'"data:')
+    hashed = HashedDocument(data)
+    assert hashed.nodes_offset == 0
+    assert hashed.prefix_digest == hashlib.sha256(b"").digest()
+    assert hashed.digest == hashlib.sha256(data).hexdigest()
 
 
 @pytest.mark.parametrize(
@@ -228,3 +239,56 @@ def test_the_result_does_not_depend_on_the_cache(data: st.DataObject) -> None:
             moved({name: source[name] for name in names}, x), indent=data.draw(st.sampled_from([None, 1]))
         )
         assert outcome(read_gltf(text.encode(), cache=cache)) == outcome(read_gltf(text.encode()))
+
+
+@pytest.mark.parametrize("limit", ["max_json_bytes", "max_json_values"])
+def test_hits_are_limited_as_whole_documents_are(limit: str) -> None:
+    """The text from the nodes on alone is beyond the limit."""
+    small, large = dump(moved(document(), 1)), moved(document(), 2)
+    large["nodes"] += [{} for _ in range(20_000)]
+    value = {"max_json_bytes": 30_000, "max_json_values": 15_000}[limit]
+    limits, cache = GltfLimits(**{limit: value}), GltfCache()
+    for _ in range(2):
+        read_gltf(small, cache=cache, limits=limits)
+    assert cache.documents.cache.hits == 1
+    messages = []
+    for known in (None, cache):
+        with pytest.raises(GltfError, match=rf"{limit} = {value}") as caught:
+            read_gltf(dump(large), cache=known, limits=limits)
+        messages.append(str(caught.value))
+    assert messages[0] == messages[1]
+
+
+@pytest.mark.parametrize(("size", "expected"), [(MIN_BYTES - 1, 0), (MIN_BYTES, MIN_BYTES)])
+def test_texts_of_the_least_size_before_the_nodes_are_kept(size: int, expected: int) -> None:
+    before = b'{"extras":"'.ljust(size - 2, b"x") + b'",'
+    assert HashedDocument(before + b'"nodes":[{}]}').nodes_offset == expected
+
+
+def test_64_occurrences_of_nodes_are_searched() -> None:
+    before = b'{"extras":"'.ljust(MIN_BYTES, b"x") + b'","nodes":[{}],'
+    for others, found in ((63, True), (64, False)):
+        scenes = ",".join(['{"nodes":[0]}'] * others).encode()
+        hashed = HashedDocument(before + b'"scenes":[' + scenes + b"]}")
+        assert (hashed.nodes_offset > 0) == found
+
+
+def test_digests_do_not_depend_on_the_order_of_use() -> None:
+    data = dump(document())
+    hashed = HashedDocument(bytearray(data))
+    assert hashed.digest == hashed.digest == hashlib.sha256(data).hexdigest()
+    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_offset]).digest()
+
+
+def test_elements_are_counted_again_for_moved_documents() -> None:
+    cache = GltfCache()
+    first = read_gltf(dump(moved(document(), 1)), cache=cache)
+    other = moved(document(), 2)
+    other["nodes"].append({"mesh": 0})
+    other["nodes"][4]["children"].append(5)
+    second = read_gltf(dump(other), cache=cache)
+    assert cache.documents.cache.hits == 1
+    assert (first.instance_count, first.element_count) == (2, 400)
+    assert (second.instance_count, second.element_count) == (3, 600)
+    with pytest.raises(GltfError, match="max_drawn_elements = 599"):
+        read_gltf(dump(other), limits=GltfLimits(max_drawn_elements=599))

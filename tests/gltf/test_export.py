@@ -285,3 +285,87 @@ def test_camera_round_trip() -> None:
     assert lens["aspectRatio"] * np.tan(lens["yfov"] / 2) == pytest.approx(32.0 / 50.0)
     endless = replace(camera, far=float("inf"))
     assert "zfar" not in document(export_glb(scene(), camera=endless))["cameras"][0]["perspective"]
+
+
+@pytest.mark.parametrize("mag_linear", [False, True])
+@pytest.mark.parametrize(("min_linear", "mipmaps"), [(True, True), (True, False), (False, True), (False, False)])
+def test_samplers_round_trip(mag_linear: bool, min_linear: bool, mipmaps: bool) -> None:
+    sampler = Sampler(
+        Wrap.MIRRORED_REPEAT, Wrap.CLAMP_TO_EDGE, mag_linear=mag_linear, min_linear=min_linear, mipmaps=mipmaps
+    )
+    image = image_from_bytes(png_rgba(np.full((2, 2, 4), 200, np.uint8)))
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32), uv0=np.zeros((3, 2), np.float32))
+    material = Material(base_color_texture=Texture(image, sampler, name="paint"))
+    glb = export_glb(Node((Part(Surface(mesh), material),)))
+    written = document(glb)["samplers"]
+    assert written[0]["magFilter"] == (9729 if mag_linear else 9728)
+    assert (
+        written[0]["minFilter"]
+        == {
+            (True, True): 9987,
+            (True, False): 9729,
+            (False, True): 9984,
+            (False, False): 9728,
+        }[min_linear, mipmaps]
+    )
+    (drawn,) = flatten(read_gltf(glb).root).instances
+    texture = drawn.material.base_color_texture
+    assert texture is not None
+    assert texture.name == "images[0] (paint)"
+    found = texture.sampler
+    assert (found.wrap_s, found.wrap_t) == (Wrap.MIRRORED_REPEAT, Wrap.CLAMP_TO_EDGE)
+    assert (found.mag_linear, found.min_linear, found.mipmaps) == (mag_linear, min_linear, mipmaps)
+
+
+@pytest.mark.parametrize(("count", "component"), [(65_534, 5123), (65_535, 5125), (65_536, 5125)])
+def test_indices_are_16_bit_while_the_restart_value_is_no_vertex(count: int, component: int) -> None:
+    positions = np.zeros((count, 3), np.float32)
+    positions[-1] = (1, -1e13, 3)
+    mesh = Mesh(positions, np.array([[count - 1, 0, 1]], np.uint32))
+    glb = export_glb(Node((Part(Surface(mesh), RED),)))
+    accessors = document(glb)["accessors"]
+    assert [each["componentType"] for each in accessors] == [5126, component]
+    assert accessors[0]["min"] == [0, np.float32(-1e13), 0]
+    assert accessors[0]["max"] == [1, 0, 3]
+    assert "min" not in accessors[1]
+    (read,) = flatten(read_gltf(glb).root).instances
+    assert read.mesh.positions[read.mesh.elements[0, 0]].tolist() == positions[-1].tolist()
+
+
+@pytest.mark.parametrize(("value", "written"), [(-0.5, 0), (0.25, 0.25), (1.5, 1), (math.nan, 1), (math.inf, 1)])
+def test_factors_are_clamped_to_the_range_of_gltf(value: float, written: float) -> None:
+    material = Material(base_color=(0.5, value, 1, 1), metallic=value, roughness=value, emissive=(0, value, 1))
+    (entry,) = document(export_glb(Node((Part(Box((1, 1, 1)), material),))))["materials"]
+    pbr = entry["pbrMetallicRoughness"]
+    assert pbr["baseColorFactor"] == [0.5, written, 1, 1]
+    assert (pbr["metallicFactor"], pbr["roughnessFactor"]) == (written, written)
+    assert entry["emissiveFactor"] == [0, written, 1]
+
+
+def test_a_file_of_exactly_the_limit_is_written() -> None:
+    root = Node((Part(Box((1, 1, 1)), RED),))
+    size = document(export_glb(root))["buffers"][0]["byteLength"]
+    assert export_glb(root, max_bytes=size)
+    with pytest.raises(ExportError, match=f"larger than {size - 1} bytes"):
+        export_glb(root, max_bytes=size - 1)
+
+
+@pytest.mark.parametrize(
+    ("x", "written"), [(9e14, True), (-9e14, True), (1e15, False), (-1e15, False), (math.nan, False)]
+)
+def test_nodes_with_huge_transforms_are_left_out(x: float, written: bool) -> None:
+    matrix = np.eye(4)
+    matrix[1, 3] = x
+    root = Node(None, tf.IDENTITY, {"far": Node((Part(Box((1, 1, 1)), RED),), matrix)})
+    assert len(document(export_glb(root)).get("meshes", ())) == written
+
+
+def test_views_of_the_buffer_are_aligned_to_four_bytes() -> None:
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32))
+    other = Mesh(2 * np.eye(3, dtype=np.float32), np.array([[2, 1, 0]], np.uint32))
+    written = document(export_glb(Node((Part(Surface(mesh), RED), Part(Surface(other), RED)))))
+    views = written["bufferViews"]
+    assert [view["byteLength"] for view in views] == [36, 6, 36, 6]
+    assert [view["byteOffset"] for view in views] == [0, 36, 44, 80]
+    assert [view["target"] for view in views] == [34962, 34963] * 2
+    assert written["buffers"][0]["byteLength"] == 88

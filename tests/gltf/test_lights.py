@@ -93,3 +93,34 @@ def test_lights_of_files_are_rotated_to_z_up(tmp_path: Path) -> None:
     (light,) = read_scene_file(path).lights
     np.testing.assert_allclose(light.position, (1, -3, 2), atol=1e-12)
     np.testing.assert_allclose(light.direction, (0, 1, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "allowed"),
+    [
+        (0.0, 0.1, True),
+        (0.5, math.pi / 2, True),
+        (0.5, 0.5, False),
+        (-0.1, 0.5, False),
+        (0.5, math.nextafter(math.pi / 2, 2), False),
+    ],
+)
+def test_cones_of_spots(inner: float, outer: float, allowed: bool) -> None:
+    cones = {"innerConeAngle": inner, "outerConeAngle": outer}
+    lights = read_gltf(document({"type": "spot", "spot": cones})).lights
+    assert [(light.inner_cone, light.outer_cone) for light in lights] == ([(inner, outer)] if allowed else [])
+    assert len(read_gltf(document({"type": "point", "spot": cones})).lights) == 1
+
+
+@pytest.mark.parametrize(("intensity", "count"), [(0, 1), (-1e-9, 0), (1e300, 1)])
+def test_intensities_from_0_on(intensity: float, count: int) -> None:
+    assert len(read_gltf(document({"type": "point", "intensity": intensity})).lights) == count
+
+
+def test_directions_of_sheared_and_mirrored_nodes_have_unit_length() -> None:
+    carrier = {"extensions": {"KHR_lights_punctual": {"light": 0}}, "rotation": [0.38268343, 0, 0, 0.92387953]}
+    parent = {"children": [1], "scale": [1, -4, 2], "translation": [0, -3, -1e13]}
+    (light,) = read_gltf(document({"type": "directional"}, nodes=[parent, carrier])).lights
+    # Turned by 45 degrees about X, -Z points along (0, 1, -1), which the parent scales to (0, -4, -2).
+    np.testing.assert_allclose(light.direction, np.array((0, -4, -2)) / np.sqrt(20), atol=1e-6)
+    assert light.position == (0, -3, -1e13)

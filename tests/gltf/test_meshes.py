@@ -261,3 +261,95 @@ def test_a_small_file_with_many_instances_is_refused_by_default() -> None:
         b.node(mesh=mesh)
     with pytest.raises(GltfError, match="max_drawn_elements = 10000000"):
         b.read()
+
+
+@pytest.mark.parametrize(("count", "expected"), [(7, 7), (8, 4)])
+def test_a_range_of_at_most_half_of_the_vertices_is_cut_out(count: int, expected: int) -> None:
+    """The primitive uses the vertices 2 to 5 of ``count``."""
+    b = Builder()
+    positions = np.random.default_rng(count).random((count, 3), np.float32)
+    indices = b.accessor([2, 3, 5, 4, 2, 3], "B")
+    uv = b.accessor(positions[:, :2])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(positions), "TEXCOORD_0": uv}, "indices": indices}, b)
+    assert len(mesh.positions) == expected
+    assert mesh.uv0 is not None
+    assert len(mesh.uv0) == expected
+    np.testing.assert_array_equal(corners(mesh), positions[[[2, 3, 5], [4, 2, 3]]])
+    np.testing.assert_array_equal(mesh.uv0[mesh.elements], positions[[[2, 3, 5], [4, 2, 3]], :2])
+
+
+@pytest.mark.parametrize("vertex", [0, 99_999])
+@pytest.mark.parametrize("axis", range(3))
+def test_the_first_and_the_last_vertex_of_a_large_mesh_are_kept(vertex: int, axis: int) -> None:
+    b = Builder()
+    positions = np.zeros((100_000, 3), np.float32)
+    positions[vertex, axis] = -1e13
+    indices = b.accessor(np.arange(99_999, -1, -1), "I")
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(positions)}, "indices": indices, "mode": 0}, b)
+    assert mesh.positions.min(axis=0).tolist() == np.where(np.arange(3) == axis, np.float32(-1e13), 0).tolist()
+    assert mesh.positions[vertex, axis] == np.float32(-1e13)
+
+
+@pytest.mark.parametrize("attribute", ["NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0"])
+def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: str) -> None:
+    width = {"NORMAL": 3, "TANGENT": 4, "TEXCOORD_0": 2, "TEXCOORD_1": 2, "COLOR_0": 4}[attribute]
+    for count in (2, 3, 4):
+        b = Builder()
+        values = b.accessor(np.full((count, width), width**-0.5))
+        b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), attribute: values}}))
+        scene = b.read()
+        expected = f"meshes[0].primitives[0].attributes.{attribute}: 2 values for 3 vertices, ignored"
+        assert scene.warnings == ((expected,) if count == 2 else ())
+        (mesh,) = meshes(scene)
+        arrays = {
+            "NORMAL": mesh.normals,
+            "TANGENT": mesh.tangents,
+            "TEXCOORD_0": mesh.uv0,
+            "TEXCOORD_1": mesh.uv1,
+            "COLOR_0": mesh.colors,
+        }
+        for name, array in arrays.items():
+            expected_present = name == "NORMAL" or (name == attribute and count > 2)
+            assert (array is not None) == expected_present
+            assert array is None or len(array) == 3
+
+
+def test_texture_coordinates_that_are_not_finite_are_0() -> None:
+    b = Builder()
+    uv = [(np.nan, 1), (2, -np.inf), (np.inf, -1e13)]
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv)}}, b)
+    assert mesh.uv0 is not None
+    assert mesh.uv0.tolist() == [[0, 1], [2, 0], [0, np.float32(-1e13)]]
+
+
+@pytest.mark.parametrize(("length", "kept"), [(1.0009, True), (0.9991, True), (1.002, False), (0.998, False)])
+@pytest.mark.parametrize("axis", range(3))
+def test_normals_within_a_thousandth_of_unit_length_are_kept(length: float, kept: bool, axis: int) -> None:
+    b = Builder()
+    normal = np.zeros(3, np.float32)
+    normal[axis] = -length
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": b.accessor([normal] * 3)}}, b)
+    assert mesh.normals is not None
+    assert mesh.normals[0, axis] == (normal[axis] if kept else -1.0)
+
+
+@pytest.mark.parametrize("bad", [(0, 0, 0), (np.nan, 1, 0), (0, np.inf, 0)])
+def test_normals_of_lines_without_a_direction_point_along_z(bad: tuple[float, ...]) -> None:
+    b = Builder()
+    normals = b.accessor([(0, -2, 0), bad, (1, 0, 0)])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}, "mode": 3}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
+
+
+def test_the_size_of_the_meshes_counts_each_once() -> None:
+    b = Builder()
+    shared = b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE)}}, {"attributes": {"POSITION": 0}})
+    b.node(mesh=shared)
+    b.node(mesh=shared)
+    cache = GltfCache()
+    for _ in range(2):  # new, and from the cache
+        scene = b.read(cache=cache)
+        assert scene.content.mesh_bytes == meshes(scene)[0].nbytes == 3 * 12 + 12 + 3 * 12
+        assert scene.content.element_counts == {0: 2}
+    assert scene.element_count == 4

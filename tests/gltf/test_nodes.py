@@ -200,6 +200,9 @@ def test_camera_without_a_node_has_the_identity_pose() -> None:
     assert scene.cameras == ()
     assert scene.camera is not None
     assert scene.camera.X_world_camera.tolist() == np.diag((1, -1, -1, 1)).tolist()
+    camera = scene.camera
+    assert (camera.index, camera.name, camera.yfov, camera.znear) == (0, "", None, 0.0)
+    assert camera.zfar is camera.aspect is None
 
 
 def test_meshes_without_any_camera() -> None:
@@ -271,3 +274,89 @@ def test_a_scene_is_freed_without_the_garbage_collector() -> None:
         assert mesh() is None
     finally:
         gc.enable()
+
+
+def test_the_last_row_of_a_matrix_may_have_rounding_errors() -> None:
+    def document(*last_row: float) -> Builder:
+        b = Builder()
+        columns = np.eye(4)
+        columns[:, 3] = last_row
+        b.node(matrix=columns.ravel().tolist())
+        return b
+
+    (node,) = document(1e-6, -1e-6, 0, 1 + 9e-7).read().root.children.values()
+    assert node.matrix.tolist() == np.eye(4).tolist()
+    for bad in ((2e-6, 0, 0, 1), (0, -2e-6, 0, 1), (0, 0, 2e-6, 1), (0, 0, 0, 1 - 2e-6)):
+        with pytest.raises(GltfError, match=r"nodes\[0\]\.matrix: not affine"):
+            document(*bad).read()
+
+
+@pytest.mark.parametrize("value", [-1e13, 1e300])
+def test_large_translations_are_kept(value: float) -> None:
+    b = Builder()
+    b.node(translation=[1, value, -2], children=[1])
+    b.node(translation=[0, value, 0], mesh=b.triangle())
+    scene = b.read()
+    assert scene.nodes.X_world_node[1, :3, 3].tolist() == [1, 2 * value, -2]
+    assert scene.nodes.X_parent_node[0, :3, 3].tolist() == [1, value, -2]
+
+
+def test_a_sheared_camera_keeps_its_axes_at_unit_length() -> None:
+    """A scale above a rotation shears: the axes are not orthogonal any more, and each is normalized by itself."""
+    b = Builder("VTK")
+    b.add("cameras", CAMERA)
+    b.node(children=[1], scale=[1, 4, 1], translation=[0, 1, 0])
+    b.node(camera=0, rotation=[0, 0, 0.38268343236508984, 0.9238795325112867], translation=[0, 2, 0])
+    scene = b.read()
+    assert scene.camera is not None
+    pose, X = scene.camera.X_world_camera, scene.nodes.X_world_node[1]
+    np.testing.assert_allclose(np.linalg.norm(pose[:3, :3], axis=0), 1.0, atol=1e-12)
+    assert abs(pose[:3, 0] @ pose[:3, 1]) > 0.5
+    np.testing.assert_allclose(pose[:3, 0], X[:3, 0] / np.linalg.norm(X[:3, 0]), atol=1e-12)
+    np.testing.assert_allclose(pose[:3, 1], -X[:3, 1] / np.linalg.norm(X[:3, 1]), atol=1e-12)
+    assert pose[:3, 3].tolist() == [0, 9, 0]
+
+
+@pytest.mark.parametrize(("scale", "kept"), [(1 + 1e-13, True), (1 - 1e-13, True), (1 + 1e-11, False)])
+def test_rounding_of_a_cameras_axes_is_not_scale(scale: float, kept: bool) -> None:
+    camera = camera_scene(matrix=np.diag((1, scale, 1, 1)).ravel().tolist()).read().camera
+    assert camera is not None
+    assert camera.X_world_camera[1, 1] == (-scale if kept else -1.0)
+
+
+def test_a_camera_without_extent_keeps_its_pose() -> None:
+    camera = camera_scene(scale=[0, 1, 2]).read().camera
+    assert camera is not None
+    assert np.abs(camera.X_world_camera[:3, :3]).sum(axis=0).tolist() == [0, 1, 2]
+
+
+def test_defaults_of_cameras() -> None:
+    b = Builder()
+    sources: list[dict[str, Any]] = [{}, {"perspective": {}}, {"orthographic": {"zfar": 5}}]
+    sources.append({"name": "own", "perspective": {"yfov": 1}})
+    for camera in sources:
+        b.node(name="node", camera=b.add("cameras", camera))
+    found = [(c.index, c.name, c.yfov, c.znear, c.zfar, c.aspect) for c in b.read().cameras]
+    assert found == [
+        (0, "node", None, 0.0, None, None),
+        (1, "node", None, 0.0, None, None),
+        (2, "node", None, 0.0, 5.0, None),
+        (3, "own", 1.0, 0.0, None, None),
+    ]
+
+
+def test_world_matrices_of_a_deep_chain_are_products_from_the_root_down() -> None:
+    b = Builder()
+    count = 6
+    local = [
+        from_trs((k, -k, 0.5 * k), (0.1 * k, 0.2, -0.3, 0.9), (1, -2, 0.5) if k % 2 else (1, 1, 1))
+        for k in range(count)
+    ]
+    for k, matrix in enumerate(local):
+        b.node(matrix=matrix.T.ravel().tolist(), **({"children": [k + 1]} if k + 1 < count else {}))
+    expected = np.eye(4)
+    world = b.read().nodes.X_world_node
+    for k, matrix in enumerate(local):
+        expected = expected @ matrix
+        np.testing.assert_allclose(world[k], expected, rtol=1e-12, atol=1e-9)
+        assert world[k, 3].tolist() == [0, 0, 0, 1]

@@ -98,3 +98,13 @@ def test_repaired_meshes_warn_in_every_document() -> None:
         assert outcome_of(source, cache) == outcome_of(source)
         other = {"asset": {"version": "2.0", "extras": name * 8000}, **document()}
         assert outcome_of(other, cache) == outcome_of(other)
+
+
+@pytest.mark.parametrize(("count", "last"), [(100, "has no direction"), (101, "1 more"), (150, "50 more")])
+def test_at_most_100_warnings_are_listed(count: int, last: str) -> None:
+    name = "KHR_lights_punctual"
+    nodes = [{"scale": [0, 0, 0], "extensions": {name: {"light": 0}}}] * count
+    source = {"extensions": {name: {"lights": [{"type": "point"}]}}, "nodes": nodes}
+    warnings = read_gltf(json.dumps(source).encode()).warnings
+    assert len(warnings) == min(count, 101)
+    assert last in warnings[-1]

@@ -25,7 +25,7 @@ from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
 def scene(**changes: Any) -> HashedDocument:
-    return HashedDocument.of(json.dumps(gltf(**changes)).encode())
+    return HashedDocument(json.dumps(gltf(**changes)).encode())
 
 
 def test_scene_cache_is_least_recently_used() -> None:
@@ -53,7 +53,7 @@ def test_unreadable_scenes_are_not_cached() -> None:
     store = SceneStore(RenderConfig())
     for _ in range(2):
         with pytest.raises(GltfError):
-            store.get(HashedDocument.of(b"{"))
+            store.get(HashedDocument(b"{"))
     assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 

@@ -1,9 +1,9 @@
-"""A tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, shared meshes, embedded textures.
+"""Write a tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, shared meshes, embedded textures.
 
-The tree is Z-up and glTF Y-up, so all nodes are below a root that is rotated by -90 degrees about X. Meshes, materials
-and images that are the same objects are written once. Colours of point clouds and triads are sRGB in the tree and
-become linear, as in glTF (3.7.2.1); those of meshes are linear already. Hidden subtrees are left out, and so are nodes
-whose transform is not finite, which JSON cannot express.
+The tree is Z-up and glTF is Y-up, so all nodes are below a root that is rotated by -90 degrees about X. Meshes and
+images that are the same object, and equal materials, are written once. Vertex colours of point clouds and triads are
+converted from sRGB to linear colours, as glTF requires (3.7.2.1); those of meshes are linear in the tree. Hidden
+subtrees are left out, and so are nodes whose transform is not finite, which JSON cannot express.
 """
 
 from __future__ import annotations
@@ -52,29 +52,29 @@ class _Writer:
         """Primitives without their materials."""
 
     def write(self, root: Node, camera: Camera | None) -> bytes:
-        entry: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
-        top = self._document.add("nodes", entry)
-        self._nodes(root, entry)
+        root_item: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
+        root_index = self._document.add("nodes", root_item)
+        self._add_nodes(root, root_item)
         if camera is not None:
-            self._camera(camera, entry)
-        return self._document.glb(top)
+            self._add_camera(camera, root_item)
+        return self._document.glb(root_index)
 
-    def _nodes(self, root: Node, top: dict[str, Any]) -> None:
-        stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, top)]
+    def _add_nodes(self, root: Node, root_item: dict[str, Any]) -> None:
+        stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, root_item)]
         while stack:
             check_stop()
             name, node, parent = stack.pop()
             if not node.visible or not _is_writable(node.matrix):
                 continue
-            entry: dict[str, Any] = {"name": name} if name else {}
+            item: dict[str, Any] = {"name": name} if name else {}
             if node.matrix is not IDENTITY and not np.array_equal(node.matrix, IDENTITY):
-                entry["matrix"] = _column_major(node.matrix)
-            index = self._document.add("nodes", entry)
+                item["matrix"] = _column_major(node.matrix)
+            index = self._document.add("nodes", item)
             parent.setdefault("children", []).append(index)
-            self._parts(node, entry)
-            stack.extend((str(json_element(key)), child, entry) for key, child in reversed(node.children.items()))
+            self._add_geometry(node, item)
+            stack.extend((str(json_element(key)), child, item) for key, child in reversed(node.children.items()))
 
-    def _camera(self, camera: Camera, parent: dict[str, Any]) -> None:
+    def _add_camera(self, camera: Camera, parent: dict[str, Any]) -> None:
         """Add a perspective camera (glTF 2.0, 3.10.3)."""
         perspective = {
             "yfov": 2.0 * math.atan(0.5 * camera.height / camera.fy),
@@ -87,8 +87,8 @@ class _Writer:
         node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": _column_major(pose)})
         parent.setdefault("children", []).append(node)
 
-    def _parts(self, node: Node, entry: dict[str, Any]) -> None:
-        """Add the node's geometry: to the node itself where it needs no transform, else to nodes below it."""
+    def _add_geometry(self, node: Node, item: dict[str, Any]) -> None:
+        """Add a node's meshes. The first without a transform becomes the node's own, the others get child nodes."""
         for part in node.parts or ():
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 with np.errstate(all="ignore"):
@@ -98,13 +98,13 @@ class _Writer:
                 index = self._mesh(mesh, material, linear=isinstance(part.shape, Surface))
                 if index is None:
                     continue
-                if "mesh" not in entry and np.array_equal(X, IDENTITY):
-                    entry["mesh"] = index
+                if "mesh" not in item and np.array_equal(X, IDENTITY):
+                    item["mesh"] = index
                     continue
                 child: dict[str, Any] = {"mesh": index}
                 if not np.array_equal(X, IDENTITY):
                     child["matrix"] = _column_major(X)
-                entry.setdefault("children", []).append(self._document.add("nodes", child))
+                item.setdefault("children", []).append(self._document.add("nodes", child))
 
     def _mesh(self, mesh: Mesh, material: Material, *, linear: bool) -> int | None:
         """Return the index of a mesh of one primitive; None where it draws nothing or is not finite.
@@ -112,21 +112,22 @@ class _Writer:
         Args:
             linear: True if its vertex colours are linear, False for sRGB.
         """
-        primitive = self._document.once("primitive", mesh, lambda: self._primitive(mesh, linear=linear))
+        primitive = self._document.once_per_object("primitive", mesh, lambda: self._primitive(mesh, linear=linear))
         if primitive is None:
             return None
 
-        def make() -> int:
-            entry = {**self._primitives[primitive], "material": self._materials.material(material)}
-            return self._document.add("meshes", {"primitives": [entry]})
+        def add() -> int:
+            with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
+            return self._document.add("meshes", {"primitives": [with_material]})
 
-        return self._document.once_equal("mesh", (primitive, material), make)
+        return self._document.once_per_key("mesh", (primitive, material), add)
 
     def _primitive(self, mesh: Mesh, *, linear: bool) -> int | None:
+        """Write a mesh's arrays and return its index in ``_primitives``; see ``_mesh``."""
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
         colors = mesh.colors if linear or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
-        attributes = {"POSITION": self._document.accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
+        attributes = {"POSITION": self._document.add_accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
         for name, array in (
             ("NORMAL", mesh.normals),
             ("TANGENT", mesh.tangents),
@@ -135,13 +136,13 @@ class _Writer:
             ("COLOR_0", colors),
         ):
             if array is not None and np.isfinite(array).all():
-                attributes[name] = self._document.accessor(array, VERTEX_TARGET)
-        small = len(mesh.positions) < 0xFFFF
-        indices = mesh.elements.ravel().astype(np.uint16 if small else np.uint32)
+                attributes[name] = self._document.add_accessor(array, VERTEX_TARGET)
+        fits_uint16 = len(mesh.positions) < 0xFFFF  # 0xFFFF itself is the primitive restart value
+        indices = mesh.elements.ravel().astype(np.uint16 if fits_uint16 else np.uint32)
         self._primitives.append(
             {
                 "attributes": attributes,
-                "indices": self._document.accessor(indices[:, None], INDEX_TARGET),
+                "indices": self._document.add_accessor(indices[:, None], INDEX_TARGET),
                 "mode": _MODES[mesh.topology],
             }
         )
@@ -153,5 +154,5 @@ def _column_major(matrix: Matrix) -> list[float]:
 
 
 def _is_writable(matrix: Matrix) -> bool:
-    """Return True if a matrix is finite and fits float32."""
+    """Return True if a matrix is finite and so small that products with it fit float32."""
     return bool((np.abs(matrix) < 1e15).all())

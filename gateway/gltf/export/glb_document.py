@@ -26,7 +26,7 @@ class ExportError(ValueError):
 
 
 class GltfDocument:
-    """Arrays of entries, and one buffer. Equal entries can be added once."""
+    """The JSON arrays of a document, and its one buffer."""
 
     def __init__(self, generator: str, max_bytes: int) -> None:
         """
@@ -35,35 +35,35 @@ class GltfDocument:
         """
         self._generator = generator
         self._max_bytes = max_bytes
-        self._chunks: list[bytes] = []
+        self._buffer_pieces: list[bytes] = []
         self._nbytes = 0
-        self._lists: dict[str, list[Any]] = {}
+        self._arrays: dict[str, list[Any]] = {}
         self._indices: dict[tuple[str, object], int | None] = {}
-        self._sources: list[object] = []
-        """Objects whose ids are keys."""
+        """Results of ``once_per_key``, by kind and key."""
+        self._kept_alive: list[object] = []
+        """Objects whose ids are keys; a new object could get the id of one that is gone."""
         self.extensions: set[str] = set()
         """Names of the extensions in use."""
 
-    def add(self, kind: str, value: dict[str, Any]) -> int:
-        """Append ``value`` to the document's array ``kind``, such as ``meshes``, and return its index."""
-        entries = self._lists.setdefault(kind, [])
-        entries.append(value)
-        return len(entries) - 1
+    def add(self, array_name: str, item: dict[str, Any]) -> int:
+        """Append ``item`` to an array of the document, such as ``meshes``, and return its index."""
+        array = self._arrays.setdefault(array_name, [])
+        array.append(item)
+        return len(array) - 1
 
-    def once(self, kind: str, source: object, make: Callable[[], int | None]) -> int | None:
-        """Return what ``make`` returned for this object, by identity; ``make`` is called the first time only."""
+    def once_per_object(self, kind: str, source: object, add: Callable[[], int | None]) -> int | None:
+        """Return the result of ``add``, which is called once for each object (compared by identity) and kind."""
         if (kind, id(source)) not in self._indices:
-            self._sources.append(source)
-        return self.once_equal(kind, id(source), make)
+            self._kept_alive.append(source)
+        return self.once_per_key(kind, id(source), add)
 
-    def once_equal(self, kind: str, key: object, make: Callable[[], int | None]) -> int | None:
-        """Return what ``make`` returned for this key; ``make`` is called the first time only. Keys are compared by
-        equality."""
+    def once_per_key(self, kind: str, key: object, add: Callable[[], int | None]) -> int | None:
+        """Return the result of ``add``, which is called once for each key (compared by equality) and kind."""
         if (kind, key) not in self._indices:
-            self._indices[kind, key] = make()
+            self._indices[kind, key] = add()
         return self._indices[kind, key]
 
-    def accessor(self, array: NDArray[Any], target: int, *, bounds: bool = False) -> int:
+    def add_accessor(self, array: NDArray[Any], target: int, *, bounds: bool = False) -> int:
         """Add an accessor with a buffer view, and return its index.
 
         Args:
@@ -71,20 +71,19 @@ class GltfDocument:
             target: ``VERTEX_TARGET`` or ``INDEX_TARGET``.
             bounds: True to write ``min`` and ``max``, as positions require.
         """
-        view = self.view(np.ascontiguousarray(array).tobytes(), target)
-        component = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
-        entry: dict[str, Any] = {
-            "bufferView": view,
-            "componentType": component,
+        component_type = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
+        item: dict[str, Any] = {
+            "bufferView": self.add_buffer_view(np.ascontiguousarray(array).tobytes(), target),
+            "componentType": component_type,
             "count": len(array),
             "type": _COMPONENTS[array.shape[1]],
         }
         if bounds:
-            entry["min"] = array.min(axis=0).astype(float).tolist()
-            entry["max"] = array.max(axis=0).astype(float).tolist()
-        return self.add("accessors", entry)
+            item["min"] = array.min(axis=0).astype(float).tolist()
+            item["max"] = array.max(axis=0).astype(float).tolist()
+        return self.add("accessors", item)
 
-    def view(self, data: bytes, target: int | None = None) -> int:
+    def add_buffer_view(self, data: bytes, target: int | None = None) -> int:
         """Append bytes to the buffer, and return the index of their buffer view.
 
         Raises:
@@ -95,34 +94,34 @@ class GltfDocument:
         self._nbytes += len(data) + padding
         if self._nbytes > self._max_bytes:
             raise ExportError(f"the scene as .glb is larger than {self._max_bytes} bytes")
-        self._chunks.append(data)
+        self._buffer_pieces.append(data)
         if padding:
-            self._chunks.append(b"\0" * padding)
-        entry = {"buffer": 0, "byteOffset": offset, "byteLength": len(data)}
+            self._buffer_pieces.append(b"\0" * padding)
+        item = {"buffer": 0, "byteOffset": offset, "byteLength": len(data)}
         if target is not None:
-            entry["target"] = target
-        return self.add("bufferViews", entry)
+            item["target"] = target
+        return self.add("bufferViews", item)
 
-    def glb(self, top: int) -> bytes:
+    def glb(self, root: int) -> bytes:
         """Return the file (GLB 2.0): a header, the JSON chunk padded with spaces, the binary chunk padded with zeros.
 
         Args:
-            top: Index of the scene's root node.
+            root: Index of the scene's root node.
         """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": self._generator},
             "scene": 0,
-            "scenes": [{"nodes": [top]}],
-            **self._lists,
+            "scenes": [{"nodes": [root]}],
+            **self._arrays,
         }
         if self.extensions:
             document["extensionsUsed"] = sorted(self.extensions)
-        if self._chunks:
+        if self._buffer_pieces:
             document["buffers"] = [{"byteLength": self._nbytes}]
         text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
-        parts = [struct.pack("<II", len(text), 0x4E4F534A), text]
-        if self._chunks:
-            parts += [struct.pack("<II", self._nbytes, 0x004E4942), *self._chunks]
-        total = 12 + sum(map(len, parts))
-        return b"".join((struct.pack("<4sII", b"glTF", 2, total), *parts))
+        pieces = [struct.pack("<I4s", len(text), b"JSON"), text]
+        if self._buffer_pieces:
+            pieces += [struct.pack("<I4s", self._nbytes, b"BIN\0"), *self._buffer_pieces]
+        total = 12 + sum(map(len, pieces))
+        return b"".join((struct.pack("<4sII", b"glTF", 2, total), *pieces))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.assets.mesh_files import MeshFileLimits, MeshFiles
+from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.gltf import GltfLimits
 from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
@@ -138,3 +138,62 @@ def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> 
     write(root / "t.obj", TRIANGLE)
     np.testing.assert_array_equal(bounds(files.load("t.obj", (2, -3, 4))), [(0, -6, 0), (2, 0, 0)])
     np.testing.assert_array_equal(bounds(files.load("t.obj")), [(0, 0, 0), (1, 2, 0)])
+
+
+@pytest.mark.parametrize("scale", [(0.5, 0.5, 0.5), (1, 1, 0.5), (1, 3, 1), (-1, 1, 1)])
+def test_any_factor_that_is_not_1_scales(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
+    write(root / "t.obj", TRIANGLE)
+    (part,) = files.load("t.obj", scale)
+    np.testing.assert_array_equal(part.X_node_part, np.diag((*scale, 1)))
+
+
+@pytest.mark.parametrize(("metres", "allowed"), [("1e-9", False), ("1.1e-9", True), ("9e8", True), ("1e9", False)])
+def test_units_of_collada_are_limited(root: Path, files: MeshFiles, metres: str, allowed: bool) -> None:
+    write(root / "part.dae", DAE.format(asset=f'<unit meter="{metres}"/><up_axis>Z_UP</up_axis>'))
+    if allowed:
+        (part,) = files.load("part.dae")
+        assert part.X_node_part[:3, 3].tolist() == [0, 0, pytest.approx(5 * float(metres))]
+    else:
+        with pytest.raises(MeshFileError, match=r"its unit of .* m is out of range"):
+            files.load("part.dae")
+
+
+def test_a_unit_that_is_no_number_is_a_metre(root: Path, files: MeshFiles) -> None:
+    write(root / "part.dae", DAE.format(asset='<unit meter="inch"/><up_axis>Z_UP</up_axis>'))
+    np.testing.assert_allclose(bounds(files.load("part.dae")), [(0, 0, 5), (1, 2, 5)], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("statements", "opacity"), [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0)]
+)
+def test_opacity_of_obj_materials(root: Path, files: MeshFiles, statements: str, opacity: float) -> None:
+    write(root / "t.mtl", f"newmtl m\nKd 0 1 0\n{statements}\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
+    (part,) = files.load("t.obj")
+    assert part.material.base_color == pytest.approx((0, 1, 0, opacity))
+    assert part.material.alpha_mode is (AlphaMode.BLEND if opacity < 1 else AlphaMode.OPAQUE)
+    assert part.material.double_sided
+
+
+def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nKd 0 0 0\nd 0.5\nmap_Kd p.png\n")
+    texture = "vt 0 0.25\nvt 1 0\nvt 0.5 1\n"
+    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
+    (part,) = files.load("t.obj")
+    mesh = mesh_of(part)
+    assert mesh.uv0 is not None
+    order = np.argsort(mesh.positions @ (1, 2, 0))
+    assert mesh.uv0[order].tolist() == [[0, 0.75], [1, 1], [0.5, 0]]
+    assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
+
+
+def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: MeshFiles) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+    rows = "0 0 0\n1 0 0\n0 -1e13 0\n0 nan 0\n0 0 inf\n"
+    faces = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+    write(root / "t.ply", f"{head}{faces}{rows}3 0 1 2\n3 0 1 3\n3 1 2 4\n")
+    mesh = mesh_of(files.load("t.ply")[0])
+    assert len(mesh.elements) == 1
+    assert mesh.positions[mesh.elements[0]].min() == np.float32(-1e13)
+    assert np.isfinite(mesh.positions).all()

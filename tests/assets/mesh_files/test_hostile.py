@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
@@ -125,3 +126,27 @@ def test_files_beyond_the_limits_are_refused(root: Path) -> None:
         MeshFiles([root], MeshFileLimits(max_bytes=10)).load("t.obj")
     with pytest.raises(MeshFileError, match="more than 2 vertices"):
         MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_vertices=2))).load("t.obj")
+
+
+def test_a_file_of_exactly_the_limit_is_read(root: Path) -> None:
+    write(root / "t.obj", TRIANGLE)
+    size = len(TRIANGLE)
+    for limits in (MeshFileLimits(max_bytes=size), MeshFileLimits(max_total_bytes=size)):
+        assert MeshFiles([root], limits).load("t.obj")
+    for limits in (MeshFileLimits(max_bytes=size - 1), MeshFileLimits(max_total_bytes=size - 1)):
+        with pytest.raises(MeshFileError, match=f"larger than the {size - 1} bytes that are left to it"):
+            MeshFiles([root], limits).load("t.obj")
+    content = GltfLimits(max_vertices=3, max_elements=1)
+    assert MeshFiles([root], MeshFileLimits(gltf=content)).load("t.obj")
+    with pytest.raises(MeshFileError, match="more than 3 vertices or 0 triangles"):
+        MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_vertices=3, max_elements=0))).load("t.obj")
+
+
+def test_the_files_that_a_mesh_refers_to_share_the_limit(root: Path) -> None:
+    text = gltf("VTK")
+    write(root / "t.gltf", text)
+    write(root / "data.bin", np.eye(3, dtype=np.float32).tobytes())
+    total = len(text) + 36
+    assert MeshFiles([root], MeshFileLimits(max_total_bytes=total)).load("t.gltf")
+    with pytest.raises(MeshFileError, match=r"'data\.bin' is larger than the 35 bytes that are left to it"):
+        MeshFiles([root], MeshFileLimits(max_total_bytes=total - 1)).load("t.gltf")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
-from gateway.assets.ros_packages import Packages
+from gateway.assets.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
 from gateway.scene import transforms as tf
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
 
@@ -112,3 +112,71 @@ def test_cache_is_limited_in_bytes(root: Path) -> None:
     assert files.cache.nbytes == 2 * size
     assert files.load("3.obj")[0].shape is kept[3]
     assert files.load("0.obj")[0].shape is not kept[0]
+
+
+@pytest.mark.parametrize(("seconds", "found"), [(RESCAN_SECONDS - 0.001, False), (RESCAN_SECONDS, True)])
+def test_packages_are_searched_again_after_ten_seconds(root: Path, seconds: float, found: bool) -> None:
+    now = [5.0]
+    packages = Packages((root,), clock=lambda: now[0])
+    assert packages.folder("late") is None
+    write(root / "late" / "package.xml", "<name>late</name>")
+    now[0] += seconds
+    assert (packages.folder("late") is not None) == found
+
+
+def test_known_packages_start_no_search(root: Path) -> None:
+    write(root / "arm" / "package.xml", "<name>arm</name>")
+    now = [0.0]
+    packages = Packages((root,), clock=lambda: now[0])
+    assert packages.folder("arm") == root / "arm"
+    (root / "arm" / "package.xml").unlink()
+    now[0] = 60.0
+    assert packages.folder("arm") == root / "arm"
+    assert packages.folder("other") is None  # a search, which does not find it any more
+    assert packages.folder("arm") is None
+
+
+@pytest.mark.parametrize(("depth", "found"), [(MAX_DEPTH, True), (MAX_DEPTH + 1, False)])
+def test_packages_are_searched_to_a_depth(root: Path, depth: int, found: bool) -> None:
+    folder = root.joinpath(*["x"] * depth)
+    write(folder / "package.xml", "<name>deep</name>")
+    assert Packages((root,)).scan() == ({"deep": folder} if found else {})
+
+
+def test_searches_end_at_a_number_of_folders(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a", "b", "c"):
+        write(root / name / "package.xml", f"<name>{name}</name>")
+    monkeypatch.setattr("gateway.assets.ros_packages.MAX_FOLDERS", 3)  # the root itself, a and b
+    assert list(Packages((root,)).scan()) == ["a", "b"]
+
+
+def test_the_first_package_of_a_name_counts_and_packages_hold_no_others(root: Path) -> None:
+    for path in ("one/b", "one/a", "two/a", "one/a/inside", ".git/hidden", "node_modules/hidden"):
+        name = path.rpartition("/")[2]
+        write(root / path / "package.xml", f"<name>{name}</name>")
+    found = Packages((root / "two", root)).scan()
+    assert found == {"a": root / "two/a", "b": root / "one/b"}
+
+
+@pytest.mark.parametrize(
+    "manifest", ["", "<name></name>", f"<name>{'x' * 257}</name>", " " * (1 << 16) + "<name>a</name>"]
+)
+def test_manifests_without_a_usable_name_are_no_packages(root: Path, manifest: str) -> None:
+    write(root / "a" / "package.xml", manifest)
+    assert Packages((root,)).scan() == {}
+
+
+@pytest.mark.parametrize(("length", "message"), [(4096, "there is no such file"), (4097, "is not a file name")])
+def test_names_have_at_most_4096_characters(files: MeshFiles, length: int, message: str) -> None:
+    name = ("x/" * 2048)[: length - 4] + ".obj"
+    with pytest.raises(MeshFileError, match=message):
+        files.load(name)
+
+
+@pytest.mark.parametrize(("length", "shortened"), [(120, False), (121, True)])
+def test_long_names_are_shortened_in_messages(files: MeshFiles, length: int, shortened: bool) -> None:
+    name = "y" * (length - 4) + ".obj"
+    with pytest.raises(MeshFileError) as caught:
+        files.load(name)
+    assert (name in str(caught.value)) != shortened
+    assert ("..." in str(caught.value)) == shortened
