@@ -111,6 +111,16 @@ def test_normals_are_smooth_up_to_creases_of_45_degrees() -> None:
     np.testing.assert_allclose(normals[elements[0]], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("faces", [((0, 1, 2), (0, 3, 1)), ((0, 3, 1), (0, 1, 2))], ids=["small first", "large first"])
+def test_a_small_face_beside_a_large_one_keeps_its_own_normal(faces: tuple[tuple[int, ...], ...]) -> None:
+    """The mean normal is almost that of the large face."""
+    positions = np.array([(0, 0, 0), (0, 1, 0), (-0.01, 0, 0), (0.5, 0, -math.sqrt(0.75))], np.float32)
+    out_positions, out_faces, normals = smooth_mesh(positions, np.array(faces, np.uint32))
+    assert len(out_positions) == 6
+    small = out_faces[faces.index((0, 1, 2))]
+    np.testing.assert_allclose(normals[small], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
+
+
 def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
     count = 600
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
