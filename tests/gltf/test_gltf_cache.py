@@ -125,13 +125,6 @@ def test_meshes_with_warnings_are_not_shared() -> None:
     assert cache.content.nbytes == 0
 
 
-def test_clear_drops_everything() -> None:
-    cache = GltfCache()
-    read_gltf(scene(), cache=cache)
-    cache.clear()
-    assert (cache.content.nbytes, len(cache.content), cache.documents.cache.nbytes) == (0, 0, 0)
-
-
 def test_threads_share_one_cache() -> None:
     cache = GltfCache()
     texts = [scene(seed, 30) for seed in range(5)]

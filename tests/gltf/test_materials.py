@@ -282,7 +282,7 @@ def test_image_names_are_those_of_each_document() -> None:
 
 
 def test_limits_do_not_depend_on_earlier_documents() -> None:
-    """An image that is known already counts as much as a new one."""
+    """A cached image counts as much as a new one."""
     data = png()
     b = Builder()
     view = b.add("bufferViews", {"buffer": b.buffer(data), "byteOffset": 0, "byteLength": len(data)})

@@ -47,7 +47,7 @@ def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: py
 
     monkeypatch.setattr(Packages, "scan", counted)
     for _ in range(50):
-        assert packages.folder("nobody") is None
+        assert packages.folder("missing") is None
     assert len(scans) == 1
     write(root / "late" / "package.xml", "<name>late</name>")
     now[0] = 60.0
