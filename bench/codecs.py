@@ -55,7 +55,7 @@ def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
             request = read_form(form.form(), config)
             prepared = store.get(posted_document(request))
             camera = camera_of(request, prepared)
-            with renderer.render(prepared.drawn, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
+            with renderer.render(prepared.draw_list, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
                 assert frame.color is not None
                 assert frame.depth is not None
                 yield f"{scene.name} {width}×{height}", frame.color.copy(), frame.depth.copy()

@@ -114,7 +114,7 @@ def at(x: float, y: float, z: float, scale: float = 1.0) -> NDArray[np.float64]:
 
 def camera(text: str, width: int = WIDTH, height: int = HEIGHT, drawn: DrawList | None = None) -> Camera:
     """By the grammar of ``scenegate render --camera``."""
-    return resolve_camera(parse_camera(text), Node(), width, height, drawn=drawn)
+    return resolve_camera(parse_camera(text), Node(), width, height, draw_list=drawn)
 
 
 class Gallery:

@@ -28,6 +28,7 @@ from cosmic_ray.plugins import get_operator, operator_names
 ROOT = Path(__file__).parents[1]
 ROOMS = {
     "assets": ("tests/assets", "tests/treeviewer"),
+    "cli": ("tests/cli", "tests/e2e"),
     "client": ("tests/client", "tests/datasets"),
     "datasets": ("tests/datasets",),
     "demo": ("tests/demo",),

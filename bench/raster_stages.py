@@ -18,8 +18,7 @@ from bench.frame_task import read_task
 from bench.raster import EVERYTHING, SIZES, scenes, view
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
-from renderers.raster.resolve import ALL as ALL_FACES
-from renderers.raster.resolve import BACKS, FRONTS, draw_band
+from renderers.raster.resolve import ALL_FACES, BACK_FACES, FRONT_FACES, draw_band
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -43,7 +42,7 @@ def laps(spent: dict[str, float]) -> Callable[[str], None]:
 def by_phase(address: int, spent: dict[str, float]) -> None:
     """Run the phases of a frame one by one; add the CPU time (s) of each to ``spent``."""
     task = read_task(address)
-    frame_address, layer, split = task.frame, task.band_memory, task.keeps_backs
+    frame_address, layer, split = task.frame, task.band_memory, task.keeps_back_faces
     note = laps(spent)
     transform(frame_address, 0, task.vertex_count)
     note("transform")
@@ -51,12 +50,12 @@ def by_phase(address: int, spent: dict[str, float]) -> None:
     note("setup")
     for first in range(0, task.height, BAND_ROWS):
         last = min(first + BAND_ROWS, task.height)
-        draw_band(frame_address, first, last, layer, FRONTS if split else ALL_FACES)
+        draw_band(frame_address, first, last, layer, FRONT_FACES if split else ALL_FACES)
         note("draw")
         shade_rows(task.shade_job, layer - 4 * first * task.stride, first, last)
         note("shade")
         if split:
-            draw_band(frame_address, first, last, layer, BACKS)
+            draw_band(frame_address, first, last, layer, BACK_FACES)
             note("back faces")
 
 
@@ -73,7 +72,7 @@ def main() -> None:
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(options.frames + 2):
                 spent: dict[str, float] = defaultdict(float)
-                with patch.object(frame, "work", lambda address, _, spent=spent: by_phase(address, spent)):
+                with patch.object(frame, "run_phases", lambda address, _, spent=spent: by_phase(address, spent)):
                     renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
                 start = time.thread_time()
                 renderer.render(scene, view(width, height, number), EVERYTHING, look).close()

@@ -186,7 +186,7 @@ def stages(count: int) -> None:
             for number in range(count + WARM):
                 spent: dict[str, float] = defaultdict(float)
                 camera, start = view(width, height, number), time.thread_time()
-                with patch.object(frame, "work", partial(by_stage, spent=spent)):
+                with patch.object(frame, "run_phases", partial(by_stage, spent=spent)):
                     drawer.render(scene, camera, Output.COLOR, look).close()
                 spent["around"] = time.thread_time() - start - sum(spent.values())
                 start = time.thread_time()

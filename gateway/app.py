@@ -11,6 +11,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
@@ -66,7 +67,7 @@ def create_app(settings: Settings, state: PersistentState | None = None) -> Fast
         registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
         metrics=Metrics(),
         workers=_workers(settings),
-        security=Security.of(settings),
+        security=Security.from_settings(settings),
         state=state,
     )
     app.state.context = context
@@ -127,6 +128,7 @@ def _add_middleware(context: Context) -> None:
     app, registry = context.app, context.registry
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
+    app.add_exception_handler(RequestValidationError, error_handlers.invalid_parameters)
     openapi.describe(app, token=context.security.http is not None, open_paths=health.OPEN_PATHS)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=context.settings.max_body_mb * MIB)
     app.add_middleware(

@@ -1,1 +1,1 @@
-"""Arrays in, pictures out: a CPU rasterizer that knows no scene graph, no protocol and no event loop."""
+"""CPU rasterizer: draw lists and cameras in, images out. Independent of scene graph, protocols and event loop."""

@@ -1,4 +1,4 @@
-"""The cache class: bounded in bytes, least recently used first out."""
+"""The cache class of renderers and gateway: bounded in bytes, least recently used first out, thread-safe."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ V = TypeVar("V")
 
 
 class Cache(Generic[K, V]):
-    """Values by key. Thread-safe.
+    """Values by key. Callers share the values, which must not change.
 
-    The sum of the sizes and the number of values are limited; the least recently used are evicted first. A value that
-    exceeds the limit by itself is not kept. Values must not change: callers share them.
+    The sum of the sizes and the number of values are limited; the least recently used are evicted first. A value larger
+    than ``max_bytes`` is not kept.
 
-    With ``weak=True``, a key is an object, or a tuple of objects, compared by identity and not kept alive: the entry
-    is dropped when one of the objects is collected. The newest value is always kept, since its key is in use.
+    With ``weak=True``, a key is an object or a tuple of objects, compared by identity. The cache does not keep them
+    alive, and drops an entry when one of its objects is collected. The newest value is then kept even if it is larger
+    than ``max_bytes``, since its key is in use.
     """
 
     def __init__(self, max_bytes: int, max_count: int | None = None, *, weak: bool = False) -> None:
@@ -31,14 +32,14 @@ class Cache(Generic[K, V]):
         self._nbytes = 0
         self._hits = 0
         self._misses = 0
-        # Objects are collected anywhere, even within a method of this class that holds the lock.
-        self._dead: deque[Hashable] = deque()
+        # Keys of collected objects. Objects may be collected within a method of this class that holds the lock.
+        self._collected: deque[Hashable] = deque()
 
     @property
     def nbytes(self) -> int:
         """Sum of the sizes of all values."""
         with self._lock:
-            self._drop_dead()
+            self._drop_collected()
             return self._nbytes
 
     @property
@@ -48,36 +49,36 @@ class Cache(Generic[K, V]):
 
     @property
     def misses(self) -> int:
-        """Number of look-ups that found none."""
+        """Number of look-ups that found no value."""
         return self._misses
 
     def __len__(self) -> int:
         with self._lock:
-            self._drop_dead()
+            self._drop_collected()
             return len(self._entries)
 
     def get(self, key: K) -> V | None:
         """Return the value, now the most recently used; None if there is none."""
-        own = _identity(key) if self._weak else key
+        internal_key = _identity(key) if self._weak else key
         with self._lock:
-            self._drop_dead()
-            entry = self._entries.get(own)
+            self._drop_collected()
+            entry = self._entries.get(internal_key)
             if entry is None:
                 self._misses += 1
                 return None
             self._hits += 1
-            self._entries.move_to_end(own)
+            self._entries.move_to_end(internal_key)
             return entry[0]
 
     def put(self, key: K, value: V, nbytes: int) -> None:
-        """Keep a value of ``nbytes`` bytes in place of the key's former one."""
-        own = _identity(key) if self._weak else key
+        """Keep a value of ``nbytes`` bytes; it replaces the key's former value."""
+        internal_key = _identity(key) if self._weak else key
         with self._lock:
-            self._drop_dead()
-            self._drop(own)
+            self._drop_collected()
+            self._drop(internal_key)
             if nbytes > self.max_bytes and not self._weak:
                 return
-            self._entries[own] = value, nbytes, self._references(key, own) if self._weak else ()
+            self._entries[internal_key] = value, nbytes, self._references(key, internal_key) if self._weak else ()
             self._nbytes += nbytes
             while (
                 self._nbytes > self.max_bytes or (self.max_count is not None and len(self._entries) > self.max_count)
@@ -85,31 +86,31 @@ class Cache(Generic[K, V]):
                 self._drop(next(iter(self._entries)))
 
     def clear(self) -> None:
-        """Drop everything; the counts of hits and misses stay."""
+        """Drop all values; the counts of hits and misses stay."""
         with self._lock:
             self._entries.clear()
             self._nbytes = 0
 
-    def _references(self, key: K, own: Hashable) -> tuple[ref[Any], ...]:
-        """Return weak references to a key's objects that mark its entry as dead."""
+    def _references(self, key: K, internal_key: Hashable) -> tuple[ref[Any], ...]:
+        """Return weak references to a key's objects that drop its entry when one is collected."""
 
-        def mark_dead(_: ref[Any]) -> None:
-            self._dead.append(own)
+        def on_collected(_: ref[Any]) -> None:
+            self._collected.append(internal_key)
             if self._lock.acquire(blocking=False):  # otherwise the next call drops the entry
                 try:
-                    self._drop_dead()
+                    self._drop_collected()
                 finally:
                     self._lock.release()
 
         objects = {id(each): each for each in (key if isinstance(key, tuple) else (key,))}
-        return tuple([ref(each, mark_dead) for each in objects.values()])
+        return tuple([ref(each, on_collected) for each in objects.values()])
 
-    def _drop_dead(self) -> None:
-        while self._dead:
-            self._drop(self._dead.popleft())
+    def _drop_collected(self) -> None:
+        while self._collected:
+            self._drop(self._collected.popleft())
 
-    def _drop(self, own: Hashable) -> None:
-        entry = self._entries.pop(own, None)
+    def _drop(self, internal_key: Hashable) -> None:
+        entry = self._entries.pop(internal_key, None)
         if entry is not None:
             self._nbytes -= entry[1]
 

@@ -1,4 +1,4 @@
-"""Pinhole camera: intrinsics in pixels, pose of the optical frame in the world."""
+"""The pinhole camera of all renderers: intrinsics in pixels, pose of the optical frame in the world."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 OPENGL_FROM_OPTICAL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
-"""(4, 4) float64. A glTF/OpenGL camera looks along -Z with +Y up; the optical frame looks along +Z with +Y down.
-``X_world_optical = X_world_opengl @ OPENGL_FROM_OPTICAL``."""
+"""(4, 4) float64: ``X_world_optical = X_world_opengl @ OPENGL_FROM_OPTICAL``. glTF and OpenGL
+cameras look along -Z with +Y up, the optical frame along +Z with +Y down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The sRGB transfer function (IEC 61966-2-1) of values and arrays. Renderers have their own kernels for images."""
+"""The sRGB transfer function (IEC 61966-2-1) for values and arrays. Kernels for images are in ``renderers.shading``."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 
 def srgb_from_linear(value: float) -> float:
-    """Return the sRGB-encoded value, 0 to 1, of a linear one. Values beyond follow the same curve."""
+    """Return the sRGB encoding of a linear value. Values outside of 0 .. 1 follow the same curve."""
     return 1.055 * value ** (1.0 / 2.4) - 0.055 if value > 0.0031308 else 12.92 * value
 
 
 def linear_from_srgb(value: float) -> float:
-    """Return the linear value, 0 to 1, of an sRGB-encoded one. Values beyond follow the same curve."""
+    """Return the linear value of an sRGB encoding. Values outside of 0 .. 1 follow the same curve."""
     return ((value + 0.055) / 1.055) ** 2.4 if value > 0.04045 else value / 12.92
 
 
 def linear_colors_from_srgb(colors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return linear colours of sRGB-encoded ones, (N, 3) or (N, 4) float32, 0 to 1. A fourth column, alpha, is kept."""
+    """Return linear colours of sRGB-encoded ones, (N, 3) or (N, 4) float32, 0 to 1. Alpha, the fourth column, stays."""
     linear = colors.copy()
     linear[:, :3] = linear_values_from_srgb(colors[:, :3])
     return linear

@@ -1,14 +1,14 @@
 """Encoded images (PNG, JPEG, WebP): header checks, decoding by OpenCV, and one ``Image`` object per content.
 
-A scene reader only creates ``Image`` objects: nothing is decoded for depth and label images.
+Scene readers only create ``Image`` objects. Renderers decode them, and only for colour images.
 """
 
 from __future__ import annotations
 
 import re
 import struct
-import weakref
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import cv2
@@ -16,23 +16,27 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError, image_named
 from renderers.stop import check_stop
 
 MAX_PIXELS: Final = 64 << 20
-"""Default limit of one image: 8192 x 8192 pixels, 256 MB as RGBA. A header of a few bytes can announce any size."""
+"""Default maximum number of pixels of an image: 8192 x 8192, 256 MB as RGBA. Headers can announce any size."""
 
 MAX_SCANNED_PIXELS: Final = 1 << 30
-"""Maximum number of scans of a JPEG times its pixels. Decoders process the whole image for each scan, some 50 ms at
-8192 x 8192 pixels, but a scan may be only a hundred bytes long. Progressive files have about ten scans."""
+"""Maximum number of scans of a JPEG times its pixels. A scan of a hundred bytes takes as long as the whole image, some
+50 ms at 8192 x 8192 pixels. Progressive files have about ten scans."""
 _MIN_SCAN_PIXELS: Final = 1 << 12
-"""Minimum number of pixels that a scan counts for."""
+"""Number of pixels that a scan of a smaller image counts as."""
 MAX_SEGMENTS: Final = 1024
-"""Maximum number of segments or chunks before the pixels; real files have tens."""
+"""Maximum number of JPEG segments or PNG chunks before the pixels; real files have tens."""
+MAX_CACHED_BYTES: Final = 64 << 20
+"""Maximum number of encoded bytes that are kept to find equal images."""
 
 _PNG_SIZE: Final = struct.Struct(">II")
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
-_UNSUPPORTED: Final = {
+"""A marker (ITU T.81 B.1.1.2) after noise and fill bytes."""
+_UNSUPPORTED_FORMATS: Final = {
     b"\xabKTX 20\xbb": "KTX2",
     b"\xabKTX 11\xbb": "KTX",
     b"DDS ": "DDS",
@@ -89,31 +93,32 @@ def _header(data: bytes | memoryview) -> ImageHeader:
             return ImageHeader("WebP", *_webp_size(start))
     except (struct.error, IndexError) as error:
         raise ImageError(f"its header is cut off ({len(view)} bytes)") from error
-    known = next((kind for magic, kind in _UNSUPPORTED.items() if start.startswith(magic)), None)
-    what = f"{known} images are" if known else f"an image that starts with {start[:12]!r} is"
-    raise ImageError(f"{what} not supported, only PNG, JPEG and WebP" if start else "it is empty")
+    if not start:
+        raise ImageError("it is empty")
+    unsupported = next((name for magic, name in _UNSUPPORTED_FORMATS.items() if start.startswith(magic)), None)
+    subject = f"{unsupported} images are" if unsupported else f"an image that starts with {start[:12]!r} is"
+    raise ImageError(f"{subject} not supported, only PNG, JPEG and WebP")
 
 
 def _jpeg_frame(view: bytes | memoryview) -> tuple[int, int, int]:
     """Return width, height and offset of the frame header SOFn (ITU T.81 B.2.2).
 
-    Markers are found as libjpeg finds them (noise, here limited to 256 bytes, then fill bytes), so that both read the
-    same frame header.
+    Like libjpeg, skip noise before a marker (here at most 256 bytes), so that both read the same frame header.
     """
-    at = 2
+    offset = 2
     for _ in range(MAX_SEGMENTS):
-        found = _JPEG_MARKER.match(bytes(view[at : at + 256]))
-        if found is None:
+        match = _JPEG_MARKER.match(bytes(view[offset : offset + 256]))
+        if match is None:
             break
-        marker_at = at + found.end() - 1
-        marker = view[marker_at]
-        at = marker_at + 1
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">HH", view, at + 3)
-            return width, height, at
-        if marker == 0x01 or 0xD0 <= marker <= 0xD8:
-            continue
-        at += max(2, struct.unpack_from(">H", view, at)[0])
+        offset += match.end()
+        marker = view[offset - 1]
+        is_frame_header = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+        if is_frame_header:
+            height, width = struct.unpack_from(">HH", view, offset + 3)
+            return width, height, offset
+        has_no_segment = marker == 0x01 or 0xD0 <= marker <= 0xD8
+        if not has_no_segment:
+            offset += max(2, struct.unpack_from(">H", view, offset)[0])
     raise IndexError
 
 
@@ -129,46 +134,34 @@ def _webp_size(start: bytes) -> tuple[int, int]:
     return width & 0x3FFF, height & 0x3FFF
 
 
-_images: Final[weakref.WeakValueDictionary[tuple[int, int, int], Image]] = weakref.WeakValueDictionary()
-"""Images in use, by checksum, length and ``max_pixels``. Renderers cache textures by the identity of their image."""
+_images: Final[Cache[tuple[bytes, int], Image]] = Cache(MAX_CACHED_BYTES)
+"""Images by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
 
 
 def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
-    """Return an image of an encoded file. Equal bytes give the same object while it is in use.
+    """Return an image of an encoded file: for equal bytes the same object, as long as it is cached.
 
     Args:
-        data: PNG, JPEG or WebP; checked and decoded by ``Image.decode`` only.
-        max_pixels: limit for ``Image.decode``.
+        data: PNG, JPEG or WebP; checked by ``Image.decode`` only.
+        max_pixels: maximum number of pixels that ``Image.decode`` accepts.
     """
     data = bytes(data)
-    checksum = isal_zlib.crc32(data)
-    key = (checksum, len(data), max_pixels)
-    image = _images.get(key)
-    if image is None or not (isinstance(image.decode, _Decoder) and image.decode.data == data):
-        image = _images[key] = Image(b"%08x" % checksum, _Decoder(data, max_pixels))
+    image = _images.get((data, max_pixels))
+    if image is None:
+        image = Image(b"%08x" % isal_zlib.crc32(data), partial(_decode, data, max_pixels))
+        _images.put((data, max_pixels), image, len(data))
     return image
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Decoder:
-    """``Image.decode`` of an encoded file."""
-
-    data: bytes
-    max_pixels: int
-
-    def __call__(self) -> NDArray[np.uint8]:
-        return _decode(self.data, self.max_pixels)
 
 
 def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
     """Return (H, W, 4) uint8 RGBA, straight alpha, top row first, C-contiguous. Releases the GIL.
 
-    16-bit samples keep their high byte; palettes, grey levels and transparent colours (tRNS) are expanded. Colour
-    profiles and EXIF orientation are ignored, as required by glTF 2.0 section 3.8.3.
+    16-bit samples are reduced to their high byte; palettes, grey levels and transparent colours (tRNS) are expanded.
+    Colour profiles and EXIF orientation are ignored, as required by glTF 2.0 section 3.8.3.
 
     Raises:
         ImageError: unknown format, too many pixels, or broken data; the message names the image.
-        Exception: the current ``StopFlag`` was set.
+        Exception: the error of the current ``StopFlag``, if it was set.
     """
     with image_named(name):
         return _decode(data, max_pixels)
@@ -197,47 +190,50 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
 def _check_scans(data: bytes | memoryview) -> None:
     """Refuse a JPEG whose scans would take seconds to decode.
 
-    The marker SOS cannot occur in the data of a scan, where a zero or a restart marker follows every 0xFF.
+    Scans are counted by their marker SOS, which their data cannot contain: a 0 or a restart marker follows every 0xFF.
 
     Raises:
-        ImageError: too many scans; the message names their number and the limit at this size.
+        ImageError: too many scans; the message has their number and the limit at this size.
     """
     view = memoryview(data).cast("B")
-    width, height, frame_at = _jpeg_frame(view)
-    scans = bytes(view[frame_at:]).count(b"\xff\xda")
+    width, height, offset = _jpeg_frame(view)
+    scans = bytes(view[offset:]).count(b"\xff\xda")
     limit = MAX_SCANNED_PIXELS // max(width * height, _MIN_SCAN_PIXELS)
     if scans > limit:
         raise ImageError(f"a JPEG of {scans} scans, at {width}x{height} pixels at most {limit} are read")
 
 
 def _transparent_grey(png: memoryview) -> int | None:
-    """Return the transparent grey level of a PNG (chunk tRNS), which OpenCV ignores, at OpenCV's bit depth; None:
-    none."""
-    depth, at = png[24], 8
+    """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth.
+
+    Returns:
+        None if no level is transparent.
+    """
+    bit_depth, offset = png[24], 8
     for _ in range(MAX_SEGMENTS):
-        if at + 10 > len(png):
+        if offset + 10 > len(png):
             break
-        kind = bytes(png[at + 4 : at + 8])
-        if kind == b"tRNS":
-            level: int = struct.unpack_from(">H", png, at + 8)[0]
-            return level * 255 // ((1 << depth) - 1) if depth < 8 else level
-        if kind == b"IDAT":
+        chunk_type = bytes(png[offset + 4 : offset + 8])
+        if chunk_type == b"tRNS":
+            level: int = struct.unpack_from(">H", png, offset + 8)[0]
+            return level * 255 // ((1 << bit_depth) - 1) if bit_depth < 8 else level
+        if chunk_type == b"IDAT":
             break
-        at += 12 + struct.unpack_from(">I", png, at)[0]
+        offset += 12 + struct.unpack_from(">I", png, offset)[0]
     return None
 
 
-_TO_RGBA: Final[dict[int, int]] = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
-"""Conversions by number of channels."""
+_RGBA_CONVERSIONS: Final[dict[int, int]] = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
+"""OpenCV's conversions to RGBA, by number of channels."""
 
 
-def _rgba(samples: NDArray[Any], transparent: int | None) -> NDArray[np.uint8]:
-    """Return OpenCV's samples as RGBA; ``transparent`` is the transparent level of a grey image."""
+def _rgba(samples: NDArray[Any], transparent_level: int | None) -> NDArray[np.uint8]:
+    """Return OpenCV's samples as (H, W, 4) uint8; pixels of a grey image at ``transparent_level`` get alpha 0."""
     levels = (samples >> 8).astype(np.uint8) if samples.dtype == np.uint16 else samples
     channels = 1 if levels.ndim == 2 else levels.shape[2]
-    if levels.dtype != np.uint8 or channels not in _TO_RGBA:
+    if levels.dtype != np.uint8 or channels not in _RGBA_CONVERSIONS:
         raise ImageError(f"{channels} channels of {levels.dtype.name} are not supported")
-    rgba: NDArray[np.uint8] = np.ascontiguousarray(cv2.cvtColor(levels, _TO_RGBA[channels]))
-    if transparent is not None:
-        rgba[..., 3] = np.where(samples == transparent, 0, 255)
+    rgba: NDArray[np.uint8] = np.ascontiguousarray(cv2.cvtColor(levels, _RGBA_CONVERSIONS[channels]))
+    if transparent_level is not None:
+        rgba[..., 3] = np.where(samples == transparent_level, 0, 255)
     return rgba

@@ -1,4 +1,4 @@
-"""The port between what wants pictures and what draws them; the CPU rasterizer is its reference implementation."""
+"""Interface between the gateway and renderers. The CPU rasterizer is the reference implementation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SampleCount = Literal[1, 4, 8]
 
 
 class Output(Flag):
-    """Which pictures a call wants; what is not wanted costs nothing."""
+    """Images that a call requests."""
 
     COLOR = auto()
     DEPTH = auto()
@@ -30,40 +30,40 @@ class Output(Flag):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How colour is made from geometry; depth and label do not depend on it."""
+    """Shading of the colour image; depth and labels do not depend on it."""
 
     name: LookName = "phong"
-    """``phong``: RenderEngineVtk's look without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as
-    stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2. ``plain``:
-    Director's and the browser view's: as ``phong``, but the linear colour factors are first encoded as sRGB, so that
-    a surface that faces the camera has the very colour that was published. ``studio``: for people: all of glTF's
-    materials under ``rig``, with shadows, reflections and a tone curve."""
+    """``phong``: as RenderEngineVtk without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as stored,
+    no gamma. ``pbr``: as RenderEngineVtk with glTF meshes: metallic-roughness, linear light, gamma 1/2.2. ``plain``:
+    for Director and the browser view: as ``phong``, but linear colour factors are first encoded as sRGB, so that a
+    surface that faces the camera has exactly the published colour. ``studio``: for presentation: all glTF materials
+    under ``rig``, with shadows, reflections and tone mapping."""
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB as stored in the picture; Drake's default."""
+    """RGB as stored in the image; Drake's default."""
     samples: SampleCount = 1
-    """Samples of visibility a pixel, of colour only: depth and labels are never mixed."""
+    """Samples per pixel of the colour image. Depth and labels always have one: they are never mixed."""
     rig: Rig = STUDIO
-    """What lights the ``studio`` look; the others have one head light."""
+    """Lights of the ``studio`` look; the others have one headlight."""
 
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """The pictures of one call, row 0 at the top. Arrays are pooled: copy or encode them, then ``close``."""
+    """Images of one call, row 0 at the top. Arrays are pooled: copy or encode them, then ``close``."""
 
     color: NDArray[np.uint8] | None = None
     """(H, W, 3) uint8 RGB."""
     depth: NDArray[np.float32] | None = None
-    """(H, W) float32, metres along the optical axis; +inf where nothing is within near .. far."""
+    """(H, W) float32, metres along the optical axis; +inf without a surface between near and far."""
     label: NDArray[np.uint32] | None = None
-    """(H, W) uint32, label of the instance in the low 24 bits, LABEL_NONE where nothing is."""
+    """(H, W) uint32, label of the instance in the low 24 bits; LABEL_NONE without a surface."""
     instance: NDArray[np.int32] | None = None
-    """(H, W) int32, instance_id; -1 where nothing is."""
+    """(H, W) int32, instance_id; -1 without a surface."""
     normal: NDArray[np.float32] | None = None
-    """(H, W, 3) float32, unit normal in the camera's optical frame, facing the camera; 0 where nothing is."""
+    """(H, W, 3) float32, unit normal in the camera's optical frame, facing the camera; 0 without a surface."""
     _release: Callable[[], None] | None = field(default=None, repr=False)
 
     def close(self) -> None:
-        """Hand the arrays back to the pool; they must not be used afterwards. Calling it again does nothing."""
+        """Return the arrays to their pool; they must not be used afterwards. Calling it again does nothing."""
         release, self._release = self._release, None
         self.color = self.depth = self.label = self.instance = self.normal = None
         if release is not None:
@@ -77,13 +77,13 @@ class Frame:
 
 
 class Renderer(Protocol):
-    """Draws a draw list as a camera sees it. Thread-safe; releases the GIL while it works."""
+    """Draws a draw list as a camera sees it. Thread-safe. Releases the GIL while drawing."""
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = ...) -> Frame:
         """Draw under the current ``stop.StopFlag``.
 
         Raises:
             ImageError: a texture that colour needs cannot be decoded.
-            Exception: the flag was set; the error that it was set with, within about 0.1 s.
+            Exception: the flag was set. The error is the one that it was set with, raised within about 0.1 s.
         """
         ...

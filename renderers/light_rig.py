@@ -1,4 +1,4 @@
-"""Light rigs of the look ``studio``: lights, surroundings, exposure, tone curve."""
+"""Light rigs of the look ``studio``: lights, environment, exposure, tone curve."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final, Literal
 from renderers.drawlist import Light, LightKind
 
 MAX_LIGHTS: Final = 64
-"""Maximum number of lights of an image. Every pixel is lit by all of them."""
+"""Maximum number of lights per image. Every pixel is lit by all of them."""
 MAX_SHADOWS: Final = 4
-"""Maximum number of lights with a shadow map. Each renders the scene into ``shadow_size`` squared texels."""
+"""Maximum number of lights with a shadow map. For each, the scene is rendered to ``shadow_size`` squared texels."""
 
 Rgb = tuple[float, float, float]
 ToneName = Literal["neutral", "aces", "none"]
@@ -18,7 +18,7 @@ ToneName = Literal["neutral", "aces", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Hemisphere:
-    """Radiance between ``ground`` at the nadir and ``sky`` at the zenith, by the sine of the elevation. Linear RGB."""
+    """Linear RGB radiance that changes with the sine of the elevation, from ``ground`` (nadir) to ``sky`` (zenith)."""
 
     sky: Rgb = (1.0, 1.0, 1.0)
     ground: Rgb = (0.4, 0.4, 0.4)
@@ -26,28 +26,28 @@ class Hemisphere:
 
 @dataclass(frozen=True, slots=True)
 class Softbox:
-    """Bright patch of the surroundings with soft edges."""
+    """Bright rectangle of the environment with soft edges."""
 
     direction: Rgb
-    """Direction from the scene to its centre, any length."""
+    """Direction from the scene to the softbox's centre, any length."""
     radiance: Rgb
-    """Linear RGB, added to the surroundings behind it."""
+    """Linear RGB, added to the radiance behind the softbox."""
     width: float
     """Half its angular width, radians."""
     height: float
     """Half its angular height, radians."""
     softness: float = 0.3
-    """Share of the half sizes over which it fades."""
+    """Share of the half sizes over which the edge fades."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Environment at infinity: reflected, and diffuse light. World frame, Z up."""
+    """Environment at infinity, source of reflections and diffuse light. World frame, Z up."""
 
     hemisphere: Hemisphere = Hemisphere()
     softboxes: tuple[Softbox, ...] = ()
     image: bytes | None = None
-    """Radiance image (``.hdr``), equirectangular, top is up. Replaces hemisphere and softboxes."""
+    """Radiance image file (``.hdr``), equirectangular, top row up. Replaces hemisphere and softboxes."""
     intensity: float = 1.0
     """Factor of the radiance."""
     turn: float = 0.0
@@ -56,18 +56,18 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """Light rig of an image."""
+    """Lights of an image, and their conversion to pixels."""
 
     lights: tuple[Light, ...] = ()
     """World frame, Z up."""
     surroundings: Surroundings | None = field(default_factory=Surroundings)
     """None: black."""
     scene_lights: bool = True
-    """True: lights of the scene, if it has any, replace ``lights``."""
+    """True: the lights of a scene that has any replace ``lights``."""
     exposure: float = 1.0
     """Factor of all light before tone mapping."""
     tone: ToneName = "neutral"
-    """Tone curve: Khronos' PBR Neutral, ``aces`` as in most glTF viewers, or none."""
+    """Tone curve: Khronos' PBR Neutral, ``aces`` as in most glTF viewers, or ``none``: values are clamped."""
     shadow_size: int = 2048
     """Maximum side of a shadow map, texels; 0: no shadows."""
     shadow_radius: int = 2
@@ -99,4 +99,4 @@ STUDIO: Final = Rig(
         ),
     ),
 )
-"""Default rig: a key light with shadows from the left behind the viewer, and softboxes."""
+"""Default rig: a key light with shadows, from the left behind the viewer, and softboxes."""

@@ -1,8 +1,8 @@
-"""Multisample anti-aliasing: sample positions, and what is known of a band's samples.
+"""Multisample anti-aliasing: sample positions, and the memory for a band's samples.
 
-The samples of each pixel are rasterized, and each surface that they see is shaded once. Opaque images are rasterized
-with all samples at once (``renderers.raster.msaa``), and only pixels at edges are shaded more than once. Translucent
-ones are drawn at every sample position by a camera whose principal point is moved.
+Scenes of opaque surfaces are rasterized with all samples at once (``renderers.raster.msaa``); each surface is shaded
+once per pixel. Scenes with translucent surfaces are rendered once per sample position, by cameras with different
+principal points.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
 
-_SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
+_SAMPLE_POSITIONS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
     1: ((0, 0),),
     4: ((-2, -6), (6, -2), (-6, 2), (2, 6)),
     8: ((1, -3), (-1, 3), (5, 1), (-3, -5), (-5, 5), (-7, -1), (3, 7), (7, -7)),
 }
-"""Offsets from the pixel's centre in 1/16 pixel: Direct3D's standard patterns, which most GPUs use."""
-
+"""Offsets (x, y) from the pixel's centre in 1/16 pixel, by number of samples: Direct3D's standard patterns."""
 
 SAMPLE_BAND: Final = Struct(
     "SampleBand",
@@ -33,29 +32,29 @@ SAMPLE_BAND: Final = Struct(
         "ids": pointer_to(I32),  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
         "room": I64,  # maximum number of entries of a row
         "counts": pointer_to(I32),  # (BAND_ROWS,): entries of each row
-        "entry_ids": pointer_to(I32),  # (BAND_ROWS, room): entries: further primitive ids of pixels
+        "entry_ids": pointer_to(I32),  # (BAND_ROWS, room): further primitive ids of pixels
         "entry_columns": pointer_to(I32),  # (BAND_ROWS, room): their columns in the image
         "entry_weights": pointer_to(U8),  # (BAND_ROWS, room): samples that see them, of 8
         "mixed_counts": pointer_to(I32),  # (BAND_ROWS,): mixed pixels of each row
-        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples of the pixel's own id << 4 | of nothing
+        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples that see ``ids`` << 4 | that see nothing
         "entry_colors": pointer_to(U8),  # (BAND_ROWS, room, 3): filled by shading
-        "far": pointer_to(F32),  # (BAND_ROWS, stride): range of the 1/z of a pixel's samples
-        "near": pointer_to(F32),
+        "far": pointer_to(F32),  # (BAND_ROWS, stride): least 1/z of a pixel's samples
+        "near": pointer_to(F32),  # (BAND_ROWS, stride): largest 1/z
         "slots": pointer_to(I32),  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
         "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the binned primitive that covers the pixel
     },
 )
-"""A thread's memory for a band with several samples per pixel. Index 0 is the band's first pixel."""
+"""Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel."""
 sample_band_at: Final = SAMPLE_BAND.at
 
 
 def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
-    """Return a camera for each sample position; the same one for a single sample.
+    """Return one camera per sample position; ``camera`` itself for a single sample.
 
     Raises:
         ValueError: ``samples`` is not 1, 4 or 8.
     """
-    offsets = _SIXTEENTHS.get(samples)
+    offsets = _SAMPLE_POSITIONS.get(samples)
     if offsets is None:
         raise ValueError(f"samples must be 1, 4 or 8, not {samples}")
     if samples == 1:
@@ -64,18 +63,18 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """Return (2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
+    """Return (2, 8) int32: x and y of the samples' offsets from the pixel's centre, 1/256 pixel. Four are repeated.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.
     """
     if samples not in (4, 8):
         raise ValueError(f"samples must be 4 or 8, not {samples}")
-    return np.ascontiguousarray(16 * np.array(_SIXTEENTHS[samples] * (8 // samples), np.int32).T)
+    return np.ascontiguousarray(16 * np.array(_SAMPLE_POSITIONS[samples] * (8 // samples), np.int32).T)
 
 
 @cache
 def lane_lists() -> NDArray[np.int32]:
-    """Return (256, 8) int32: the lanes of each mask of eight, the lowest first; then 0."""
+    """Return (256, 8) int32: for each mask of eight lanes, its set lanes in ascending order, padded with 0."""
     masks, bits = np.arange(256)[:, None], np.arange(8)
     return np.ascontiguousarray(np.sort(np.where(masks >> bits & 1, bits, 8), axis=1) % 8, np.int32)

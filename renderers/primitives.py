@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from renderers.drawlist import Mesh
 
 SEGMENTS: Final = 48
-"""Sides of round solids. The silhouette of an inscribed 48-gon is off by r * (1 - cos(pi / 48)) = 0.2 % of r: half a
-pixel for a sphere 470 pixels wide. Director uses 24."""
+"""Sides of sphere, capsule and cylinder. The silhouette of an inscribed 48-gon is off by r (1 - cos(pi / 48)), 0.2 %
+of r: half a pixel for a sphere 470 pixels wide. Director uses 24."""
 RINGS: Final = 24
 """Bands of a sphere from pole to pole, so that its quads are about square."""
 CONE_SEGMENTS: Final = 32
+"""Sides of a cone."""
 
 Vertices = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -47,17 +48,17 @@ def circle(segments: int) -> Vertices:
 
 
 def band(lower: NDArray[np.integer], upper: NDArray[np.integer]) -> Triangles:
-    """Return the triangles between two closed rings with the same number of vertices, counter-clockwise from outside.
+    """Return the triangles between closed rings of n vertices each, counter-clockwise seen from outside.
 
     Args:
-        lower: (n,) vertex indices, counter-clockwise seen from above.
-        upper: (n,) vertex indices of the ring above.
+        lower: (n,) vertex indices, counter-clockwise seen from above; or (S, n) for many rings.
+        upper: vertex indices of the rings above, of the same shape.
 
     Returns:
-        (2 n, 3) int64.
+        (2 n, 3) or (2 S n, 3) int64.
     """
-    next_lower, next_upper = np.roll(lower, -1), np.roll(upper, -1)
-    quads = np.stack((lower, next_lower, next_upper, lower, next_upper, upper), axis=1)
+    next_lower, next_upper = np.roll(lower, -1, axis=-1), np.roll(upper, -1, axis=-1)
+    quads = np.stack((lower, next_lower, next_upper, lower, next_upper, upper), axis=-1)
     return quads.reshape(-1, 3).astype(np.int64)
 
 
@@ -76,13 +77,13 @@ def box() -> Mesh:
     triangles: list[tuple[int, ...]] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
-            normal, u = np.zeros(3), np.zeros(3)
-            normal[axis], u[(axis + 1) % 3] = sign, 1.0
-            v = np.cross(normal, u)
-            first = len(positions)
-            positions.extend(0.5 * (normal + a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+            normal, u_axis = np.zeros(3), np.zeros(3)
+            normal[axis], u_axis[(axis + 1) % 3] = sign, 1.0
+            v_axis = np.cross(normal, u_axis)
+            corner = len(positions)
+            positions.extend(0.5 * (normal + u * u_axis + v * v_axis) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
             normals.extend([normal] * 4)
-            triangles.extend(((first, first + 1, first + 2), (first, first + 2, first + 3)))
+            triangles.extend(((corner, corner + 1, corner + 2), (corner, corner + 2, corner + 3)))
     return frozen_mesh(np.array(positions), np.array(triangles), np.array(normals))
 
 
@@ -103,7 +104,11 @@ def capsule(aspect: float) -> Mesh:
 
 
 def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Triangles]:
-    """Return the unit sphere; its halves are moved apart by ``half_length`` along z each (``rings`` is even)."""
+    """Return a unit sphere, cut at the equator; each half is moved by ``half_length`` along z, away from the other.
+
+    Args:
+        rings: even if ``half_length`` is not 0.
+    """
     around = circle(segments)
     polar = np.arange(1, rings) * (math.pi / rings)
     if half_length:

@@ -1,7 +1,7 @@
-"""Ending work before it is done: a flag that kernels read by its address, and Python by ``check_stop``.
+"""Cancellation: a flag that kernels read by address, and Python code by ``check_stop``.
 
-The flag of the work in progress is a context variable. A parameter would have to pass through some forty functions of
-the glTF reader, the renderer and the looks, of which nearly all would only hand it on.
+The current flag is a context variable. As a parameter, some forty functions of reader, renderer and looks would only
+pass it on.
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ T = TypeVar("T")
 
 
 class StopFlag:
-    """Set once, from any thread; the work that runs under it then ends with the error that it was set with."""
+    """Flag that cancels a call with an error. Any thread may set it."""
 
-    __slots__ = ("_error", "_word", "address")
+    __slots__ = ("_error", "_value", "address")
 
     def __init__(self) -> None:
-        self._word = c_int64(0)
+        self._value = c_int64(0)
         self._error: Exception | None = None
-        self.address: Final = addressof(self._word)
-        """Address of an int64 that is not 0 once the flag is set; valid while this object is alive."""
+        self.address: Final = addressof(self._value)
+        """Address of an int64 that is 0 until the flag is set. Valid while this object is alive."""
 
     @property
     def is_set(self) -> bool:
-        """True once the flag is set: the work should end."""
+        """True once the flag is set."""
         return self._error is not None
 
     def set(self, error: Exception) -> None:
-        """Ends the work; the first error given counts.
+        """Set the flag. Only the first call has an effect.
 
         Args:
-            error: what ``check`` raises, as a new exception of the same type and arguments every time.
+            error: ``check`` raises new exceptions of this type with these arguments.
         """
         if self._error is None:
             self._error = error
-        self._word.value = 1  # after the error: who sees this looks for it
+        self._value.value = 1  # after the error: threads that see the value read the error
 
     def check(self) -> None:
-        """Raises the error that the flag was set with, if it was set."""
+        """Raise the error of the flag if it is set."""
         if self._error is not None:
-            # Not the same object: its traceback would keep the frames of the work alive as long as the flag.
+            # A new object: the traceback of ``_error`` would keep frames alive as long as the flag.
             raise type(self._error)(*self._error.args)
 
     def run(self, call: Callable[[], T]) -> T:
-        """Calls ``call`` with this flag as the current one, and returns its result."""
+        """Return ``call()``, made with this flag as the current one."""
         token = _current.set(self)
         try:
             return call()
@@ -57,7 +57,7 @@ class StopFlag:
 
 
 def run_within(seconds: float, call: Callable[[], T], error: Exception) -> T:
-    """Call ``call`` under a flag that is set with ``error`` after ``seconds``; 0: it may take any time."""
+    """Return ``call()``, cancelled with ``error`` after ``seconds``; 0: no limit."""
     flag = StopFlag()
     if seconds <= 0.0:
         return flag.run(call)
@@ -74,11 +74,10 @@ _current: ContextVar[StopFlag] = ContextVar("stop_flag", default=StopFlag())  # 
 
 
 def current_stop() -> StopFlag:
-    """The flag of the work in progress; one that is never set where there is none. Threads that are started have none:
-    hand it to them."""
+    """Return the current flag, or one that is never set. New threads do not inherit it."""
     return _current.get()
 
 
 def check_stop() -> None:
-    """Raises the error that the current flag was set with, if it was set. Takes 0.1 us."""
+    """Raise the error of the current flag if it is set. Takes 0.1 us."""
     _current.get().check()

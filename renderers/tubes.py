@@ -1,4 +1,4 @@
-"""Tube mesh along a polyline: mitre joints at gentle bends, balls at sharp ones, capped at the ends."""
+"""Meshes of tubes along polylines: mitre joints at gentle bends, balls at sharp ones, caps at the ends."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.drawlist import Mesh
-from renderers.primitives import Triangles, Vertices, circle, fan, frozen_mesh, sphere
+from renderers.primitives import Triangles, Vertices, band, circle, fan, frozen_mesh, sphere
 
 TUBE_SIDES: Final = 24
 """Sides of a tube, as in Director's tube filter."""
@@ -25,19 +25,19 @@ sharper bends each side ends square and a ball fills the joint."""
 
 
 def clean_polyline(points: NDArray[np.floating], limit: float, *, closed: bool) -> NDArray[np.float64]:
-    """Return the points, (N, 3) float64, without those beyond ``limit`` or non-finite and without consecutive
-    duplicates."""
-    kept = np.asarray(points, dtype=np.float64)
-    kept = kept[(np.abs(kept) < limit).all(axis=1)]
-    if len(kept) > 1:
+    """Return the points, (N, 3) float64, without non-finite ones, consecutive duplicates, and coordinates of at least
+    ``limit`` metres."""
+    clean = np.asarray(points, dtype=np.float64)
+    clean = clean[(np.abs(clean) < limit).all(axis=1)]
+    if len(clean) > 1:
         # A step below float32's resolution of the coordinates has no usable direction.
-        tiny = 1e-7 * max(float(np.abs(kept).max()), 1e-5)
-        distinct = np.ones(len(kept), dtype=np.bool_)
-        distinct[1:] = np.abs(np.diff(kept, axis=0)).max(axis=1) > tiny
-        kept = kept[distinct]
-        if closed and len(kept) > 1 and np.abs(kept[0] - kept[-1]).max() <= tiny:
-            kept = kept[:-1]
-    return kept
+        min_step = 1e-7 * max(float(np.abs(clean).max()), 1e-5)
+        is_distinct = np.ones(len(clean), dtype=np.bool_)
+        is_distinct[1:] = np.abs(np.diff(clean, axis=0)).max(axis=1) > min_step
+        clean = clean[is_distinct]
+        if closed and len(clean) > 1 and np.abs(clean[0] - clean[-1]).max() <= min_step:
+            clean = clean[:-1]
+    return clean
 
 
 def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) -> Mesh | None:
@@ -60,45 +60,45 @@ def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) ->
     directions = np.roll(points, -1, axis=0) - points
     directions = directions if closed else directions[:-1]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    before = np.roll(directions, 1, axis=0)
-    bend = (before * directions).sum(axis=1)
+    previous_directions = np.roll(directions, 1, axis=0)
+    bend_cosines = (previous_directions * directions).sum(axis=1)
     if not closed:
-        bend[0] = -1.0
-    mitred, smooth = bend > MITRE_COSINE, bend > SMOOTH_COSINE
+        bend_cosines[0] = -1.0
+    mitred, smooth = bend_cosines > MITRE_COSINE, bend_cosines > SMOOTH_COSINE
     frames = _transported_frames(directions, mitred)
     around = circle(sides)
     across = np.cross(directions, frames)
     offsets = around[None, :, :1] * frames[:, None, :] + around[None, :, 1:] * across[:, None, :]
 
-    # Every segment has a ring at its start, which a smooth joint shares with the previous segment. Segments whose end
-    # is not smooth have another ring there.
-    bisectors = np.where(mitred[:, None], before + directions, directions)
+    # Every segment has a ring at its start. At a smooth joint, it is also the end of the previous segment; a segment
+    # whose end is not smooth has a second ring there.
+    bisectors = np.where(mitred[:, None], previous_directions + directions, directions)
     bisectors /= np.linalg.norm(bisectors, axis=1, keepdims=True)
-    parted = np.flatnonzero(~np.roll(smooth, -1))
-    following = (parted + 1) % len(directions)
-    planes = np.where(mitred[following][:, None], bisectors[following], directions[parted])
-    starts = _projected_along(offsets, directions, bisectors)
-    rings = points[: len(directions), None, :] + radius * starts
-    ends = points[(parted + 1) % count, None, :] + radius * _projected_along(
-        offsets[parted], directions[parted], planes
+    two_ringed = np.flatnonzero(~np.roll(smooth, -1))
+    following = (two_ringed + 1) % len(directions)
+    end_planes = np.where(mitred[following][:, None], bisectors[following], directions[two_ringed])
+    start_offsets = _projected_along(offsets, directions, bisectors)
+    start_rings = points[: len(directions), None, :] + radius * start_offsets
+    end_rings = points[(two_ringed + 1) % count, None, :] + radius * _projected_along(
+        offsets[two_ringed], directions[two_ringed], end_planes
     )
     # The offsets of two neighbours are mirror images in the mitre plane, so their mean is the part within the plane.
     normals = np.where(smooth[:, None, None], _unit_within(offsets, bisectors), offsets)
 
-    index = np.arange((len(rings) + len(ends)) * sides).reshape(-1, sides)
-    upper = np.roll(index[: len(directions)], -1, axis=0)
+    index = np.arange((len(start_rings) + len(end_rings)) * sides).reshape(-1, sides)
+    end_index = np.roll(index[: len(directions)], -1, axis=0)
     if smooth[0]:
-        upper[-1] = np.roll(upper[-1], -_closing_shift(directions, frames, sides))
-    upper[parted] = index[len(directions) :]
+        end_index[-1] = np.roll(end_index[-1], -_closing_shift(directions, frames, sides))
+    end_index[two_ringed] = index[len(directions) :]
     builder = _MeshBuilder()
     builder.add(
-        np.concatenate((rings, ends)).reshape(-1, 3),
-        np.concatenate((normals, offsets[parted])).reshape(-1, 3),
-        _bands(index[: len(directions)], upper),
+        np.concatenate((start_rings, end_rings)).reshape(-1, 3),
+        np.concatenate((normals, offsets[two_ringed])).reshape(-1, 3),
+        band(index[: len(directions)], end_index),
     )
     if not closed:
-        builder.add(*_cap(rings[0], points[0], -directions[0], up=False))
-        builder.add(*_cap(ends[-1], points[-1], directions[-1], up=True))
+        builder.add(*_cap(start_rings[0], points[0], -directions[0], up=False))
+        builder.add(*_cap(end_rings[-1], points[-1], directions[-1], up=True))
     sharp = np.flatnonzero(~mitred)
     _add_balls(builder, points[sharp if closed else sharp[1:]], radius)
     return builder.mesh()
@@ -121,15 +121,15 @@ def _unit_within(offsets: NDArray[np.float64], planes: NDArray[np.float64]) -> N
 
 
 def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return a unit vector across each segment, (S, 3), transported over mitre joints by the smallest rotation.
+    """Return a unit vector u across each segment, (S, 3), transported over mitre joints by the smallest rotation.
 
-    With this rotation the rings of two neighbours coincide on the mitre plane. Plain floats, because NumPy takes a
-    microsecond per operation on three numbers.
+    With this rotation, rings of neighbours coincide on the mitre plane. (dx, dy, dz) is a segment's direction,
+    (px, py, pz) that of the previous one. Plain floats: NumPy takes a microsecond per operation on three numbers.
     """
-    out: list[tuple[float, float, float]] = []
+    frames: list[tuple[float, float, float]] = []
     ux = uy = uz = px = py = pz = 0.0
-    for (dx, dy, dz), carry in zip(directions.tolist(), mitred.tolist(), strict=True):
-        if carry and out:
+    for (dx, dy, dz), is_mitred in zip(directions.tolist(), mitred.tolist(), strict=True):
+        if is_mitred and frames:
             factor = (ux * dx + uy * dy + uz * dz) / (1.0 + px * dx + py * dy + pz * dz)
             ux, uy, uz = ux - factor * (px + dx), uy - factor * (py + dy), uz - factor * (pz + dz)
         elif abs(dz) < 0.9:
@@ -141,25 +141,19 @@ def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool
         length = math.sqrt(ux * ux + uy * uy + uz * uz)
         ux, uy, uz = ux / length, uy / length, uz / length
         px, py, pz = dx, dy, dz
-        out.append((ux, uy, uz))
-    return np.array(out)
+        frames.append((ux, uy, uz))
+    return np.array(frames)
 
 
 def _closing_shift(directions: NDArray[np.float64], frames: NDArray[np.float64], sides: int) -> int:
-    """Return the rotation, in sides, of the frame transported once around a closed line against the first frame.
+    """Return the angle between the first frame and the one transported once around a closed line, in sides, rounded.
 
-    The remaining twist is less than half a side, in the last segment.
+    The last segment is twisted by the rest, less than half a side.
     """
     last, first, u = directions[-1], directions[0], frames[-1]
-    carried = u - (u @ first) / (1.0 + last @ first) * (last + first)
-    angle = math.atan2(float(np.cross(frames[0], carried) @ first), float(frames[0] @ carried))
+    transported = u - (u @ first) / (1.0 + last @ first) * (last + first)
+    angle = math.atan2(float(np.cross(frames[0], transported) @ first), float(frames[0] @ transported))
     return round(angle * sides / (2.0 * math.pi))
-
-
-def _bands(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> Triangles:
-    """Return ``primitives.band`` of many pairs of rings (S, sides) at once, (S * sides * 2, 3)."""
-    next_lower, next_upper = np.roll(lower, -1, axis=1), np.roll(upper, -1, axis=1)
-    return np.stack((lower, next_lower, next_upper, lower, next_upper, upper), axis=2).reshape(-1, 3)
 
 
 def _cap(
@@ -170,18 +164,18 @@ def _cap(
 
 
 def _add_balls(builder: _MeshBuilder, centres: NDArray[np.float64], radius: float) -> None:
-    """Add balls at sharp joints, coarser if there are many."""
+    """Add a ball at each sharp joint: coarser balls if there are many."""
     if not len(centres):
         return
     ball = sphere(TUBE_SIDES, 12) if len(centres) <= 256 else sphere(12, 6) if len(centres) <= 4096 else sphere(8, 4)
     unit = ball.positions.astype(np.float64)
     positions = (centres[:, None, :] + radius * unit).reshape(-1, 3)
-    first = np.arange(len(centres), dtype=np.int64)[:, None, None] * len(unit)
-    builder.add(positions, np.tile(unit, (len(centres), 1)), (ball.elements[None] + first).reshape(-1, 3))
+    first_vertex = np.arange(len(centres), dtype=np.int64)[:, None, None] * len(unit)
+    builder.add(positions, np.tile(unit, (len(centres), 1)), (ball.elements[None] + first_vertex).reshape(-1, 3))
 
 
 class _MeshBuilder:
-    """Concatenation of vertices and triangles into one mesh."""
+    """Concatenates vertices and triangles of several parts."""
 
     def __init__(self) -> None:
         self._count = 0

@@ -140,7 +140,7 @@ def read_rig(path: Path) -> Rig:
 
 
 def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
-    from renderers.shading.studio.environment_map import read_hdr
+    from renderers.shading.studio.environment_image import read_hdr
 
     image = (folder / table.image).read_bytes() if table.image is not None else None
     if image is not None:

@@ -8,6 +8,7 @@ from rich.table import Table
 from gateway.runtime.diagnostics import Verdict, findings
 from gateway.runtime.worker_pool import usable_cpus
 from gateway.settings import load
+from gateway.wiring import warmup
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
 PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
@@ -22,8 +23,8 @@ def print_findings() -> bool:
     for heading in ("what", "", "finding"):
         table.add_column(heading, overflow="fold")
     good = True
-    for finding in findings(settings.host, ports, settings.threads or usable_cpus()):
+    for finding in findings(settings.host, ports, settings.threads or usable_cpus(), warmup.PARTS):
         good = good and finding.verdict is not Verdict.BAD
-        table.add_row(finding.what, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
+        table.add_row(finding.subject, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
     Console(highlight=False).print(table)
     return good

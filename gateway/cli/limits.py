@@ -61,13 +61,17 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Faults for test rigs", "gateway.stereo.fault_routes", ("MAX_BODY",)),
     ("Packages of meshes", "gateway.assets.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Labels", "gateway.scene.labels", ("MAX_LABELS",)),
-    ("Cameras in words", "gateway.scene.cameras", ("MAX_TEXT", "MIN_FOVY", "NEAREST", "LIMIT")),
+    (
+        "Cameras as text",
+        "gateway.scene.cameras",
+        ("MAX_CAMERA_CHARACTERS", "MIN_FOVY", "MIN_PLANE_DISTANCE", "MAX_COORDINATE"),
+    ),
     ("glTF: strides", "gateway.gltf.accessors", ("_MAX_STRIDE",)),
     ("glTF: warnings", "gateway.gltf.reader", ("_MAX_WARNINGS",)),
     ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_MAX_CANDIDATES")),
     ("glTF that is written", "gateway.gltf.export.glb_document", ("MAX_BYTES",)),
-    ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MOST_FACES",)),
-    ("Tree viewer: extents", "gateway.scene.meshing", ("LARGEST",)),
+    ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MAX_FACES_PER_VERTEX",)),
+    ("Tree viewer: extents", "gateway.scene.meshing", ("MAX_EXTENT",)),
     ("Tree viewer: number arrays in JSON", "gateway.treeviewer.number_arrays", ("MAX_ARRAYS",)),
     ("Tree viewer: formats", "gateway.treeviewer.wire", ("MAX_FORMAT_BYTES",)),
     (
@@ -112,7 +116,7 @@ def reference() -> str:
         parts += [_row(field, _number(value), text) for field, value, text in _limits_of(kind)]
     for heading, module, names in CONSTANTS:
         source = importlib.import_module(module)
-        texts = _texts(ast.parse(inspect.getsource(source)).body)
+        texts = _docstrings(ast.parse(inspect.getsource(source)).body)
         parts.append(f"\n## {heading}\n\n`{module}`\n\n| constant | value | |\n| --- | --- | --- |")
         parts += [_row(name, _number(getattr(source, name)), texts[name]) for name in names]
     return "\n".join(parts) + "\n"
@@ -121,15 +125,15 @@ def reference() -> str:
 def _limits_of(kind: type[Any]) -> Iterator[tuple[str, Any, str]]:
     (body,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(body, ast.ClassDef)
-    texts = _texts(body.body)
+    texts = _docstrings(body.body)
     for field in fields(kind):
         if field.name not in _NOT_LIMITS and type(field.default) in (int, float):
             yield field.name, field.default, texts.get(field.name, "")
 
 
-def _texts(body: list[ast.stmt]) -> dict[str, str]:
+def _docstrings(body: list[ast.stmt]) -> dict[str, str]:
     """Return the docstrings of assignments, by name."""
-    found = {}
+    docstrings = {}
     for statement, after in pairwise(body):
         if isinstance(statement, ast.AnnAssign):
             target: ast.expr = statement.target
@@ -138,8 +142,8 @@ def _texts(body: list[ast.stmt]) -> dict[str, str]:
         else:
             continue
         if isinstance(target, ast.Name) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            found[target.id] = " ".join(str(after.value.value).replace("``", "`").split())
-    return found
+            docstrings[target.id] = " ".join(str(after.value.value).replace("``", "`").split())
+    return docstrings
 
 
 def _row(name: str, value: str, text: str) -> str:

@@ -55,7 +55,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(images[image_type])
     if image_type == "label":
-        out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.record))
-    for warning in (*scene.record.warnings, ignored_rig(scene, settings)):
+        out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.description))
+    for warning in (*scene.description.warnings, ignored_rig(scene, settings)):
         if warning is not None:
             typer.echo(f"{path}: {warning}", err=True)

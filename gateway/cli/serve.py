@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import signal
 import socket
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from pydantic.fields import FieldInfo
@@ -69,6 +70,7 @@ def _flag(name: str, field: FieldInfo) -> Any:
 
 def run(settings: Settings) -> int:
     """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
+    signal.signal(signal.SIGTERM, _exit)  # until the server handles it
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
@@ -83,7 +85,7 @@ def run(settings: Settings) -> int:
     from gateway.wiring.state import open_state
 
     try:
-        tls = Security.of(settings).tls
+        tls = Security.from_settings(settings).tls
         state = open_state(settings)
     except (SettingsError, StateError) as error:
         log.error(str(error))
@@ -100,6 +102,10 @@ def run(settings: Settings) -> int:
     pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
     log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
     return _serve(settings, listener, state, tls)
+
+
+def _exit(*_: object) -> NoReturn:
+    raise SystemExit(0)
 
 
 def _serve(

@@ -1,9 +1,9 @@
-"""Reads ``--cameras``: a JSON file with cameras for all scenes or for single ones. See ``docs/datasets.md``."""
+"""The file of ``--cameras``: JSON with cameras for all scenes or for single ones. See ``docs/datasets.md``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -22,7 +22,7 @@ _Positive = Annotated[float, msgspec.Meta(gt=0)]
 _Row = tuple[float, float, float, float]
 
 
-class _Entry(msgspec.Struct, forbid_unknown_fields=True):
+class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
     name: str | None = None
     camera: str | None = None
     X_world_camera: tuple[_Row, _Row, _Row, _Row] | None = None
@@ -38,9 +38,9 @@ class _Entry(msgspec.Struct, forbid_unknown_fields=True):
     far: _Positive | None = None
 
 
-class _File(msgspec.Struct, forbid_unknown_fields=True):
-    cameras: list[_Entry] = []
-    scenes: dict[str, list[_Entry]] = {}
+class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
+    cameras: list[_CameraEntry] = []
+    scenes: dict[str, list[_CameraEntry]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +48,9 @@ class CameraFile:
     """The content of the file."""
 
     cameras: tuple[View, ...] = ()
-    """Views of all scenes without own views."""
+    """Views of the scenes that are not in ``scenes``."""
     scenes: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
-    """Views by scene name, for scenes that have their own."""
+    """Views of single scenes, by scene name."""
 
 
 def read_camera_file(path: Path) -> CameraFile:
@@ -67,16 +67,16 @@ def read_camera_file(path: Path) -> CameraFile:
     if len(data) > MAX_BYTES:
         raise CameraError(f"{path}: more than {MAX_BYTES} bytes")
     try:
-        found = msgspec.json.decode(data, type=_File)
+        content = msgspec.json.decode(data, type=_FileContent)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise CameraError(f"{path}: {error}") from None
-    if not found.cameras and not found.scenes:
+    if not content.cameras and not content.scenes:
         raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
-    own_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in found.scenes.items()}
-    return CameraFile(_views(found.cameras, f"{path}: cameras"), own_views)
+    own_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in content.scenes.items()}
+    return CameraFile(_views(content.cameras, f"{path}: cameras"), own_views)
 
 
-def _views(entries: list[_Entry], where: str) -> tuple[View, ...]:
+def _views(entries: list[_CameraEntry], where: str) -> tuple[View, ...]:
     digits = max(3, len(str(len(entries) - 1)))
     views: dict[str, View] = {}
     for index, entry in enumerate(entries):
@@ -90,7 +90,7 @@ def _views(entries: list[_Entry], where: str) -> tuple[View, ...]:
     return tuple(views.values())
 
 
-def _pose(entry: _Entry) -> str | Matrix:
+def _pose(entry: _CameraEntry) -> str | Matrix:
     if (entry.camera is None) == (entry.X_world_camera is None):
         raise CameraError("needs either 'camera' (a text such as fit) or 'X_world_camera' (4 x 4)")
     if entry.X_world_camera is None:
@@ -102,6 +102,5 @@ def _pose(entry: _Entry) -> str | Matrix:
     return tuple((a, b, c, d) for a, b, c, d in rows.tolist())
 
 
-def _intrinsics(entry: _Entry) -> Intrinsics:
-    e = entry
-    return Intrinsics(e.width, e.height, e.fovy, e.fx, e.fy, e.cx, e.cy, e.near, e.far)
+def _intrinsics(entry: _CameraEntry) -> Intrinsics:
+    return Intrinsics(**{field.name: getattr(entry, field.name) for field in fields(Intrinsics)})

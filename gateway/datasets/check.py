@@ -1,4 +1,4 @@
-"""Verifies a dataset: all files of its manifest exist, have their hashes and fit together."""
+"""Verifies a dataset: the files of its manifest exist, have the recorded hashes, and are consistent."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from gateway.datasets.scenes import digest_of
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST
 
 BATCH_PER_THREAD: Final = 16
-"""Samples per thread that are checked at once; all of them, possibly millions, would not fit in memory."""
+"""Number of samples per thread that are checked at a time. All of them, possibly millions, would not fit in memory."""
 CACHED_SCENES: Final = 8
-"""Descriptions of scenes in memory. Samples are ordered by scene, and one description may have a million paths."""
+"""Number of scene descriptions in memory; one may have a million paths. Samples are ordered by scene."""
 
 
 @dataclass(slots=True)
@@ -37,13 +37,13 @@ class Report:
     nbytes: int = 0
     """Size of all images in bytes."""
     problems: list[str] = field(default_factory=list)
-    """Errors, one sentence each, with the file's name."""
+    """Errors, one sentence each, with the name of the file or sample."""
     notes: list[str] = field(default_factory=list)
-    """Remarks that are no errors of the dataset."""
+    """Remarks that are not errors of the dataset."""
 
 
 def check_dataset(folder: Path, threads: int) -> Report:
-    """Check all files of a dataset. Errors are part of the report; none is raised."""
+    """Check all files of a dataset. Errors are part of the report and not raised."""
     report = Report()
     try:
         description = manifest.read_dataset(folder)
@@ -68,11 +68,13 @@ def check_dataset(folder: Path, threads: int) -> Report:
 
 
 def _check_samples(folder: Path, description: manifest.Dataset, threads: int, report: Report) -> None:
-    """
+    """Check the samples of the manifest.
+
     Raises:
-        RecordError: the manifest cannot be read to its end.
+        RecordError: a line of the manifest cannot be read.
     """
-    ids, paths = set[int](), set[int]()  # hashes: of a million samples, the names would take 600 MB
+    # Hashes: the names of a million samples would take 600 MB.
+    id_hashes, path_hashes = set[int](), set[int]()
 
     @lru_cache(CACHED_SCENES)
     def scene_of(name: str) -> manifest.Scene | None:
@@ -87,14 +89,14 @@ def _check_samples(folder: Path, description: manifest.Dataset, threads: int, re
             scenes = [scene_of(sample.scene) for sample in batch]
             for sample, problems in zip(batch, pool.map(problems_of, batch, scenes), strict=True):
                 report.problems += [f"{sample.id}: {problem}" for problem in problems]
-                if hash(sample.id) in ids:
+                if hash(sample.id) in id_hashes:
                     report.problems.append(f"{manifest.MANIFEST}: {sample.id} is there twice")
                 report.samples += 1
                 report.images += len(sample.images)
                 report.nbytes += sum(image.bytes for image in sample.images.values())
-                ids.add(hash(sample.id))
-                paths.update(hash(image.path) for image in sample.images.values())
-    _note_unknown_files(folder, paths, report)
+                id_hashes.add(hash(sample.id))
+                path_hashes.update(hash(image.path) for image in sample.images.values())
+    _note_unknown_files(folder, path_hashes, report)
 
 
 def _read_scene(folder: Path, name: str, report: Report) -> manifest.Scene | None:
@@ -121,9 +123,9 @@ def _sample_problems(
     if scene is not None and sample.scene_sha256 != scene.sha256:
         yield "it was drawn of another state of the scene than its scene.json tells"
     yield from _camera_problems(sample.camera)
-    recorded = sample.view == REQUEST
+    is_request = sample.view == REQUEST
     for image_type in description.settings.types:
-        if image_type not in sample.images and not recorded:
+        if image_type not in sample.images and not is_request:
             yield f"the {image_type} image is missing in the manifest"
     for image_type, image in sample.images.items():
         problem = _image_problem(folder, image_type, image, sample.camera, scene)
@@ -146,11 +148,12 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
         yield "camera: X_world_camera is no rotation and translation"
 
 
-_KINDS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
+_PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
     "color": (("uint8", 3),),
     "depth": (("float32", 1), ("uint16", 1)),
     "label": (("uint8", 3),),
 }
+"""Sample type and number of channels that an image may have, by type of image."""
 
 
 def _image_problem(
@@ -169,32 +172,33 @@ def _image_problem(
     pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         return "not an image that can be read"
-    kind = (pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2])
-    if kind not in _KINDS[image_type]:
-        return f"a {image_type} image with {kind[1]} channels of {kind[0]}"
+    sample_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]
+    if (sample_type, channels) not in _PIXEL_FORMATS[image_type]:
+        return f"a {image_type} image with {channels} channels of {sample_type}"
     if pixels.shape[:2] != (camera.height, camera.width):
         return f"{pixels.shape[1]}x{pixels.shape[0]} pixels, the camera has {camera.width}x{camera.height}"
-    if image_type == "depth" and kind[0] == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
+    if image_type == "depth" and sample_type == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
         return "depth that is negative or not a number"
     if image_type == "label" and scene is not None and scene.labels:
-        wide = pixels.astype(np.uint32)
-        seen = np.unique(wide[..., 2] | wide[..., 1] << 8 | wide[..., 0] << 16)
-        unknown = [label for label in seen.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
+        bgr = pixels.astype(np.uint32)
+        labels = np.unique(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
+        unknown = [label for label in labels.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
         if unknown:
             return f"labels that {manifest.SCENE} does not know: {', '.join(map(str, unknown[:5]))}"
     return ""
 
 
-def _note_unknown_files(folder: Path, known: set[int], report: Report) -> None:
-    """Note files that the manifest does not name; they are harmless.
+def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:
+    """Note files that the manifest does not name. They are harmless.
 
     Args:
-        known: hashes of the paths of all images.
+        path_hashes: hashes of the paths of all images.
     """
     for path, folders, files in os.walk(folder / manifest.SCENES):
         folders.sort()
         for name in sorted(files):
             relative = (Path(path) / name).relative_to(folder).as_posix()
-            if name != manifest.SCENE and hash(relative) not in known:
-                kind = "left by a process that was killed" if name.endswith(TEMPORARY_SUFFIX) else "not in the manifest"
-                report.notes.append(f"{relative}: {kind}")
+            if name != manifest.SCENE and hash(relative) not in path_hashes:
+                is_temporary = name.endswith(TEMPORARY_SUFFIX)
+                reason = "left by a process that was killed" if is_temporary else "not in the manifest"
+                report.notes.append(f"{relative}: {reason}")

@@ -15,9 +15,12 @@ TEMPORARY_SUFFIX: Final = ".part"
 
 
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write a file, or its pieces, under a temporary name and rename it. Missing folders are created.
+    """Write a file under a temporary name and rename it. Missing folders are created.
 
-    A process that is killed meanwhile leaves a temporary file, which the next run removes.
+    If the process is killed before, the temporary file stays until ``remove_temporary_files``.
+
+    Args:
+        data: content, or the parts of it.
     """
     with temporary_name(path) as temporary:
         with temporary.open("wb") as file:
@@ -27,7 +30,7 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
 
 @contextmanager
 def temporary_name(path: Path) -> Iterator[Path]:
-    """Yield a temporary name in the folder of ``path``, which is created; after an error, remove the file."""
+    """Yield a temporary name beside ``path``; remove the file after an error. Missing folders are created."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
     try:
@@ -60,7 +63,7 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InUseError(f"another run works on {folder}") from None
-        except OSError:  # NFS cannot lock folders: there is no protection on it
+        except OSError:  # NFS cannot lock folders: runs are not protected from each other there
             pass
         yield
     finally:

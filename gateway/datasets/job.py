@@ -1,4 +1,4 @@
-"""A job (which scenes, from which views, with which settings) and its tasks for worker processes."""
+"""A job (scenes, their views, settings), and its tasks for worker processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gateway.datasets.views import REQUEST, View
 
 VIEWS_PER_TASK: Final = 16
 """Maximum number of views in a task, about a second of work. Each task reads its scene once; a worker that dies loses
-one task."""
+its task."""
 
 _REQUEST_VIEWS: Final = (View(REQUEST, None),)
 
@@ -26,24 +26,24 @@ class JobError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedSample:
     """A sample of a job."""
 
     number: int
-    """Index among all samples of the job, which is their order in the manifest."""
+    """Index among all samples of the job: its place in the manifest."""
     source: Source
     view: View
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All samples to render. There may be millions, so that they are computed, not stored."""
+    """All samples to render. They are computed and not stored, since there may be millions."""
 
     sources: tuple[Source, ...]
     views: tuple[View, ...]
-    """Views of all scenes without own views."""
+    """Views of the scenes that are not in ``own_views``."""
     own_views: Mapping[str, tuple[View, ...]]
-    """Views by scene, for scenes that have their own."""
+    """Views of single scenes, by scene name."""
     settings: Settings
     out: Path
     timeout: float = 0.0
@@ -60,56 +60,53 @@ class Job:
         """Number of samples."""
         return sum(len(self.views_of(source)) for source in self.sources)
 
-    def find(self, sample_id: str) -> Planned | None:
+    def find(self, sample_id: str) -> PlannedSample | None:
         """Return the sample with this id, or None if it is not part of the job."""
         scene, _, view_name = sample_id.rpartition("/")
         if scene not in self._first_numbers:
             return None
-        first, source = self._first_numbers[scene]
+        first_number, source = self._first_numbers[scene]
         views = self.views_of(source)
         index = self._view_indices[id(views)].get(view_name)
-        return None if index is None else Planned(first + index, source, views[index])
+        return None if index is None else PlannedSample(first_number + index, source, views[index])
 
     def tasks(self, is_done: Callable[[int], bool], renderer: str) -> list[Task]:
         """Return the tasks for all samples that are not done, in the order of the scenes.
 
         Args:
-            is_done: returns whether the sample with this number exists already.
+            is_done: returns True for the numbers of samples that exist already.
             renderer: digest of the rasterizer's sources.
         """
         tasks: list[Task] = []
-        first = 0
-        for source in self.sources:
-            views = self.views_of(source)
-            left = [view for number, view in enumerate(views, first) if not is_done(number)]
-            first += len(views)
+        for first_number, source in self._first_numbers.values():
             if source.problem:
                 continue
-            for start in range(0, len(left), VIEWS_PER_TASK):
-                part = tuple(left[start : start + VIEWS_PER_TASK])
-                tasks.append(Task(source, part, str(self.out), self.settings, renderer, timeout=self.timeout))
+            missing = [view for k, view in enumerate(self.views_of(source), first_number) if not is_done(k)]
+            for k in range(0, len(missing), VIEWS_PER_TASK):
+                views = tuple(missing[k : k + VIEWS_PER_TASK])
+                tasks.append(Task(source, views, str(self.out), self.settings, renderer, timeout=self.timeout))
         return tasks
 
     @cached_property
     def _first_numbers(self) -> dict[str, tuple[int, Source]]:
-        """The number of each scene's first sample, and the scene, by name."""
-        numbers = {}
-        first = 0
+        """By scene name, in the order of the job: the number of the scene's first sample, and the scene."""
+        first_numbers = {}
+        number = 0
         for source in self.sources:
-            numbers[source.name] = first, source
-            first += len(self.views_of(source))
-        return numbers
+            first_numbers[source.name] = number, source
+            number += len(self.views_of(source))
+        return first_numbers
 
     @cached_property
     def _view_indices(self) -> dict[int, dict[str, int]]:
-        """Indices of views by name, for each tuple of views (by identity: most scenes share one)."""
-        every = (_REQUEST_VIEWS, self.views, *self.own_views.values())
-        return {id(views): {view.name: index for index, view in enumerate(views)} for views in every}
+        """Indices of views by name, for each tuple of views by its ``id``, since most scenes share one."""
+        all_views = (_REQUEST_VIEWS, self.views, *self.own_views.values())
+        return {id(views): {view.name: index for index, view in enumerate(views)} for views in all_views}
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some views of one scene; small, because it is sent to worker processes."""
+    """Some views of one scene, to be sent to a worker process."""
 
     source: Source
     views: tuple[View, ...]
@@ -124,7 +121,7 @@ class Task:
     """Maximum time for reading the scene and for rendering each view, seconds; 0: no limit."""
 
     def failed(self, reason: str) -> Result:
-        """Return the result of a task of which no view could be rendered."""
+        """Return the result of this task if none of its views can be rendered."""
         return Result(failures=[Failure(self.source.name, view.name, reason) for view in self.views])
 
 

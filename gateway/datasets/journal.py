@@ -1,6 +1,6 @@
-"""The finished samples of a run: one line each on disk, in the order in which they finish.
+"""The journal of a run: one line per finished sample, in the order in which they finish.
 
-A run may have millions of samples; memory holds 8 bytes for each.
+A run may have millions of samples. Each takes 8 bytes of memory, the offset of its line.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _ABSENT: Final = -1
 
 
 class Journal:
-    """Writes samples to a file and remembers the offset of each one's line."""
+    """Appends samples to a file, and reads their lines in the order of the job."""
 
     def __init__(self, job: Job, file: BinaryIO) -> None:
         """

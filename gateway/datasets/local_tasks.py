@@ -1,4 +1,4 @@
-"""Runs tasks on the cores of this machine: one process each, because reading scenes holds the GIL."""
+"""Runs tasks on the cores of this machine, in one process per core, because reading scenes holds the GIL."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from typing import Final
 from gateway.datasets.job import Result, Task
 
 _PR_SET_PDEATHSIG: Final = 1
-"""See prctl(2)."""
+"""Option of prctl(2): send this process a signal when its parent ends."""
 DIED: Final = "the process that rendered it died twice (out of memory?)"
 
 
 def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
     """Yield the results of tasks as they finish.
 
-    A task whose process dies is tried again at the end, with no other process running; if it dies again, it has failed.
+    A task whose process died is run again at the end, alone. If its process dies again, the task has failed.
     """
     workers = max(1, min(cores, len(tasks)))
     tasks = [replace(task, threads=max(1, cores // workers)) for task in tasks]
@@ -34,47 +34,47 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
 
         yield from map(work, tasks)
         return
-    killed: list[Task] = []
-    yield from _in_parallel(deque(tasks), workers, killed)
-    for task in killed:
-        with _process() as process:
+    died: list[Task] = []
+    yield from _run_in_parallel(deque(tasks), workers, died)
+    for task in died:
+        with _single_process_pool() as pool:
             try:
-                yield process.submit(_work, task).result()
+                yield pool.submit(_work, task).result()
             except BrokenProcessPool:
                 yield task.failed(DIED)
 
 
-def _in_parallel(left: deque[Task], workers: int, killed: list[Task]) -> Iterator[Result]:
-    """Run tasks, each worker in a pool of its own, so that a broken pool tells which task killed its process.
+def _run_in_parallel(pending: deque[Task], workers: int, died: list[Task]) -> Iterator[Result]:
+    """Run tasks. Each worker has a pool of its own: a broken pool then belongs to one task.
 
     Args:
-        killed: gets the tasks whose process died.
+        died: gets the tasks whose process died.
     """
     with ExitStack() as stack:
-        idle = [stack.enter_context(_process()) for _ in range(workers)]
+        idle = [stack.enter_context(_single_process_pool()) for _ in range(workers)]
         running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
         try:
-            while left or running:
-                while left and idle:
-                    task, process = left.popleft(), idle.pop()
-                    running[process.submit(_work, task)] = task, process
+            while pending or running:
+                while pending and idle:
+                    task, pool = pending.popleft(), idle.pop()
+                    running[pool.submit(_work, task)] = task, pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    task, process = running.pop(future)
+                    task, pool = running.pop(future)
                     try:
                         result = future.result()
                     except BrokenProcessPool:
-                        killed.append(task)
-                        process = stack.enter_context(_process())
+                        died.append(task)
+                        pool = stack.enter_context(_single_process_pool())
                     else:
                         yield result
-                    idle.append(process)
+                    idle.append(pool)
         finally:
             for future in running:
                 future.cancel()
 
 
-def _process() -> ProcessPoolExecutor:
-    """Return a pool of one process. It is spawned, since a forked one would inherit locks that other threads hold."""
+def _single_process_pool() -> ProcessPoolExecutor:
+    """Return a pool of one process. It is spawned: a forked one would inherit locks that other threads hold."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(1, mp_context=context, initializer=_initialize, initargs=(os.getpid(),))
 
@@ -84,7 +84,7 @@ def _initialize(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # only Linux has prctl
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it ended before the call
+        if os.getppid() != parent:  # the parent ended before the call
             os._exit(1)
 
 

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from gateway.datasets.job import Result, Task
 
 RETRIES: Final = 3
-"""Number of times that Ray repeats a task whose worker or node has died. An error in a scene is not repeated."""
+"""Number of times that Ray repeats a task whose worker or node died. Tasks with errors in scenes are not repeated."""
 TASKS_PER_CORE: Final = 2
-"""Number of submitted tasks per core of the cluster, so that no core waits for the next one."""
+"""Number of submitted tasks per core of the cluster, so that no core waits for its next task."""
 
 
 class RayError(RuntimeError):
@@ -32,8 +32,8 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         import ray
     except ImportError:
         raise RayError("Ray is not installed: pip install 'scenegate[ray]'") from None
-    owned = not ray.is_initialized()
-    if owned:
+    starts_ray = not ray.is_initialized()
+    if starts_ray:
         try:
             ray.init(address, log_to_driver=False, logging_level="ERROR", namespace="scenegate")
         except (ConnectionError, ValueError, RuntimeError, OSError) as error:
@@ -41,18 +41,18 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
     try:
         yield from _results(ray, tasks)
     finally:
-        if owned:
+        if starts_ray:
             ray.shutdown()
 
 
 def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
     remote = ray.remote(num_cpus=1, max_retries=RETRIES)(render)
-    waiting = iter(tasks)
+    pending = iter(tasks)
     running: dict[Any, Task] = {}
     while True:
-        # Read each time, because nodes may join and leave.
+        # Read every time: nodes may join and leave.
         limit = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)
-        while len(running) < limit and (task := next(waiting, None)) is not None:
+        while len(running) < limit and (task := next(pending, None)) is not None:
             running[remote.remote(pickle.dumps(task))] = task
         if not running:
             return
@@ -68,8 +68,8 @@ def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
 def render(task: bytes) -> bytes:
     """Return the pickled result of a pickled task.
 
-    Both are pickled here, not by Ray, because importing their classes imports Numba, which must not happen before the
-    node's kernel cache is configured.
+    They are pickled here and not by Ray, because importing their classes imports Numba, whose kernel cache must be
+    configured before.
     """
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup

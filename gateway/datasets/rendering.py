@@ -1,4 +1,4 @@
-"""Renders a loaded scene from a camera into encoded images."""
+"""Renders loaded scenes and recorded requests to encoded images."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def style_of(settings: Settings) -> Style:
 
 
 def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
-    """Return a sentence that says why ``--rig`` does not light a scene.
+    """Return a warning that says why ``--rig`` does not light a scene.
 
-    None if it does, if there is no rig, or if the chosen look never uses one.
+    None if it lights the scene, if there is no rig, or if the chosen look never uses one.
 
     Raises:
         RigFileError: the rig file is invalid.
@@ -99,30 +99,30 @@ def render_images(
         ValueError: the image is larger than the renderer's limit.
     """
     look: LookName = scene.look if style.look == "auto" else style.look
-    wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
+    outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    with renderer.render(scene.draw_list, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
+    with renderer.render(scene.draw_list, camera, outputs, Look(look, style.background, samples, style.rig)) as frame:
         # FXAA would fade points of one pixel.
-        points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
-        smooth = style.antialias == "fxaa" and samples == 1 and look != "studio" and not points
-        if frame.color is not None and smooth:
+        has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
+        use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
+        if frame.color is not None and use_fxaa:
             fxaa(frame.color)
-        return {image_type: _encoded(frame, image_type, name) for image_type, name in formats.items()}
+        return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
 
 
-def _encoded(frame: Frame, image_type: ImageType, name: str) -> bytes:
+def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
     if image_type == "color":
         assert frame.color is not None
-        return png_rgb(frame.color) if name == "png" else jpeg_rgb(frame.color)
+        return png_rgb(frame.color) if file_format == "png" else jpeg_rgb(frame.color)
     if image_type == "label":
         assert frame.label is not None
         return png_label(frame.label)
     assert frame.depth is not None
-    return png_gray16(millimetres(frame.depth)) if name == "png" else tiff_float32(frame.depth)
+    return png_gray16(millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
 
 
 class RequestRenderer:
-    """Renders recorded requests like the render endpoint."""
+    """Renders recorded requests as the render endpoint does."""
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
         look = settings.look if settings.look in ("phong", "pbr") else "auto"
@@ -142,6 +142,6 @@ class RequestRenderer:
         Raises:
             RequestError: the scene or its camera cannot be used.
         """
-        image = self._pipeline.picture(request)
+        image = self._pipeline.render(request)
         camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
         return camera, request.image_type, image.body

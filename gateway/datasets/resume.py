@@ -1,11 +1,11 @@
-"""Finds the samples of a former run and checks which of them are still valid."""
+"""Resuming: reads the dataset of a former run, and checks which of its samples are still valid."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
@@ -17,15 +17,15 @@ from gateway.datasets.scenes import digest_of
 from gateway.datasets.sources import Source
 
 BATCH: Final = 1000
-"""Samples that are hashed at once; all of them, possibly millions, would not fit in memory."""
+"""Number of samples that are hashed at a time. All of them, possibly millions, would not fit in memory."""
 
 
 def existing_dataset(job: Job) -> manifest.Dataset | None:
     """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
 
     Raises:
-        JobError: the folder holds something else, other settings, or samples that are not part of the job. None of them
-            may be overwritten.
+        JobError: the folder holds other files, a dataset with other settings, or samples that are not part of the job.
+            These must not be overwritten.
     """
     out = job.out
     if not (out / manifest.DATASET).exists():
@@ -33,26 +33,26 @@ def existing_dataset(job: Job) -> manifest.Dataset | None:
             raise JobError(f"{out} is not empty and holds no dataset")
         return None
     try:
-        found = manifest.read_dataset(out)
+        dataset = manifest.read_dataset(out)
     except RecordError as error:
         raise JobError(str(error)) from None
     for name in Settings.__struct_fields__:
-        there, here = getattr(found.settings, name), getattr(job.settings, name)
-        if there != here:
+        old, new = getattr(dataset.settings, name), getattr(job.settings, name)
+        if old != new:
             raise JobError(
-                f"{out} holds a dataset with other settings ({name}: {there} there, {here} now); name another folder"
+                f"{out} holds a dataset with other settings ({name}: {old} there, {new} now); name another folder"
             )
-    unknown, first = 0, ""
-    for sample in _samples(job):
+    unknown_count, first_unknown = 0, ""
+    for sample in _recorded_samples(job):
         if job.find(sample.id) is None:
-            unknown += 1
-            first = min(first or sample.id, sample.id)
-    if unknown:
+            unknown_count += 1
+            first_unknown = min(first_unknown or sample.id, sample.id)
+    if unknown_count:
         raise JobError(
-            f"{out} holds {unknown} samples of scenes or views that this command does not name "
-            f"({first}); name another folder"
+            f"{out} holds {unknown_count} samples of scenes or views that this command does not name "
+            f"({first_unknown}); name another folder"
         )
-    return found
+    return dataset
 
 
 def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
@@ -64,22 +64,22 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
 
     scene_digest = cache(partial(_scene_digest, job))
 
-    def same_input(sample: Sample) -> bool:
+    def has_same_input(sample: Sample) -> bool:
         planned = job.find(sample.id)
         assert planned is not None
         return sample.asked == planned.view.description and sample.scene_sha256 == scene_digest(planned.source)
 
-    def same_files(sample: Sample) -> bool:
+    def has_same_files(sample: Sample) -> bool:
         return all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
 
-    candidates = filter(same_input, _samples(job))
+    candidates = filter(has_same_input, _recorded_samples(job))
     with ThreadPoolExecutor(threads) as pool:
         while batch := list(islice(candidates, BATCH)):
-            yield from (sample for sample, same in zip(batch, pool.map(same_files, batch), strict=True) if same)
+            yield from compress(batch, pool.map(has_same_files, batch))
 
 
-def _samples(job: Job) -> Iterator[Sample]:
-    """Iterate over the samples in the manifest and in the journal; one that is in both comes twice."""
+def _recorded_samples(job: Job) -> Iterator[Sample]:
+    """Iterate over the samples in the manifest, and then over those in the journal. A sample may be in both."""
     try:
         for name in (manifest.MANIFEST, manifest.JOURNAL):
             if (job.out / name).exists():
@@ -89,10 +89,10 @@ def _samples(job: Job) -> Iterator[Sample]:
 
 
 def _scene_digest(job: Job, source: Source) -> str | None:
-    """Return the digest of the scene's files as they are now; None if its description is missing."""
+    """Return the present digest of the files in a scene's description; None if that cannot be read."""
     try:
-        known = manifest.read_file(job.out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
+        description = manifest.read_file(job.out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
     except RecordError:
         return None
     folder = Path(source.path).parent
-    return digest_of(tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in known.sources))
+    return digest_of(tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in description.sources))

@@ -1,4 +1,4 @@
-"""Runs a job: renders the samples that are missing and writes the manifest. A stopped run is continued by the next."""
+"""Runs a job: renders the missing samples and writes the manifest. The next run continues a run that was stopped."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gateway.datasets.files import locked, remove_temporary_files, temporary_nam
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset, valid_samples
-from gateway.runtime import kernel_cache
 from gateway.runtime.worker_pool import usable_cpus
+from renderers.compiler import cache_folder
 
 Execute = Callable[[list[Task]], Iterator[Result]]
-"""Runs tasks in worker processes and yields their results in any order."""
+"""Function that runs tasks in worker processes and yields their results in any order."""
 
 CONVENTIONS: Final = {
     "units": "metres, pixels; the world is right-handed and Z up",
@@ -40,7 +40,7 @@ class Progress:
     """Number of samples of former runs."""
     rendered: int = 0
     failures: dict[Failure, None] = field(default_factory=dict)
-    """Failures in order of their arrival, without duplicates: all tasks of an unreadable scene report the same one."""
+    """Failures in the order of their arrival. Each occurs once, though all tasks of an unreadable scene report it."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Warnings by scene."""
 
@@ -50,13 +50,13 @@ class Progress:
 
 
 def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
-    """Make or complete a dataset.
+    """Render a dataset, or the missing samples of one.
 
     Args:
         report: called after each task.
 
     Raises:
-        JobError: the folder holds something else.
+        JobError: the folder holds other files or another dataset.
         InUseError: another run writes to the folder.
         OSError: the dataset cannot be written.
     """
@@ -67,26 +67,28 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
 
 def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
     out = job.out
-    renderer = kernel_cache.sources_digest()
-    found = existing_dataset(job)
+    renderer = cache_folder.sources_digest()
+    existing = existing_dataset(job)
     description = manifest.Dataset(
         generator=f"scenegate {__version__}", renderer=renderer, settings=job.settings, conventions=CONVENTIONS
     )
-    if found is None:
+    if existing is None:
         write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
     with temporary_name(out / manifest.JOURNAL) as temporary, temporary.open("w+b") as file:
         journal = Journal(job, file)
-        if found is not None and found.renderer == renderer:  # another version renders everything again
+        if existing is not None and existing.renderer == renderer:  # samples of other versions are rendered again
             for sample in valid_samples(job, usable_cpus()):
                 journal.add(sample)
         journal.flush()
-        # The new journal replaces the old manifest, which the next run would trust otherwise.
+        # The new journal counts from here on. The next run would trust the old manifest, even that of another version.
         temporary.replace(out / manifest.JOURNAL)
         for name in (manifest.MANIFEST, manifest.FAILED):
             (out / name).unlink(missing_ok=True)
         write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
-        unusable = (Failure(source.printable_name, None, source.problem) for source in job.sources if source.problem)
-        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable))
+        unusable_sources = (
+            Failure(source.printable_name, None, source.problem) for source in job.sources if source.problem
+        )
+        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable_sources))
         report(progress)
         for result in execute(job.tasks(journal.has, renderer)):
             for sample in result.samples:

@@ -1,4 +1,4 @@
-"""Loads scene files of every kind into draw lists, and describes them for ``scene.json``."""
+"""Loads scene files of all kinds into draw lists, with their description for ``scene.json``."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ from renderers.drawlist import DrawList
 from renderers.interface import LookName
 
 MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
-"""Limits of mesh files, the same as in the live tree."""
+"""Limits of mesh files, as in the live tree."""
 _BOUNDARY_BYTES: Final = 200
 """Bytes searched for the multipart boundary, which has at most 70 characters (RFC 2046, 5.1.1)."""
 
 Labels = Mapping[int, tuple[TreePath, ...]]
+"""Paths of the nodes by label."""
 
 
 class SceneError(ValueError):
@@ -53,12 +54,12 @@ class LoadedScene:
     root: Node
     draw_list: DrawList
     own_camera: GltfCamera | None
-    """First camera of the file."""
+    """First camera of a glTF file."""
     look: LookName
-    """Look that ``--look auto`` chooses."""
+    """Look for ``--look auto``."""
     request: RenderRequest | None
-    """The recorded request, if the source is one; it contains camera, size and type of image."""
-    record: manifest.Scene
+    """The recorded request, with its camera, size and type of image, if the source is one."""
+    description: manifest.Scene
     """Content of ``scene.json``."""
 
 
@@ -66,7 +67,7 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
     """Load a scene.
 
     Args:
-        up: up axis of glTF files; other kinds are used as they are.
+        up: up axis of glTF files. Other kinds are not rotated.
 
     Raises:
         SceneError: the scene cannot be loaded.
@@ -82,31 +83,30 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
         raise SceneError(str(error)) from None
 
 
-def _gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     scene = read_scene_file(Path(source.path), up=up, files=files)
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
-    own = scene.cameras[0] if scene.cameras else None
-    record = _record(source, files, labels, scene.generator, scene.warnings)
-    return LoadedScene(scene.root, draw_list, own, look, None, record)
+    own_camera = scene.cameras[0] if scene.cameras else None
+    description = _describe(source, files, labels, scene.generator, scene.warnings)
+    return LoadedScene(scene.root, draw_list, own_camera, look, None, description)
 
 
-def _mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     suffix = Path(source.path).suffix[1:].lower()
     parts = parse_mesh(files.read_scene(), suffix, files, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
     draw_list, labels = _flatten_numbered(root)
-    return LoadedScene(root, draw_list, None, "studio", None, _record(source, files, labels))
+    return LoadedScene(root, draw_list, None, "studio", None, _describe(source, files, labels))
 
 
-def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     limits = Limits()
     live = LiveTree()
-    data = files.read_scene()
-    request = JsonReader(limits, _NeighbourMeshes(files)).read(memoryview(data))
+    request = JsonReader(limits, _MeshFileReader(files)).read(memoryview(files.read_scene()))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
     applier = RequestApplier(request, live, TreeQuota(limits), limits)
@@ -116,11 +116,11 @@ def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
         raise SceneError(response.error)
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
-    record = _record(source, files, labels, warnings=tuple(response.warnings))
-    return LoadedScene(root, draw_list, None, "studio", None, record)
+    description = _describe(source, files, labels, warnings=tuple(response.warnings))
+    return LoadedScene(root, draw_list, None, "studio", None, description)
 
 
-def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     config = RenderConfig()
     body = files.read_scene()
     boundary = body[:_BOUNDARY_BYTES].partition(b"\r\n")[0].removeprefix(b"--").decode("latin-1")
@@ -130,21 +130,21 @@ def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
         request = read_form(reader.form(), config)
     finally:
         reader.close()
-    # The render pipeline reads the glTF later; only the form is read here.
-    record = _record(source, files, {}, warnings=request.warnings)
-    return LoadedScene(Node(), DrawList(), None, "pbr", request, record)
+    # Only the form is read here; the render pipeline reads the glTF.
+    description = _describe(source, files, {}, warnings=request.warnings)
+    return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
 
 
 _LOADERS: Final[dict[Kind, Callable[[Source, FolderFiles, Up], LoadedScene]]] = {
-    Kind.GLTF: _gltf,
-    Kind.MESH: _mesh,
-    Kind.TREE: _tree,
-    Kind.REQUEST: _request,
+    Kind.GLTF: _load_gltf,
+    Kind.MESH: _load_mesh,
+    Kind.TREE: _load_tree,
+    Kind.REQUEST: _load_request,
 }
 
 
-class _NeighbourMeshes:
-    """Reads the mesh files that a tree viewer request names, below the request's folder."""
+class _MeshFileReader:
+    """Reads the mesh files that a tree viewer request names. They must be below the request's folder."""
 
     def __init__(self, files: FolderFiles) -> None:
         self._files = files
@@ -159,49 +159,50 @@ def _flatten_numbered(root: Node) -> tuple[DrawList, Labels]:
     """Flatten a scene with one label per path, counted from 1 in tree order."""
     table = LabelTable()
     draw_list = flatten(root, label_of=lambda path, _: table.label_of(path))
-    return draw_list, {label: (path,) for label, path in table.known().items()}
+    return draw_list, {label: (path,) for label, path in table.paths_by_label().items()}
 
 
 def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
     """Flatten a scene with the labels that Drake's client encodes as base colours."""
-    found: dict[int, dict[TreePath, None]] = {}
-    of_part = labels_of(root)
+    paths: dict[int, dict[TreePath, None]] = {}
+    """By label, without duplicates."""
+    drake_label_of = labels_of(root)
 
     def label_of(path: TreePath, part: Part) -> int:
-        label = of_part(path, part)
-        found.setdefault(label, {})[path] = None
+        label = drake_label_of(path, part)
+        paths.setdefault(label, {})[path] = None
         return label
 
     draw_list = flatten(root, label_of=label_of)
-    return draw_list, {label: tuple(found[label]) for label in sorted(found)}
+    return draw_list, {label: tuple(paths[label]) for label in sorted(paths)}
 
 
-def _record(
+def _describe(
     source: Source, files: FolderFiles, labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
 ) -> manifest.Scene:
-    main = Path(source.path).name
-    others = sorted(name for name in files.digests if name != main)
-    sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (main, *others))
+    scene_file = Path(source.path).name
+    other_files = sorted(name for name in files.digests if name != scene_file)
+    sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (scene_file, *other_files))
     return manifest.Scene(
         scene=source.name,
         sha256=digest_of(sources),
         sources=sources,
         generator=_utf8(generator),
         warnings=tuple(_utf8(text) for text in warnings),
-        labels={str(label): tuple(_clean(path) for path in paths) for label, paths in labels.items()},
+        labels={str(label): tuple(_utf8_path(path) for path in paths) for label, paths in labels.items()},
     )
 
 
 def digest_of(sources: tuple[manifest.SourceFile, ...]) -> str:
-    """Return the digest of a scene, computed from the names and digests of its files."""
+    """Return the digest of a scene: that of its files' names and digests."""
     listed = json.dumps([[file.path, file.sha256] for file in sources], ensure_ascii=True)
     return hashlib.sha256(listed.encode()).hexdigest()
 
 
-def _clean(path: TreePath) -> TreePath:
+def _utf8_path(path: TreePath) -> TreePath:
     return tuple(_utf8(name) if isinstance(name, str) else name for name in path)
 
 
 def _utf8(text: str) -> str:
-    """Replace lone surrogates, which JSON strings can contain but UTF-8 cannot."""
+    """Return the text with ``?`` for lone surrogates, which JSON strings can contain but UTF-8 cannot."""
     return text.encode("utf-8", "replace").decode()

@@ -1,4 +1,4 @@
-"""Finds the scene files that a command names, and those below the folders that it names."""
+"""The scene files of a command: those that it names, and those below the folders that it names."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Kind(Enum):
     REQUEST = "recorded render request"
 
 
-_MESHES: Final = FORMATS - {"gltf", "glb"}
+_MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
-"""Suffix of tree viewer requests in folders; a file that is named itself may have any name in .json."""
+"""Suffix of tree viewer requests in folders. A file that the command names may also end in .json."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of recorded render requests (``--keep-failures``): the unchanged body of a POST."""
 MAX_NAME: Final = 200
@@ -41,7 +41,7 @@ class Source:
     """Absolute path."""
     kind: Kind
     problem: str = ""
-    """Why the name cannot be used in a dataset; empty if it can."""
+    """Reason why the name cannot be used in a dataset; empty if it can."""
 
     @property
     def printable_name(self) -> str:
@@ -50,30 +50,30 @@ class Source:
 
 
 def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
-    """Return the scenes of the inputs, ordered by name. A name that cannot be used is in ``Source.problem``.
+    """Return the scenes of the inputs, ordered by name.
 
     Raises:
         SourceError: an input holds no scene, or two scenes would have the same name.
     """
-    found: dict[str, Source] = {}
+    by_name: dict[str, Source] = {}
     for path in inputs:
-        sources = list(_below(path)) if path.is_dir() else [_named(path)]
+        sources = list(_sources_below(path)) if path.is_dir() else [_named_source(path)]
         if not sources:
             raise SourceError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
         for source in sources:
-            known = found.setdefault(source.name, source)
-            if known.path != source.path:
+            first = by_name.setdefault(source.name, source)
+            if first.path != source.path:
                 raise SourceError(
-                    f"{known.path} and {source.path} would both be called {source.name}; name the folder above both"
+                    f"{first.path} and {source.path} would both be called {source.name}; name the folder above both"
                 )
-    return tuple(found[name] for name in sorted(found))
+    return tuple(by_name[name] for name in sorted(by_name))
 
 
 def _suffixes() -> list[str]:
-    return [*sorted(f".{name}" for name in _MESHES), TREE_SUFFIX, REQUEST_SUFFIX]
+    return [*sorted(f".{name}" for name in _MESH_FORMATS), TREE_SUFFIX, REQUEST_SUFFIX]
 
 
-def _below(folder: Path) -> Iterable[Source]:
+def _sources_below(folder: Path) -> Iterable[Source]:
     for path in sorted(folder.rglob("*")):
         kind = kind_of(path)
         if kind is None or not path.is_file():
@@ -83,7 +83,7 @@ def _below(folder: Path) -> Iterable[Source]:
         yield _source(path.relative_to(folder).as_posix(), path, kind)
 
 
-def _named(path: Path) -> Source:
+def _named_source(path: Path) -> Source:
     kind = kind_of(path) or (Kind.TREE if path.suffix.lower() == ".json" else None)
     if kind is None:
         raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, {', '.join(_suffixes())}")
@@ -94,8 +94,8 @@ def _source(name: str, path: Path, kind: Kind) -> Source:
     problem = ""
     if len(name) > MAX_NAME:
         problem = f"a name of {len(name)} characters; {MAX_NAME} are the most: rename the file"
-    elif odd := next((character for character in name if character == "\\" or not character.isprintable()), None):
-        problem = f"a name with the character {odd!r}, which not every system can write: rename the file"
+    elif bad := next((character for character in name if character == "\\" or not character.isprintable()), None):
+        problem = f"a name with the character {bad!r}, which not every system can write: rename the file"
     return Source(name, str(path.resolve()), kind, problem)
 
 
@@ -108,4 +108,4 @@ def kind_of(path: Path) -> Kind | None:
         return Kind.TREE
     if name.endswith(REQUEST_SUFFIX):
         return Kind.REQUEST
-    return Kind.MESH if name.rpartition(".")[2] in _MESHES and "." in name else None
+    return Kind.MESH if name.rpartition(".")[2] in _MESH_FORMATS and "." in name else None

@@ -1,4 +1,4 @@
-"""Views: a name, a pose (text, matrix or place on an orbit) and intrinsics; resolved to a camera for each scene."""
+"""Views: name, pose (text, matrix or place on an orbit) and intrinsics, from which each scene gets a camera."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 REQUEST: Final = "request"
 """Name of the only view of a recorded request."""
 MAX_ROTATION_ERROR: Final = 1e-4
-"""Maximum deviation of R^T R from identity; allows matrices written with five digits."""
+"""Maximum deviation of R^T R from identity. Matrices with five digits are valid."""
 
 Matrix = tuple[tuple[float, float, float, float], ...]
 """4 x 4, row-major."""
@@ -82,7 +82,7 @@ class View:
 
     @property
     def description(self) -> str:
-        """Text that differs between different views, for ``Sample.asked`` in the manifest."""
+        """Text for ``Sample.asked`` in the manifest. Views with different poses or intrinsics have different texts."""
         if isinstance(self.pose, OrbitCamera):
             text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
         elif isinstance(self.pose, tuple):
@@ -95,22 +95,28 @@ class View:
 
 
 def camera_of(
-    view: View, root: Node, drawn: DrawList, own: GltfCamera | None, width: int, height: int, fovy: float
+    view: View,
+    root: Node,
+    draw_list: DrawList,
+    file_camera: GltfCamera | None,
+    width: int,
+    height: int,
+    fovy: float,
 ) -> Camera:
     """Return the camera of a view in a scene.
 
     Args:
-        own: the file's first camera.
+        file_camera: the scene file's first camera.
         width, height: default image size in pixels.
         fovy: default vertical field of view in degrees.
 
     Raises:
-        CameraError: the scene lacks what the pose refers to, or the numbers are invalid.
+        CameraError: the scene has no node or camera that the pose names, or the numbers are invalid.
     """
-    given = view.intrinsics
-    width, height = given.width or width, given.height or height
-    if view.pose is None and own is not None:
-        camera = _own_camera(own, width, height)
+    intrinsics = view.intrinsics
+    width, height = intrinsics.width or width, intrinsics.height or height
+    if view.pose is None and file_camera is not None:
+        camera = _camera_from_file(file_camera, width, height)
     else:
         spec: CameraSpec | OrbitCamera | PoseCamera
         if isinstance(view.pose, OrbitCamera):
@@ -119,37 +125,39 @@ def camera_of(
             spec = PoseCamera(np.array(view.pose))
         else:
             spec = parse_camera(view.pose or "fit")
-        degrees = given.fovy or fovy
-        if given.fy is not None:
-            degrees = math.degrees(2.0 * math.atan(0.5 * height / given.fy))
-        camera = resolve_camera(spec, root, width, height, fovy=degrees, near=given.near, far=given.far, drawn=drawn)
-    focal = given.fy or camera.fy
+        degrees = intrinsics.fovy or fovy
+        if intrinsics.fy is not None:
+            degrees = math.degrees(2.0 * math.atan(0.5 * height / intrinsics.fy))
+        camera = resolve_camera(
+            spec, root, width, height, fovy=degrees, near=intrinsics.near, far=intrinsics.far, draw_list=draw_list
+        )
+    focal = intrinsics.fy or camera.fy
     try:
         return Camera(
             width,
             height,
-            given.fx or focal,
+            intrinsics.fx or focal,
             focal,
-            camera.cx if given.cx is None else given.cx,
-            camera.cy if given.cy is None else given.cy,
-            given.near or camera.near,
-            given.far or camera.far,
+            camera.cx if intrinsics.cx is None else intrinsics.cx,
+            camera.cy if intrinsics.cy is None else intrinsics.cy,
+            intrinsics.near or camera.near,
+            intrinsics.far or camera.far,
             camera.X_world_camera,
         )
     except ValueError as error:
         raise CameraError(f"view {view.name}: {error}") from None
 
 
-def _own_camera(own: GltfCamera, width: int, height: int) -> Camera:
-    if own.yfov is None:
-        raise CameraError(f"the file's camera {own.name!r} is orthographic; name another with --camera")
-    focal = 0.5 * height / math.tan(0.5 * own.yfov)
-    far = own.zfar if own.zfar is not None else math.inf
+def _camera_from_file(source: GltfCamera, width: int, height: int) -> Camera:
+    if source.yfov is None:
+        raise CameraError(f"the file's camera {source.name!r} is orthographic; name another with --camera")
+    focal = 0.5 * height / math.tan(0.5 * source.yfov)
+    far = source.zfar if source.zfar is not None else math.inf
     try:
-        pose = rigid_pose(own.X_world_camera, own.name)
-        return Camera(width, height, focal, focal, 0.5 * width, 0.5 * height, own.znear, far, pose)
+        pose = rigid_pose(source.X_world_camera, source.name)
+        return Camera(width, height, focal, focal, 0.5 * width, 0.5 * height, source.znear, far, pose)
     except (RequestError, ValueError) as error:
-        raise CameraError(f"the file's camera {own.name!r}: {error}") from None
+        raise CameraError(f"the file's camera {source.name!r}: {error}") from None
 
 
 def _check_pose(rows: Matrix) -> None:

@@ -1,4 +1,4 @@
-"""One worker: renders the views of a task and writes their images. Workers share only the folder of the dataset."""
+"""The worker: renders the views of a task and writes their images. Workers share only the dataset's folder."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from gateway.datasets.scenes import LoadedScene, SceneError, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
 from gateway.render.errors import RequestError
-from gateway.runtime import kernel_cache, process_tuning
+from gateway.runtime import process_tuning
 from gateway.scene.cameras import CameraError
 from renderers.camera import Camera
+from renderers.compiler import cache_folder
 from renderers.drawlist import ImageError
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
@@ -29,11 +30,11 @@ from renderers.stop import run_within
 T = TypeVar("T")
 
 CACHED_SCENES: Final = 2
-"""Loaded scenes per worker: a scene with many views is several tasks, most of them consecutive."""
+"""Number of loaded scenes per worker. A scene with many views is several tasks, mostly consecutive ones."""
 
 
 def work(task: Task) -> Result:
-    """Run a task in this process's worker."""
+    """Run a task in the worker of this process."""
     return _process_worker(task.threads).work(task)
 
 
@@ -56,17 +57,18 @@ class Worker:
     def work(self, task: Task) -> Result:
         """Render all views of a task. Errors are part of the result; none is raised."""
         name, out = task.source.name, Path(task.out)
-        problem = _unusable(task)
-        if problem:
+        if problem := _task_problem(task):
             return Result(failures=[Failure(name, None, problem)])
         try:
             scene = _within(task, partial(_load, task))
             warning = ignored_rig(scene, task.settings)
             folder = out / manifest.SCENES / name
-            write_atomically(folder / manifest.SCENE, manifest.encode_indented(scene.record))
+            write_atomically(folder / manifest.SCENE, manifest.encode_indented(scene.description))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
             return Result(failures=[Failure(name, None, _reason(error))])
-        result = Result(warnings=scene.record.warnings if warning is None else (*scene.record.warnings, warning))
+        result = Result(
+            warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
+        )
         for view in task.views:
             try:
                 result.samples.append(_within(task, partial(self._sample, task, scene, view)))
@@ -75,11 +77,11 @@ class Worker:
         return result
 
     def _sample(self, task: Task, scene: LoadedScene, view: View) -> Sample:
-        """Render a view and write its images."""
+        """Render a view, write its images and return its record."""
         camera, encoded = self._render(task, scene, view)
         images: dict[ImageType, manifest.ImageFile] = {}
         for image_type, data in encoded.items():
-            suffix = _format(image_type, task.settings)
+            suffix = _file_format(image_type, task.settings)
             path = f"{manifest.SCENES}/{task.source.name}/{view.name}.{image_type}.{suffix}"
             write_atomically(Path(task.out) / path, data)
             images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
@@ -88,7 +90,7 @@ class Worker:
             scene=task.source.name,
             view=view.name,
             asked=view.description,
-            scene_sha256=scene.record.sha256,
+            scene_sha256=scene.description.sha256,
             camera=record_of(camera),
             images=images,
         )
@@ -102,14 +104,14 @@ class Worker:
         camera = camera_of(
             view, scene.root, scene.draw_list, scene.own_camera, settings.width, settings.height, settings.fovy
         )
-        formats = {image_type: _format(image_type, settings) for image_type in settings.types}
+        formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
         return camera, render_images(self._renderer, scene, camera, formats, style_of(settings))
 
 
-def _unusable(task: Task) -> str:
+def _task_problem(task: Task) -> str:
     """Return why this process cannot work on a task; empty if it can."""
     node = os.uname().nodename
-    if task.renderer != kernel_cache.sources_digest():
+    if task.renderer != cache_folder.sources_digest():
         return f"worker {node} has another version of Scenegate than the one that was started"
     if not (Path(task.out) / manifest.DATASET).is_file():
         return f"worker {node} does not see {task.out}: the folders must be shared by all nodes"
@@ -123,21 +125,21 @@ def _load(task: Task) -> LoadedScene:
 
 @lru_cache(CACHED_SCENES)
 def _load_cached(source: Source, up: Up, modified: int, size: int) -> LoadedScene:
-    """Load a scene; a file with another time or size is another key."""
+    """Load a scene. Time and size of its file are part of the cache's key."""
     return load_scene(source, up)
 
 
 def _within(task: Task, call: Callable[[], T]) -> T:
-    """Return the result of ``call``; raise TimeoutError if it takes longer than the task allows."""
+    """Return ``call()``, or raise TimeoutError when the task's time limit is over."""
     return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
 
 
 def _reason(error: Exception) -> str:
-    """Return an error as text, with its type if it is unexpected."""
+    """Return the text of an error, with the type if errors of this type are not expected."""
     if isinstance(error, SceneError | CameraError | ImageError | RequestError | OSError):
         return str(error)
     return f"{type(error).__name__}: {error}"
 
 
-def _format(image_type: ImageType, settings: manifest.Settings) -> str:
+def _file_format(image_type: ImageType, settings: manifest.Settings) -> str:
     return settings.depth_format if image_type == "depth" else FORMATS[image_type][0]

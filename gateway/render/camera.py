@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -13,10 +12,10 @@ from gateway.render.form import RenderRequest
 from gateway.render.scenes import PreparedScene
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 
-_NEAR_FRACTION: Final = 1e-6
-"""Near plane as a fraction of the far plane, where neither the form nor the scene's camera has one."""
+_NEAR_FAR_RATIO: Final = 1e-6
+"""Near plane over far plane, where neither the form nor the scene's camera has a near plane."""
 _MIN_NEAR: Final = 1e-9
-"""Minimum near plane, metres: the rasterizer's 1/z stays within float32."""
+"""Minimum near plane, metres: the rasterizer's 1/z stays within float32. Less than ``form.MIN_FAR``."""
 _MAX_DISTANCE: Final = 1e12
 """Maximum distance of the camera from the origin, metres. Beyond, float64 does not resolve millimetres."""
 _RIGID_TOLERANCE: Final = 1e-6
@@ -46,8 +45,7 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
     near = request.near
     if near == 0.0:  # the client formats small numbers as 0 (std::to_string); the scene's camera has all digits
         znear = camera.znear if camera is not None else 0.0
-        near = znear if 0.0 < znear < request.far else request.far * _NEAR_FRACTION
-    near = max(near, min(_MIN_NEAR, request.far * 0.5))
+        near = znear if 0.0 < znear < request.far else request.far * _NEAR_FAR_RATIO
     return Camera(
         width=request.width,
         height=request.height,
@@ -55,7 +53,7 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
         fy=request.focal_y,
         cx=request.center_x,
         cy=request.center_y,
-        near=near,
+        near=max(near, _MIN_NEAR),
         far=request.far,
         X_world_camera=OPENGL_FROM_OPTICAL if camera is None else rigid_pose(camera.X_world_camera, camera.name),
     )
@@ -64,7 +62,7 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
 def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Return the rigid part of a transform, like VTK: position, line of sight, and the orthogonal part of up.
 
-    Nodes with cameras may be scaled or mirrored.
+    It is needed because nodes with cameras may be scaled or mirrored.
 
     Args:
         X: (4, 4) float64, pose of the optical frame.
@@ -73,27 +71,22 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     Raises:
         RequestError: The transform is singular, or too far from the origin.
     """
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = X.tolist()
-    if not all(abs(value) <= _MAX_DISTANCE for value in (x, y, z)):
+    linear, position = X[:3, :3], X[:3, 3]
+    if not (np.abs(position) <= _MAX_DISTANCE).all():
         raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
-    if all(map(math.isfinite, (a, b, c, d, e, f, g, h, i, *last))):
-        deviations = (
-            *(a * a + d * d + g * g - 1.0, b * b + e * e + h * h - 1.0, c * c + f * f + i * i - 1.0),
-            *(a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i),
-        )
-        determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
-        if determinant > 0.0 and all(abs(value) < _RIGID_TOLERANCE for value in deviations):
-            return X
-        rotation = X[:3, :3]
+    if np.isfinite(X).all():
         with np.errstate(all="ignore"):
-            forward = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
-            down = rotation[:, 1] / np.linalg.norm(rotation[:, 1])
+            deviation = np.abs(linear.T @ linear - np.eye(3)).max()
+            if deviation < _RIGID_TOLERANCE and np.linalg.det(linear) > 0.0:
+                return X
+            forward = linear[:, 2] / np.linalg.norm(linear[:, 2])
+            down = linear[:, 1] / np.linalg.norm(linear[:, 1])
             down -= forward * (forward @ down)
             length = np.linalg.norm(down)
             if length > _MIN_ANGLE:
                 down /= length
                 pose = np.eye(4)
-                pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
+                pose[:3] = np.column_stack((np.cross(down, forward), down, forward, position))
                 if np.linalg.det(pose[:3, :3]) > 0.5:  # 0 or NaN where a length overflowed
                     return pose
     raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")

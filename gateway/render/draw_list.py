@@ -1,7 +1,7 @@
-"""The draw list of a posted scene, without the detour over a tree.
+"""The draw list of a posted scene, made from its nodes directly.
 
-A moving robot has new poses in every request and the same topology: what is derived from the topology, here and in the
-renderer, is kept in a cache of ``SceneTopology``.
+In the requests of a moving robot only the poses differ. Everything else is the same ``SceneTopology`` object, by whose
+identity the renderer keeps its own tables.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _INSTANCE_BYTES: Final = 1024
 """Approximate size of an instance's entries, the renderer's tables included."""
 
 TopologyKey: TypeAlias = tuple[DocumentContent, tuple[int | None, ...], tuple[int, ...], bytes]
-"""Content (by identity), the nodes' meshes and parents, and a flag for each node that is too far away."""
+"""Content (by identity), mesh and parent of each node, and one bit per node: set if it is near enough to draw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,18 +60,20 @@ def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]
 
 def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology:
     meshes, materials, labels, nodes = [], [], [], []
-    roots: list[int] = []
+    root_of_node: list[int] = []
     for node, parent in enumerate(scene.nodes.parents):
-        roots.append(node if parent < 0 else roots[parent])
-    label_of_root = _labels_of_roots(scene, roots)
+        root_of_node.append(node if parent < 0 else root_of_node[parent])
+    label_of_root = _labels_of_roots(scene, root_of_node)
     for node, parts in enumerate(scene.parts):
         check_stop()
         if not drawable[node]:
             continue
         for part in parts or ():
             assert isinstance(part.shape, Surface)  # glTF has no other shapes
-            unnamed = part.material is DEFAULT_MATERIAL
-            label = label_of_root.get(roots[node], LABEL_NONE) if unnamed else label_from_material(part.material)
+            if part.material is DEFAULT_MATERIAL:
+                label = label_of_root.get(root_of_node[node], LABEL_NONE)
+            else:
+                label = label_from_material(part.material)
             meshes.append(part.shape.mesh)
             materials.append(part.material)
             labels.append(label)
@@ -80,7 +82,7 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
     return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
 
 
-def _labels_of_roots(scene: GltfScene, roots: list[int]) -> dict[int, int]:
+def _labels_of_roots(scene: GltfScene, root_of_node: list[int]) -> dict[int, int]:
     """Return the label of primitives without a material, by the root of the scene above them.
 
     Drake's client hangs each glTF file below one node, and a whole file has one label. Roots with several labels or
@@ -88,8 +90,8 @@ def _labels_of_roots(scene: GltfScene, roots: list[int]) -> dict[int, int]:
     """
     if all(part.material is not DEFAULT_MATERIAL for parts in scene.parts for part in parts or ()):
         return {}
-    found: dict[int, set[int]] = {}
-    for root, parts in zip(roots, scene.parts, strict=True):
+    labels_of_root: dict[int, set[int]] = {}
+    for root, parts in zip(root_of_node, scene.parts, strict=True):
         materials = [part.material for part in parts or () if part.material is not DEFAULT_MATERIAL]
-        found.setdefault(root, set()).update(map(label_from_material, materials))
-    return {root: labels.pop() for root, labels in found.items() if len(labels) == 1}
+        labels_of_root.setdefault(root, set()).update(map(label_from_material, materials))
+    return {root: labels.pop() for root, labels in labels_of_root.items() if len(labels) == 1}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gateway.render.form import RenderRequest
-from gateway.render.pipeline import Picture
+from gateway.render.pipeline import EncodedImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,9 +21,9 @@ class RenderRecord:
     """Part of ``seconds`` spent waiting for a worker thread."""
     request: RenderRequest | None
     """None if the form was invalid. Holds the whole scene: do not keep a reference."""
-    image: Picture | None
+    image: EncodedImage | None
     """None if there is an error."""
     error: str
     """Error message of the response; empty on success."""
     outcome: str = ""
-    """Label for metrics where the status is ambiguous: ``slow`` if the request reached its deadline."""
+    """``slow`` if the request reached its deadline, for metrics; else empty, as the status says enough."""

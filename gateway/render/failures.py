@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-_BODY: Final = ".multipart"
-_NAME: Final = re.compile(r"\d{8}T\d{12}Z-\d{3}-[0-9a-zA-Z]{1,32}\.(multipart|json)")
+_BODY_SUFFIX: Final = ".multipart"
+_FILE_NAME: Final = re.compile(r"\d{8}T\d{12}Z-\d{3}-[0-9a-zA-Z]{1,32}\.(multipart|json)")
 """Names of files that may be deleted; others in the folder are not touched."""
 _UNSAFE: Final = re.compile(r"[^0-9a-zA-Z]")
 
@@ -46,21 +46,21 @@ class FailureStore:
             return None
         now = datetime.now(UTC)
         stem = f"{now:%Y%m%dT%H%M%S%f}Z-{status:03d}-{_UNSAFE.sub('', request_id)[:32] or '0'}"
-        facts = {"time": now.isoformat(), "status": status, "reason": reason, "content_type": content_type}
-        facts |= {"request_id": request_id, "bytes": size}
+        description = {"time": now.isoformat(), "status": status, "reason": reason, "content_type": content_type}
+        description |= {"request_id": request_id, "bytes": size}
         with self._lock:
             self._folder.mkdir(parents=True, exist_ok=True)
-            path = self._folder / (stem + _BODY)
+            path = self._folder / (stem + _BODY_SUFFIX)
             with path.open("wb") as file:
                 file.writelines(body)
-            path.with_suffix(".json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+            path.with_suffix(".json").write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
             self._prune()
         return path
 
     def _prune(self) -> None:
-        files = sorted(p for p in self._folder.iterdir() if _NAME.fullmatch(p.name) and p.is_file())
+        files = sorted(p for p in self._folder.iterdir() if _FILE_NAME.fullmatch(p.name) and p.is_file())
         sizes = {p: p.stat().st_size for p in files}
-        bodies = [p for p in files if p.suffix == _BODY]
+        bodies = [p for p in files if p.suffix == _BODY_SUFFIX]
         total = sum(sizes[p] for p in bodies)
         while bodies and (len(bodies) > self._max_count or total > self._max_bytes):
             oldest = bodies.pop(0)

@@ -19,7 +19,7 @@ from gateway.render.multipart import Form
 ImageType = Literal["color", "depth", "label"]
 IMAGE_TYPES: Final = ("color", "depth", "label")
 
-_KNOWN: Final = frozenset(
+_FIELD_NAMES: Final = frozenset(
     (
         "scene_sha256",
         "image_type",
@@ -96,11 +96,11 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
     if not form.scene:
         raise RequestError(400, "the field 'scene' is an empty file")
     fields = form.fields
-    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
-    image_type = _text(fields, "image_type")
+    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _FIELD_NAMES]
+    image_type = _required_text(fields, "image_type")
     if image_type not in IMAGE_TYPES:
         raise RequestError(400, f"image_type must be color, depth or label, got {quoted(image_type)}")
-    width, height = _integer(fields, "width", config), _integer(fields, "height", config)
+    width, height = _image_side(fields, "width", config), _image_side(fields, "height", config)
     if width * height > config.max_pixels:
         raise RequestError(
             400, f"width * height = {width * height} pixels, the limit is {config.max_pixels} (max_pixels)"
@@ -117,32 +117,32 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         if not min_depth < max_depth:
             raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
     else:  # unused, but invalid values are still errors
-        _optional(fields, "min_depth", minimum=0.0)
-        _optional(fields, "max_depth")
+        _optional_number(fields, "min_depth", minimum=0.0)
+        _optional_number(fields, "max_depth")
     claimed = fields.get("scene_sha256", "")
-    claims_hash = _SHA256.fullmatch(claimed) is not None
-    if not claims_hash:  # drake-blender's tests send NOT_USED_IN_THE_TEST
+    has_hash = _SHA256.fullmatch(claimed) is not None
+    if not has_hash:  # drake-blender's tests send NOT_USED_IN_THE_TEST
         warnings.append(f"scene_sha256 is no SHA-256 hash: {quoted(claimed)}" if claimed else "scene_sha256 is missing")
     return RenderRequest(
         image_type=cast("ImageType", image_type),
         width=width,
         height=height,
-        focal_x=_focal(fields, "x", width),
-        focal_y=_focal(fields, "y", height),
-        center_x=_center(fields, "center_x", width, "width"),
-        center_y=_center(fields, "center_y", height, "height"),
+        focal_x=_focal_length(fields, "x", width),
+        focal_y=_focal_length(fields, "y", height),
+        center_x=_principal_point(fields, "center_x", width, "width"),
+        center_y=_principal_point(fields, "center_y", height, "height"),
         near=near,
         far=far,
         min_depth=min_depth,
         max_depth=max_depth,
         scene=form.scene,
-        claimed_sha256=claimed.lower() if claims_hash else None,
+        claimed_sha256=claimed.lower() if has_hash else None,
         scene_filename=form.scene_filename,
         warnings=tuple(warnings),
     )
 
 
-def _text(fields: dict[str, str], name: str) -> str:
+def _required_text(fields: dict[str, str], name: str) -> str:
     value = fields.get(name)
     if not value:
         problem = "is missing" if value is None else "is empty"
@@ -151,8 +151,8 @@ def _text(fields: dict[str, str], name: str) -> str:
     return value
 
 
-def _integer(fields: dict[str, str], name: str, config: RenderConfig) -> int:
-    text = _text(fields, name)
+def _image_side(fields: dict[str, str], name: str, config: RenderConfig) -> int:
+    text = _required_text(fields, name)
     match = _INTEGER.fullmatch(text)
     value = int(match[1]) if match else 0
     if not 1 <= value <= config.max_side:
@@ -162,7 +162,7 @@ def _integer(fields: dict[str, str], name: str, config: RenderConfig) -> int:
 
 def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, maximum: float = math.inf) -> float:
     """Return a finite number that is positive or, with ``minimum``, at least that."""
-    text = _text(fields, name)
+    text = _required_text(fields, name)
     value = float(text) if _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise RequestError(400, f"{name} must be a finite decimal number, got {quoted(text)}")
@@ -175,15 +175,15 @@ def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, 
     return value
 
 
-def _optional(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
+def _optional_number(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
     """Return ``_number`` of a field; None where it is missing or empty."""
     return _number(fields, name, minimum=minimum) if fields.get(name) else None
 
 
-def _focal(fields: dict[str, str], axis: str, size: int) -> float:
+def _focal_length(fields: dict[str, str], axis: str, size: int) -> float:
     """Return the focal length in pixels, from the field of view only if the focal length itself is missing."""
     focal, fov = f"focal_{axis}", f"fov_{axis}"
-    angle = _optional(fields, fov)
+    angle = _optional_number(fields, fov)
     if angle is not None and not angle < math.pi:
         raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
     if fields.get(focal) or angle is None:
@@ -195,7 +195,7 @@ def _focal(fields: dict[str, str], axis: str, size: int) -> float:
     return value
 
 
-def _center(fields: dict[str, str], name: str, size: int, size_name: str) -> float:
+def _principal_point(fields: dict[str, str], name: str, size: int, size_name: str) -> float:
     """Return a coordinate of the principal point, which must be inside the image as in Drake's CameraInfo."""
     value = _number(fields, name)
     if not value < size:

@@ -16,7 +16,7 @@ from gateway.render.errors import RequestError, message_bytes
 from gateway.render.events import RenderRecord
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, too_large
-from gateway.render.pipeline import Picture
+from gateway.render.pipeline import EncodedImage
 from gateway.render.service import Admission, RenderService
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
@@ -34,16 +34,16 @@ class RenderHandler:
     def __init__(self, service: RenderService, http: Request) -> None:
         self._service = service
         self._http = http
-        self._start = time.perf_counter()
+        self._start_time = time.perf_counter()
         self._queue_seconds = 0.0
-        self._received = 0
+        self._received_bytes = 0
         self._admission: Admission | None = None
         self._kept_body: list[bytes] | None = [] if service.failures is not None else None
         """Body as received, for the store of failed requests."""
-        bound = structlog.contextvars.get_contextvars().get("request_id")
-        self._request_id = str(bound) if bound else uuid.uuid4().hex
-        self._headers = {} if bound else {"X-Request-ID": self._request_id}
-        """The middleware that gave the request its id also adds this header."""
+        id_from_middleware = structlog.contextvars.get_contextvars().get("request_id")
+        self._request_id = str(id_from_middleware) if id_from_middleware else uuid.uuid4().hex
+        self._headers = {} if id_from_middleware else {"X-Request-ID": self._request_id}
+        """Headers of the response; the middleware adds X-Request-ID to those of its own requests."""
 
     async def respond(self) -> Response:
         """Return the response; never raises."""
@@ -63,7 +63,7 @@ class RenderHandler:
             self._headers["Retry-After"] = "1"
             return await self._failure(503, str(error), request)
         except DeadlineExceeded as error:
-            sentence = f"the image was not finished: {error}"
+            sentence = f"rendering was stopped: {error}"
             _log.warning("render request timed out", reason=sentence, request_id=self._request_id)
             return await self._failure(503, sentence, request, outcome="slow")
         except KernelError as error:
@@ -72,7 +72,7 @@ class RenderHandler:
             self._headers["Retry-After"] = "1"
             return await self._failure(503, "the server shut down before the image was ready", request)
         except ClientDisconnect:
-            _log.info("render client disconnected before its image was ready", received=self._received)
+            _log.info("render client disconnected before its image was ready", received=self._received_bytes)
             return await self._failure(CLIENT_GONE, "the client disconnected", request)
         except Exception:  # noqa: BLE001 - the client gets a sentence, the log the traceback
             _log.exception("render request failed", request_id=self._request_id)
@@ -81,7 +81,7 @@ class RenderHandler:
         finally:
             if self._admission is not None:
                 self._admission.release()
-            self._service.release_bytes(self._received)
+            self._service.release_bytes(self._received_bytes)
         self._record(200, request, image, "")
         return self._success(request, image)
 
@@ -104,36 +104,36 @@ class RenderHandler:
                 async for piece in self._http.stream():
                     timeout.reschedule(loop.time() + config.receive_timeout)
                     self._service.reserve_bytes(len(piece))
-                    self._received += len(piece)
+                    self._received_bytes += len(piece)
                     if self._kept_body is not None:
                         self._kept_body.append(piece)
                     reader.feed(piece)
             return reader.form()
         except TimeoutError:
             raise RequestError(
-                408, f"no data for {config.receive_timeout:g} s after {self._received} bytes (receive_timeout)"
+                408, f"no data for {config.receive_timeout:g} s after {self._received_bytes} bytes (receive_timeout)"
             ) from None
         finally:
             reader.close()
 
-    async def _render(self, request: RenderRequest, admission: Admission) -> Picture:
+    async def _render(self, request: RenderRequest, admission: Admission) -> EncodedImage:
         image, self._queue_seconds = await self._service.render(request, admission)
         return image
 
-    def _success(self, request: RenderRequest, image: Picture) -> Response:
+    def _success(self, request: RenderRequest, image: EncodedImage) -> Response:
         for warning in (*request.warnings, *image.warnings):
             _log.warning("render request has a problem", warning=warning)
-        stages = (("queue", self._queue_seconds), *image.stages)
+        stage_seconds = (("queue", self._queue_seconds), *image.stage_seconds)
         if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
             _log.debug(
                 "rendered",
                 image_type=request.image_type,
                 size=f"{request.width}x{request.height}",
-                elements=image.elements,
+                elements=image.element_count,
                 generator=image.generator,
-                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stages},
+                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stage_seconds},
             )
-        self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages)
+        self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stage_seconds)
         return Response(image.body, headers=self._headers, media_type=image.media_type)
 
     async def _failure(
@@ -159,8 +159,8 @@ class RenderHandler:
         return Response(message_bytes(sentence), status, headers=self._headers, media_type="text/plain; charset=utf-8")
 
     def _record(
-        self, status: int, request: RenderRequest | None, image: Picture | None, error: str, outcome: str = ""
+        self, status: int, request: RenderRequest | None, image: EncodedImage | None, error: str, outcome: str = ""
     ) -> None:
-        seconds = time.perf_counter() - self._start
+        seconds = time.perf_counter() - self._start_time
         record = RenderRecord(self._request_id, status, seconds, self._queue_seconds, request, image, error, outcome)
         self._service.finish(record)

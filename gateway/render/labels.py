@@ -17,28 +17,24 @@ def labels_of(root: Node) -> Callable[[Path, Part], int]:
     one node: such a primitive gets the label of the others below its top-level node. If they have none, or several, it
     has no label and is white.
     """
-    siblings: dict[Path, set[int]] = {}
-    bare = False
+    labels_of_file: dict[Path, set[int]] = {}
+    """Labels below each top-level node."""
     for path, node in root.walk():
         for part in node.parts or ():
-            if part.material is DEFAULT_MATERIAL:
-                bare = True
-            else:
-                siblings.setdefault(path[:1], set()).add(label_from_material(part.material))
-    if not bare:
-        return lambda _path, part: label_from_material(part.material)
+            if part.material is not DEFAULT_MATERIAL:
+                labels_of_file.setdefault(path[:1], set()).add(label_from_material(part.material))
 
     def label_of(path: Path, part: Part) -> int:
         if part.material is not DEFAULT_MATERIAL:
             return label_from_material(part.material)
-        labels = siblings.get(path[:1], set())
+        labels = labels_of_file.get(path[:1], set())
         return next(iter(labels)) if len(labels) == 1 else LABEL_NONE
 
     return label_of
 
 
 def unlabelled(scene: DrawList) -> DrawList:
-    """Return the draw list without labels: what exists in the server only is white in label images."""
+    """Return the draw list without labels, so that it is white in label images."""
     if all(instance.label == LABEL_NONE for instance in scene.instances):
         return scene
     instances = (Instance(i.mesh, i.material, i.X_world_mesh, LABEL_NONE, i.instance_id) for i in scene.instances)

@@ -70,24 +70,24 @@ class FormReader:
         except FormParserError as error:
             raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
         self._config = config
-        self._received = 0
-        self._parts = 0
-        self._complete = False
-        self._names: set[str] = set()
+        self._received_bytes = 0
+        self._part_count = 0
+        self._is_complete = False
+        self._part_names: set[str] = set()
         self._fields: dict[str, str] = {}
         self._scene: bytearray | None = None
         self._scene_filename = ""
-        self._name = ""
+        self._part_name = ""
         self._header_name = self._header_value = b""
         self._disposition = self._encoding = b""
-        self._text = b""
+        self._field_bytes = b""
         self._in_scene = False
 
     def feed(self, data: bytes) -> None:
         """Parse the next piece of the body."""
-        self._received += len(data)
-        if self._received > self._config.max_body_bytes:
-            raise too_large(self._received, self._config)
+        self._received_bytes += len(data)
+        if self._received_bytes > self._config.max_body_bytes:
+            raise too_large(self._received_bytes, self._config)
         try:
             self._parser.write(data)
         except FormParserError as error:
@@ -99,21 +99,21 @@ class FormReader:
 
     def form(self) -> Form:
         """Return the form after the whole body has been fed."""
-        if not self._complete:
-            inside = f" inside the part {quoted(self._name)}" if self._name else ""
+        if not self._is_complete:
+            inside = f" inside the part {quoted(self._part_name)}" if self._part_name else ""
             raise RequestError(
                 400,
-                f"the multipart body ends{inside} after {self._received} bytes, before the closing boundary: "
+                f"the multipart body ends{inside} after {self._received_bytes} bytes, before the closing boundary: "
                 "the upload was cut short",
             )
         return Form(self._fields, self._scene, self._scene_filename)
 
     def _on_part_begin(self) -> None:
-        self._parts += 1
-        if self._parts > self._config.max_parts:
+        self._part_count += 1
+        if self._part_count > self._config.max_parts:
             raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
-        self._name = ""
-        self._disposition = self._encoding = self._header_name = self._header_value = self._text = b""
+        self._part_name = ""
+        self._disposition = self._encoding = self._header_name = self._header_value = self._field_bytes = b""
 
     def _on_header_name(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
@@ -135,17 +135,17 @@ class FormReader:
         if kind != b"form-data" or not name:
             got = quoted(self._disposition) if self._disposition else "none"
             raise RequestError(
-                400, f'part {self._parts} of the form needs Content-Disposition: form-data; name="…", got {got}'
+                400, f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…", got {got}'
             )
-        self._name = name
-        if name in self._names:
+        self._part_name = name
+        if name in self._part_names:
             raise RequestError(400, f"the field {quoted(name)} was sent twice")
         if self._encoding not in _IDENTITY_ENCODINGS:
             raise RequestError(
                 400,
                 f"the field {quoted(name)} has Content-Transfer-Encoding {quoted(self._encoding)}; send it as it is",
             )
-        self._names.add(name)
+        self._part_names.add(name)
         if name == SCENE:
             self._scene = bytearray()
             self._scene_filename = filename
@@ -157,26 +157,26 @@ class FormReader:
             with memoryview(data) as whole, whole[start:end] as piece:
                 self._scene += piece
             return
-        if len(self._text) + end - start > self._config.max_field_bytes:
+        if len(self._field_bytes) + end - start > self._config.max_field_bytes:
             raise RequestError(
-                400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
+                400, f"the field {quoted(self._part_name)} is longer than {self._config.max_field_bytes} bytes"
             )
-        self._text += data[start:end]
+        self._field_bytes += data[start:end]
 
     def _on_part_end(self) -> None:
         if self._in_scene:
             self._in_scene = False
         else:
             try:
-                self._fields[self._name] = self._text.decode().strip()
+                self._fields[self._part_name] = self._field_bytes.decode().strip()
             except UnicodeDecodeError:
                 raise RequestError(
-                    400, f"the field {quoted(self._name)} is not UTF-8 text: {quoted(self._text)}"
+                    400, f"the field {quoted(self._part_name)} is not UTF-8 text: {quoted(self._field_bytes)}"
                 ) from None
-        self._name = ""
+        self._part_name = ""
 
     def _on_end(self) -> None:
-        self._complete = True
+        self._is_complete = True
 
 
 def too_large(size: int, config: RenderConfig) -> RequestError:

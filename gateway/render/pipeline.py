@@ -1,4 +1,4 @@
-"""A request to the bytes of its image: read the scene, render, encode. No I/O; runs in worker threads."""
+"""Rendering of one request in a worker thread: read the scene, render, encode. No I/O."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer
 
 Backdrop = Callable[[], DrawList | Node | None]
-"""Return the scene to draw besides the request's; the same object means that it has not changed."""
+"""Returns the scene to draw besides the request's; None for none. The same object means that it has not changed."""
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 _LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", "Drake glTF merger": "pbr"}
@@ -33,16 +33,16 @@ merger writes the file, else VTK's exporter."""
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class EncodedImage:
     """An encoded image."""
 
     body: bytes
     media_type: str
-    stages: tuple[tuple[str, float], ...]
-    """Durations of the stages: (name, seconds)."""
+    stage_seconds: tuple[tuple[str, float], ...]
+    """Durations of reading, rendering and encoding, by name."""
     generator: str
     """``asset.generator`` of the scene."""
-    elements: int
+    element_count: int
     """Number of triangles, lines and points of the scene, without the backdrop."""
     warnings: tuple[str, ...]
     """Sentences about properties that the reader ignored or repaired."""
@@ -56,52 +56,57 @@ class Pipeline:
         self._config = config
         self._backdrop = backdrop
         self._last_backdrop: tuple[DrawList | Node, DrawList] | None = None
+        """The last backdrop, and its draw list without labels."""
         self.scenes = SceneStore(config)
 
-    def picture(self, request: RenderRequest) -> Picture:
+    def render(self, request: RenderRequest) -> EncodedImage:
         """Render a request.
 
         Raises:
             RequestError: The scene, its camera or one of its images cannot be used.
         """
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         try:
             scene = self.scenes.get(posted_document(request))
             camera = camera_of(request, scene)
-            drawn = self._with_backdrop(scene.drawn)
-            parsed = time.perf_counter()
-            look = Look(self._look(scene.generator), self._config.background, self._config.samples)
-            with self._renderer.render(drawn, camera, _OUTPUTS[request.image_type], look) as frame:
-                rendered = time.perf_counter()
+            draw_list = self._with_backdrop(scene.draw_list)
+            parsed_time = time.perf_counter()
+            look = Look(self._look_name(scene.generator), self._config.background, self._config.samples)
+            with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
+                rendered_time = time.perf_counter()
                 body, media_type = self._encode(frame, request)
         except (GltfError, ImageError) as error:
             raise RequestError(400, f"scene: {error}") from error
-        encoded = time.perf_counter()
-        return Picture(
+        encoded_time = time.perf_counter()
+        return EncodedImage(
             body=body,
             media_type=media_type,
-            stages=(("parse", parsed - begin), ("render", rendered - parsed), ("encode", encoded - rendered)),
+            stage_seconds=(
+                ("parse", parsed_time - start_time),
+                ("render", rendered_time - parsed_time),
+                ("encode", encoded_time - rendered_time),
+            ),
             generator=scene.generator,
-            elements=scene.element_count,
+            element_count=scene.element_count,
             warnings=scene.warnings,
         )
 
-    def _look(self, generator: str) -> LookName:
+    def _look_name(self, generator: str) -> LookName:
         if self._config.look != "auto":
             return self._config.look
         return _LOOKS.get(generator, self._config.default_look)
 
-    def _with_backdrop(self, drawn: DrawList) -> DrawList:
-        source = self._backdrop() if self._backdrop is not None else None
-        if source is None:
-            return drawn
-        last = self._last_backdrop
-        if last is None or last[0] is not source:
-            last = (source, flatten(source) if isinstance(source, Node) else unlabelled(source))
-            self._last_backdrop = last
-        backdrop = last[1]
-        images = tuple(dict.fromkeys((*drawn.images, *backdrop.images)))
-        return DrawList((*drawn.instances, *backdrop.instances), images)
+    def _with_backdrop(self, draw_list: DrawList) -> DrawList:
+        backdrop = self._backdrop() if self._backdrop is not None else None
+        if backdrop is None:
+            return draw_list
+        cached = self._last_backdrop
+        if cached is None or cached[0] is not backdrop:
+            cached = (backdrop, flatten(backdrop) if isinstance(backdrop, Node) else unlabelled(backdrop))
+            self._last_backdrop = cached
+        flattened = cached[1]
+        images = tuple(dict.fromkeys((*draw_list.images, *flattened.images)))
+        return DrawList((*draw_list.instances, *flattened.instances), images)
 
     def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":

@@ -1,4 +1,4 @@
-"""Posted scenes, read and flattened; scenes with the same bytes are read once."""
+"""Posted scenes as draw lists; scenes with the same bytes are read once."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from renderers.cache import Cache
 from renderers.drawlist import DrawList
 
 _MAX_TOPOLOGIES: Final = 16
-"""Scenes whose objects move: the colour, depth and label images of a few clients."""
+"""Maximum number of cached topologies; a few clients need one each for colour, depth and label images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
-    """A posted scene ready for rendering, shared by all requests for it. Its thousands of nodes are dropped."""
+    """A posted scene ready for rendering, without its nodes. Shared by all requests with the same scene."""
 
     camera: GltfCamera | None
     """``GltfScene.camera``."""
@@ -28,7 +28,7 @@ class PreparedScene:
     element_count: int
     """Number of triangles, lines and points of all instances."""
     warnings: tuple[str, ...]
-    drawn: DrawList
+    draw_list: DrawList
     nbytes: int
     """Approximate size."""
 
@@ -36,9 +36,9 @@ class PreparedScene:
 class SceneStore:
     """Reads posted scenes and keeps the latest ones. Thread-safe.
 
-    Three caches, from the whole to its parts: ``scenes`` by the digest of all bytes (a static scene, or depth after
-    colour), ``geometry`` by the digests of a document's parts (a moving robot brings the same meshes with other poses),
-    ``topologies`` by the identity of such a part.
+    It has three caches, from the whole to its parts. ``scenes`` has the digest of all bytes as key: it serves a static
+    scene, or depth after colour. ``geometry`` has the digests of a document's parts: it serves a moving robot, whose
+    meshes stay the same. ``topologies`` keeps the draw lists' constant parts by the identity of that geometry.
     """
 
     def __init__(self, config: RenderConfig) -> None:
@@ -53,9 +53,9 @@ class SceneStore:
         Raises:
             GltfError: It cannot be read; nothing is kept then.
         """
-        found = self.scenes.get(document.digest)
-        if found is not None:
-            return found
+        cached = self.scenes.get(document.digest)
+        if cached is not None:
+            return cached
         gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
         scene = PreparedScene(
             camera=gltf.camera,
@@ -63,7 +63,7 @@ class SceneStore:
             generator=gltf.generator,
             element_count=gltf.element_count,
             warnings=gltf.warnings,
-            drawn=draw_list_of(gltf, self._topologies),
+            draw_list=draw_list_of(gltf, self._topologies),
             nbytes=len(document.data) + gltf.content.mesh_bytes,
         )
         self.scenes.put(document.digest, scene, scene.nbytes)

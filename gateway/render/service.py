@@ -13,21 +13,21 @@ from gateway.render.config import RenderConfig
 from gateway.render.events import RenderRecord
 from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
-from gateway.render.pipeline import Backdrop, Picture, Pipeline
+from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.render.scenes import SceneStore
 from gateway.runtime.worker_pool import QueueFull, WorkerPool
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 
-_MEMORY_RETRY_AFTER: Final = 5
+_MEMORY_RETRY_SECONDS: Final = 5
 """Retry-After in seconds when there is no memory for another body."""
 
 
 class Admission:
     """Reserved place in the queue for a request whose body is arriving.
 
-    Released when the request is submitted to the worker pool, when it fails, or after a time limit.
+    It is released when the request is submitted to the worker pool, when the request fails, or after a time limit.
     """
 
     __slots__ = ("_admitted", "_timer")
@@ -71,8 +71,8 @@ class RenderService:
         self._on_finished = on_finished
         self._admitted: set[Admission] = set()
         self._body_bytes = 0
-        self._responses: dict[int, int] = {}
-        """Finished requests by status."""
+        self._responses_by_status: dict[int, int] = {}
+        """Number of finished requests by HTTP status."""
 
     @property
     def arriving(self) -> int:
@@ -88,7 +88,7 @@ class RenderService:
         self._workers.check_capacity(self.arriving)
         return Admission(self._admitted, self.config.arrival_seconds)
 
-    async def render(self, request: RenderRequest, admission: Admission) -> tuple[Picture, float]:
+    async def render(self, request: RenderRequest, admission: Admission) -> tuple[EncodedImage, float]:
         """Render an image, and return it with the seconds that the request waited for a thread.
 
         Args:
@@ -102,9 +102,9 @@ class RenderService:
         """
         submitted = time.perf_counter()
 
-        def work() -> tuple[Picture, float]:
-            waited = time.perf_counter() - submitted
-            return self._pipeline.picture(request), waited
+        def work() -> tuple[EncodedImage, float]:
+            queue_seconds = time.perf_counter() - submitted
+            return self._pipeline.render(request), queue_seconds
 
         admission.release()
         return await self._workers.run(work, nbytes=len(request.scene))
@@ -119,7 +119,7 @@ class RenderService:
             raise QueueFull(
                 f"the requests in progress hold {self._body_bytes} bytes, "
                 f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
-                _MEMORY_RETRY_AFTER,
+                _MEMORY_RETRY_SECONDS,
             )
         self._body_bytes += nbytes
 
@@ -129,7 +129,7 @@ class RenderService:
 
     def finish(self, record: RenderRecord) -> None:
         """Count a finished request and notify the observer."""
-        self._responses[record.status] = self._responses.get(record.status, 0) + 1
+        self._responses_by_status[record.status] = self._responses_by_status.get(record.status, 0) + 1
         if self._on_finished is not None:
             try:
                 self._on_finished(record)
@@ -143,13 +143,13 @@ class RenderService:
 
     @property
     def scenes(self) -> SceneStore:
-        """The caches, for metrics."""
+        """The caches of posted scenes, for metrics."""
         return self._pipeline.scenes
 
     def status(self) -> dict[str, Any]:
         """Return figures for health and metrics; plain JSON values."""
         return {
-            "answers": {str(status): count for status, count in sorted(self._responses.items())},
+            "answers": {str(status): count for status, count in sorted(self._responses_by_status.items())},
             "arriving": self.arriving,
             "inflight_bytes": self._body_bytes,
             "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},

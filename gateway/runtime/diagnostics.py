@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import errno
 import platform
 import resource
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from gateway import __version__
-from gateway.runtime import kernel_cache as kernels
-from gateway.runtime import process_tuning
+from gateway.runtime import kernel_cache, process_tuning
 from gateway.runtime.instance_probe import RunningInstance, probe_instance
 from renderers.compiler import cache_folder
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
-_RECEIVE_BUFFER = 4_000_000
+_RECEIVE_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
@@ -38,18 +36,19 @@ class Verdict(Enum):
 class Finding:
     """One row of the table."""
 
-    what: str
+    subject: str
     verdict: Verdict
     detail: str
 
 
-def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Finding]:
+def findings(host: str, ports: Mapping[str, int], threads: int, kernel_parts: Collection[str]) -> Iterator[Finding]:
     """Run all checks.
 
     Args:
         host: address on which the interfaces would listen.
         ports: TCP ports by interface; 0 is any.
         threads: number of rendering threads.
+        kernel_parts: names of all parts that the kernel cache should contain.
     """
     yield Finding("scenegate", Verdict.OK, __version__)
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
@@ -58,7 +57,7 @@ def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Find
     yield _glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
-    yield _kernels()
+    yield _kernels(kernel_parts)
     instances: list[RunningInstance] = []
     for name, port in ports.items():
         yield _port(name, host, port, instances)
@@ -88,9 +87,9 @@ def _open_files() -> Finding:
     return Finding("open files", verdict, f"{soft} now, up to {hard}")
 
 
-def _kernels() -> Finding:
-    folder = kernels.configure()
-    if not (reason := cache_folder.missing()):
+def _kernels(parts: Collection[str]) -> Finding:
+    folder = kernel_cache.configure()
+    if not (reason := cache_folder.missing(parts=parts)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
     return Finding("kernels", Verdict.NOTE, f"{reason}; the next start compiles them: scenegate warmup ({folder})")
 
@@ -104,11 +103,11 @@ def _port(name: str, host: str, port: int, instances: list[RunningInstance]) -> 
     try:
         process_tuning.listen(host, port).close()
     except OSError as error:
-        there = next((found for found in instances if port in found.ports), None)
-        if there is None and error.errno == errno.EADDRINUSE and (there := probe_instance(host, port)) is not None:
-            instances.append(there)
-        if there is not None:
-            detail = f"{name}: taken by a running gateway, Scenegate {there.version}, {there.status}"
+        owner = next((instance for instance in instances if port in instance.ports), None)
+        if owner is None and error.errno == errno.EADDRINUSE and (owner := probe_instance(host, port)) is not None:
+            instances.append(owner)
+        if owner is not None:
+            detail = f"{name}: taken by a running gateway, Scenegate {owner.version}, {owner.status}"
             return Finding(f"port {port}", Verdict.NOTE, detail)
         return Finding(f"port {port}", Verdict.BAD, f"{name}: {process_tuning.listen_error(error, host, port)}")
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
@@ -129,7 +128,7 @@ def _receive_buffer() -> Finding:
         limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
     except (OSError, ValueError):
         return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known")
-    if limit >= _RECEIVE_BUFFER:
+    if limit >= _RECEIVE_BUFFER_BYTES:
         return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
-    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER}"
+    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER_BYTES}"
     return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes, large LCM messages get lost: {remedy}")

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-SECONDS: Final = 2.0
+READ_SECONDS: Final = 2.0
 """Time limit for connecting and for each read: a busy gateway responds later than an idle one."""
-WHOLE_SECONDS: Final = 5.0
+TOTAL_SECONDS: Final = 5.0
 """Time limit for a whole response."""
 MAX_BYTES: Final = 1 << 20
 """Maximum size of a response: any program may listen on the port."""
 _ERRORS: Final = (OSError, http.client.HTTPException, ValueError, RecursionError)
 """Errors of connecting and of responses that are not HTTP or not JSON."""
-_ANY: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # noqa: S104 - a comparison
+_WILDCARDS: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # noqa: S104 - a comparison
 """Wildcard addresses, and an address to connect to."""
 
 
@@ -39,13 +39,13 @@ class RunningInstance:
 
 def probe_instance(host: str, port: int) -> RunningInstance | None:
     """Return the gateway whose HTTP port this is; None if another program or none responds."""
-    host = _ANY.get(host, host)
+    host = _WILDCARDS.get(host, host)
     # Nothing secret is sent, and the certificate is for the name that clients use.
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     for connection in (
-        http.client.HTTPConnection(host, port, timeout=SECONDS),
-        http.client.HTTPSConnection(host, port, timeout=SECONDS, context=context),
+        http.client.HTTPConnection(host, port, timeout=READ_SECONDS),
+        http.client.HTTPSConnection(host, port, timeout=READ_SECONDS, context=context),
     ):
         with (
             contextlib.closing(connection),
@@ -53,20 +53,20 @@ def probe_instance(host: str, port: int) -> RunningInstance | None:
             _time_limit(connection),
         ):
             connection.request("GET", "/healthz")
-            return _read(json.loads(connection.getresponse().read(MAX_BYTES)))
+            return _parse_health(json.loads(connection.getresponse().read(MAX_BYTES)))
     return None
 
 
 @contextmanager
 def _time_limit(connection: http.client.HTTPConnection) -> Iterator[None]:
-    """Close the connection after ``WHOLE_SECONDS``."""
+    """Close the connection after ``TOTAL_SECONDS``."""
 
     def end() -> None:
         if connection.sock is not None:
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(connection.sock, socket.SHUT_RDWR)  # below TLS, which is not thread-safe
 
-    timer = threading.Timer(WHOLE_SECONDS, end)
+    timer = threading.Timer(TOTAL_SECONDS, end)
     timer.daemon = True
     timer.start()
     try:
@@ -75,7 +75,7 @@ def _time_limit(connection: http.client.HTTPConnection) -> Iterator[None]:
         timer.cancel()
 
 
-def _read(health: Any) -> RunningInstance | None:
+def _parse_health(health: Any) -> RunningInstance | None:
     match health:
         case {"version": str(version), "status": str(status), "interfaces": dict(interfaces)}:
             return RunningInstance(version, status, frozenset(_ports(interfaces)))

@@ -19,20 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
-from renderers.compiler.cache_folder import sources_digest
-
-__all__ = [
-    "KernelError",
-    "are_cached",
-    "compile_in_children",
-    "compile_missing",
-    "compiling_refused",
-    "compiling_reported",
-    "configure",
-    "ensure_cached",
-    "sources_digest",
-]
 
 _MAX_CHILDREN = 3
 """Maximum number of children: the largest part takes a third of the time, and each child up to 0.6 GB."""
@@ -109,9 +97,9 @@ async def _exclusive(progress: Progress) -> AsyncIterator[None]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
-                progress.wait(True)
+                progress.set_waiting(True)
                 await asyncio.sleep(_LOCK_SECONDS)
-        progress.wait(False)
+        progress.set_waiting(False)
         yield
 
 
@@ -128,13 +116,13 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
         KernelError: a child failed; with its last line.
     """
     compiled: dict[str, list[str]] = {}
-    numbers, told = os.pipe()
+    queue, queue_input = os.pipe()
     try:
-        os.write(told, bytes(range(len(parts))))
-        os.close(told)  # readers find the end of the file when all parts are taken
-        children = min(_processors(), len(parts), _MAX_CHILDREN)
+        os.write(queue_input, bytes(range(len(parts))))
+        os.close(queue_input)  # children read the end of the file when all parts are taken
+        children = min(usable_cpus(), len(parts), _MAX_CHILDREN)
         tasks = [
-            asyncio.create_task(_compile_in_child(numbers, tuple(parts), compiled, progress)) for _ in range(children)
+            asyncio.create_task(_compile_in_child(queue, tuple(parts), compiled, progress)) for _ in range(children)
         ]
         try:
             await asyncio.gather(*tasks)
@@ -143,25 +131,25 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
     finally:
-        os.close(numbers)
+        os.close(queue)
     if unfinished := set(parts) - set(compiled):
         raise KernelError(f"the rendering kernels could not be compiled: {sorted(unfinished)} did not end")
     await asyncio.to_thread(cache_folder.write_manifest, compiled)
 
 
-def _processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 async def _compile_in_child(
-    numbers: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress
+    queue: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress
 ) -> None:
-    """Run one child to its end; ``compiled`` gets the cache folders of each part's kernels."""
+    """Run one child to its end.
+
+    Args:
+        queue: file descriptor of the pipe with the numbers of the parts to compile.
+        compiled: part -> cache folders of its kernels; extended here.
+    """
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.wiring.warmup", str(numbers), *parts),
+        *(sys.executable, "-m", "gateway.wiring.warmup", str(queue), *parts),
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root())},
-        pass_fds=(numbers,),
+        pass_fds=(queue,),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

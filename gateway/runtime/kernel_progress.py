@@ -19,47 +19,47 @@ class Progress:
     """Number of parts to compile."""
     done: int = 0
     """Number of parts that are compiled."""
-    now: list[str] = field(default_factory=list)
+    compiling: list[str] = field(default_factory=list)
     """Names of the parts that are being compiled."""
     waiting: bool = False
     """True while another process compiles the kernels and this one waits for it."""
-    began: float = field(default_factory=time.monotonic)
-    changed: Callable[[], object] = lambda: None
+    started: float = field(default_factory=time.monotonic)
+    on_change: Callable[[], object] = lambda: None
     """Called after every change."""
 
     @property
     def seconds(self) -> float:
         """Seconds since the start."""
-        return round(time.monotonic() - self.began, 1)
+        return round(time.monotonic() - self.started, 1)
 
     @property
     def part(self) -> int:
         """Number of the part that was begun last, counted from 1."""
-        return self.done + len(self.now)
+        return self.done + len(self.compiling)
 
-    def wait(self, waiting: bool) -> None:
+    def set_waiting(self, waiting: bool) -> None:
         """Note whether another process compiles."""
         if waiting != self.waiting:
             self.waiting = waiting
-            self.changed()
+            self.on_change()
 
     def begin(self, part: str) -> None:
         """Note that a part is being compiled."""
-        self.now.append(part)
-        self.changed()
+        self.compiling.append(part)
+        self.on_change()
 
     def end(self, part: str) -> None:
         """Note that a part is compiled."""
-        self.now.remove(part)
+        self.compiling.remove(part)
         self.done += 1
-        self.changed()
+        self.on_change()
 
     def describe(self) -> dict[str, Any]:
         """Return JSON values for ``/healthz`` and ``/readyz``."""
         if self.waiting:
             return {"waiting": "another process compiles the kernels", "seconds": self.seconds}
-        compiling = {"part": self.part, "of": self.parts, "done": self.done, "now": list(self.now)}
-        return {"compiling": {**compiling, "seconds": self.seconds}}
+        counts = {"part": self.part, "of": self.parts, "done": self.done, "now": list(self.compiling)}
+        return {"compiling": {**counts, "seconds": self.seconds}}
 
 
 @contextmanager
@@ -73,18 +73,18 @@ def shown(progress: Progress, log: Callable[..., object]) -> Iterator[None]:
         with _bar(progress):
             yield
         return
-    logged = 0
+    logged = 0  # number of the part in the last line
 
-    def line() -> None:
+    def log_line() -> None:
         nonlocal logged
         if progress.waiting:
             log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
         elif progress.part > logged:
             logged = progress.part
-            fields = {"part": logged, "of": progress.parts, "name": progress.now[-1], "seconds": progress.seconds}
+            fields = {"part": logged, "of": progress.parts, "name": progress.compiling[-1], "seconds": progress.seconds}
             log("Compiling the rendering kernels", **fields)
 
-    progress.changed = line
+    progress.on_change = log_line
     yield
 
 
@@ -93,8 +93,8 @@ def on_stderr(progress: Progress) -> Iterator[None]:
     """``shown`` with lines on stderr, for commands."""
 
     def write(event: str, *, seconds: float, part: int = 0, of: int = 0, name: str = "") -> None:
-        which = f", part {part} of {of} ({name})" if part else ""
-        sys.stderr.write(f"{event}{which}, {seconds:.0f} s\n")
+        position = f", part {part} of {of} ({name})" if part else ""
+        sys.stderr.write(f"{event}{position}, {seconds:.0f} s\n")
 
     with shown(progress, write):
         yield
@@ -117,17 +117,17 @@ def _bar(progress: Progress) -> Iterator[None]:
         task = bar.add_task("Compiling the rendering kernels", total=progress.parts, now="")
 
         def show() -> None:
-            now = "another process compiles" if progress.waiting else ", ".join(progress.now)
+            now = "another process compiles" if progress.waiting else ", ".join(progress.compiling)
             bar.update(task, completed=progress.done, now=now)
 
-        progress.changed = show
+        progress.on_change = show
         # While the bar is shown, rich replaces sys.stderr by one that writes lines above the bar.
         handlers = [h for h in logging.getLogger().handlers if isinstance(h, logging.StreamHandler)]
-        moved = [handler for handler in handlers if handler.stream is terminal]
-        for handler in moved:
+        redirected = [handler for handler in handlers if handler.stream is terminal]
+        for handler in redirected:
             handler.setStream(sys.stderr)
         try:
             yield
         finally:
-            for handler in moved:
+            for handler in redirected:
                 handler.setStream(terminal)

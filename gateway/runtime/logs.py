@@ -55,8 +55,8 @@ def configure(log_format: Format = "auto", level: str = "info", *, uvicorn_start
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level.upper())
-    for name, least in _LIBRARY_LEVELS.items():
-        logging.getLogger(name).setLevel(least)
+    for name, minimum in _LIBRARY_LEVELS.items():
+        logging.getLogger(name).setLevel(minimum)
     uvicorn = logging.getLogger("uvicorn.error")
     uvicorn.setLevel(max(uvicorn.level, root.level) if uvicorn_starts else logging.WARNING)
     # The uvicorn command adds handlers to its loggers; the root's handler replaces them. The access log is off, as with

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import gc
 import os
 import resource
@@ -17,9 +18,9 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _SWITCH_SECONDS = 0.001
 """Time after which a thread that runs Python code releases the GIL for the event loop; the default of 5 ms would delay
 every request while another is parsed."""
-_FILES = 65_536
+_MAX_FILES = 65_536
 """File descriptors: one per HTTP, WebSocket and gRPC connection."""
-_RECEIVE_BUFFER = 4 << 20
+_RECEIVE_BUFFER_BYTES = 4 << 20
 """Receive buffer of a connection in bytes: a scene arrives in a few large reads. Linux' automatic size starts at 64 kB
 for every connection, and costs a wake-up of client and event loop for each step."""
 
@@ -40,10 +41,10 @@ def tune() -> None:
         libc.mallopt(_M_MMAP_THRESHOLD, 1 << 30)
         libc.mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = _FILES if hard == resource.RLIM_INFINITY else min(hard, _FILES)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
+    limit = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < limit:
         with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+            resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
 
 
 def return_memory() -> None:
@@ -85,7 +86,7 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if _receive_buffer_allowed(family):  # else the automatic size is larger
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         sock.bind(address)
         sock.listen(2048)
         sock.setblocking(False)
@@ -96,18 +97,22 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def _receive_buffer_allowed(family: int) -> bool:
-    """Return whether the system allows ``_RECEIVE_BUFFER``.
+    """Return whether the system allows ``_RECEIVE_BUFFER_BYTES``.
 
     It reduces larger sizes silently, and setting any size turns the automatic one off.
     """
     with socket.socket(family) as sock:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVE_BUFFER
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVE_BUFFER_BYTES
 
 
 def listen_error(error: OSError, host: str, port: int) -> str:
     """Return the reason for a failure of ``listen``, without a full stop."""
     if isinstance(error, socket.gaierror):
         return f"the host {host!r} is unknown"
-    reasons = {98: "another program listens there", 99: f"{host} is no address of this machine", 13: "not allowed to"}
+    reasons = {
+        errno.EADDRINUSE: "another program listens there",
+        errno.EADDRNOTAVAIL: f"{host} is no address of this machine",
+        errno.EACCES: "not allowed to",
+    }
     return reasons.get(error.errno or 0, error.strerror or str(error)) + f" ({host} port {port})"

@@ -48,7 +48,7 @@ class RecentLogs:
             entries.append(LogEntry(time.time(), event.get("level", method), event["logger"], message))
         return event
 
-    def of(self, logger: str) -> list[LogEntry]:
+    def entries(self, logger: str) -> list[LogEntry]:
         """Return the entries of a logger, oldest first."""
         return list(self._entries[logger])
 

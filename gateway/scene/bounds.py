@@ -1,4 +1,4 @@
-"""Bounds of what is drawn: axis-aligned boxes in the world, from the vertices."""
+"""Axis-aligned bounding boxes of instances and scenes in the world, from the vertices."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.tree import Node, Path
 from renderers.drawlist import DrawList, Instance, Mesh
-
-_BLOCK: Final = 1 << 19
-"""Vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
 
 Bounds = NDArray[np.float64]
 """(2, 3) float64: lowest and highest corner, metres."""
@@ -22,8 +18,15 @@ Bounds = NDArray[np.float64]
 EXACT_VERTICES: Final = 20_000
 """Larger meshes are replaced by the boxes of the cells of a grid. Their bounds are too large by at most one cell;
 transforming a million vertices for every call would take as long as drawing them."""
-_CELLS: Final = 12
-"""Cells along each side of the grid. Only cells with vertices are used."""
+_CELLS_PER_SIDE: Final = 12
+_CHUNK_VERTICES: Final = 1 << 19
+"""Vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
+_CORNER_INDEX: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
+"""(8, 3): for each corner of a box and each axis, 0 for the lowest and 1 for the highest coordinate."""
+_FLAT_RATIO: Final = 0.01
+"""A box is flat if its thinnest side is below this fraction of its longest."""
+_GROUND_RATIO: Final = 1.5
+"""A flat box is a ground or wall if it is longer than the diagonal of all other boxes by this factor."""
 
 
 class _Hull:
@@ -39,7 +42,7 @@ class _Hull:
 
 
 _hulls: WeakKeyDictionary[Mesh, _Hull] = WeakKeyDictionary()
-_focus: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
+_focus_boxes: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
 _lock = threading.Lock()
 
 
@@ -50,83 +53,82 @@ def mesh_bounds(mesh: Mesh) -> Bounds | None:
 
 def _hull_of(mesh: Mesh) -> _Hull:
     with _lock:
-        found = _hulls.get(mesh)
-    if found is None:
-        found = _measure(mesh)
+        hull = _hulls.get(mesh)
+    if hull is None:
+        hull = _make_hull(mesh)
         with _lock:
-            found = _hulls.setdefault(mesh, found)
-    return found
+            hull = _hulls.setdefault(mesh, hull)
+    return hull
 
 
-def _measure(mesh: Mesh) -> _Hull:
-    used = np.zeros(len(mesh.positions), dtype=np.bool_)
-    used[mesh.elements.ravel()] = True
-    points = mesh.positions[used].astype(np.float64)
+def _make_hull(mesh: Mesh) -> _Hull:
+    is_used = np.zeros(len(mesh.positions), dtype=np.bool_)
+    is_used[mesh.elements.ravel()] = True
+    points = mesh.positions[is_used].astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return _Hull(None, points)
     box = np.array((points.min(axis=0), points.max(axis=0)))
-    return _Hull(box, points if len(points) <= EXACT_VERTICES else _cell_corners(points, box))
+    return _Hull(box, points if len(points) <= EXACT_VERTICES else _grid_corners(points, box))
 
 
-def _cell_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
-    """Return the corners of the boxes of the points in each cell of a grid, (K, 3)."""
+def _grid_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
+    """Divide a box into a grid; return the corners of the boxes around the points of each cell, (K, 3) float64."""
     extent = box[1] - box[0]
-    scale = np.divide(_CELLS * 0.999999, extent, out=np.zeros(3), where=extent > 0)
-    cell = ((points - box[0]) * scale).astype(np.int64) @ (1, _CELLS, _CELLS * _CELLS)
+    cells_per_metre = np.divide(_CELLS_PER_SIDE * 0.999999, extent, out=np.zeros(3), where=extent > 0)
+    cell_xyz = ((points - box[0]) * cells_per_metre).astype(np.int64)
+    cell = cell_xyz @ (1, _CELLS_PER_SIDE, _CELLS_PER_SIDE * _CELLS_PER_SIDE)
     order = np.argsort(cell, kind="stable")
-    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
-    low = np.minimum.reduceat(points[order], starts, axis=0)
-    high = np.maximum.reduceat(points[order], starts, axis=0)
-    corners: NDArray[np.float64] = _corners(np.stack((low, high), axis=1)).reshape(-1, 3)
+    cell_starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    low = np.minimum.reduceat(points[order], cell_starts, axis=0)
+    high = np.maximum.reduceat(points[order], cell_starts, axis=0)
+    corners: NDArray[np.float64] = _corners_of_boxes(np.stack((low, high), axis=1)).reshape(-1, 3)
     return corners
 
 
-_CORNERS: Final = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)])
-
-
-def _corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners_of_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the corners of (N, 2, 3) boxes, (N, 8, 3)."""
-    picked: NDArray[np.float64] = np.take_along_axis(boxes, np.broadcast_to(_CORNERS, (len(boxes), 8, 3)), axis=1)
-    return picked
+    indices = np.broadcast_to(_CORNER_INDEX, (len(boxes), 8, 3))
+    corners: NDArray[np.float64] = np.take_along_axis(boxes, indices, axis=1)
+    return corners
 
 
 def corners_of(bounds: Bounds) -> NDArray[np.float64]:
     """Return the corners of a box, (8, 3) float64."""
-    eight: NDArray[np.float64] = _corners(bounds[None])[0]
-    return eight
+    corners: NDArray[np.float64] = _corners_of_boxes(bounds[None])[0]
+    return corners
 
 
-def _placed(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the boxes of one mesh under (N, 4, 4) transforms, (N, 2, 3); None for a mesh that draws nothing."""
     if hull.box is None:
         return None
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
-    out = np.empty((len(linear), 2, 3))
+    boxes = np.empty((len(linear), 2, 3))
     # For rotations by quarter turns, the transformed box is the box of the transformed vertices.
-    aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
-    for which, points in ((np.flatnonzero(aligned), hull.box), (np.flatnonzero(~aligned), hull.points)):
-        step = max(1, _BLOCK // len(points))
-        for begin in range(0, len(which), step):
-            some = which[begin : begin + step]
-            moved = (linear[some].reshape(-1, 3) @ points.T).reshape(len(some), 3, -1)
-            out[some, 0], out[some, 1] = moved.min(axis=2), moved.max(axis=2)
-    out += offset[:, None, :]
-    return out
+    is_aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
+    for indices, points in ((np.flatnonzero(is_aligned), hull.box), (np.flatnonzero(~is_aligned), hull.points)):
+        step = max(1, _CHUNK_VERTICES // len(points))
+        for begin in range(0, len(indices), step):
+            chunk = indices[begin : begin + step]
+            transformed = (linear[chunk].reshape(-1, 3) @ points.T).reshape(len(chunk), 3, -1)
+            boxes[chunk, 0], boxes[chunk, 1] = transformed.min(axis=2), transformed.max(axis=2)
+    boxes += offset[:, None, :]
+    return boxes
 
 
 def instance_bounds(instances: Sequence[Instance]) -> list[Bounds | None]:
     """Return the box of each instance in the world; None for an instance that draws nothing."""
-    of_mesh: dict[Mesh, list[int]] = {}
+    indices_by_mesh: dict[Mesh, list[int]] = {}
     for index, instance in enumerate(instances):
-        of_mesh.setdefault(instance.mesh, []).append(index)
-    out: list[Bounds | None] = [None] * len(instances)
-    for mesh, indices in of_mesh.items():
-        boxes = _placed(_hull_of(mesh), np.array([instances[index].X_world_mesh for index in indices]))
+        indices_by_mesh.setdefault(instance.mesh, []).append(index)
+    box_of: list[Bounds | None] = [None] * len(instances)
+    for mesh, indices in indices_by_mesh.items():
+        boxes = _transformed_boxes(_hull_of(mesh), np.array([instances[index].X_world_mesh for index in indices]))
         if boxes is not None:
             for index, box in zip(indices, boxes, strict=True):
-                out[index] = box
-    return out
+                box_of[index] = box
+    return box_of
 
 
 def union(boxes: list[Bounds]) -> Bounds | None:
@@ -141,73 +143,59 @@ class BoundsCache:
     """Boxes of the instances of the last draw list, for the next one, which shares most of them. Not thread-safe."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Instance, Bounds | None]] = {}
+        self._box_by_id: dict[int, tuple[Instance, Bounds | None]] = {}
+        """Instance and box by the instance's ``id()``. Holding the instance keeps that id from being used again."""
 
-    def bounds_of(self, drawn: DrawList) -> list[Bounds | None]:
+    def bounds_of(self, draw_list: DrawList) -> list[Bounds | None]:
         """Return the box of each instance in the world; None for an instance that draws nothing."""
-        known = self._known
-        missing = [i for i in drawn.instances if id(i) not in known or known[id(i)][0] is not i]
-        measured = {id(i): (i, box) for i, box in zip(missing, instance_bounds(missing), strict=True)}
-        self._known = {id(i): measured.get(id(i)) or known[id(i)] for i in drawn.instances}
-        return [self._known[id(i)][1] for i in drawn.instances]
+        cached = self._box_by_id
+        new = [instance for instance in draw_list.instances if id(instance) not in cached]
+        cached |= {id(instance): (instance, box) for instance, box in zip(new, instance_bounds(new), strict=True)}
+        self._box_by_id = {id(instance): cached[id(instance)] for instance in draw_list.instances}
+        return [box for _, box in map(self._box_by_id.__getitem__, map(id, draw_list.instances))]
 
 
-def scene_bounds(drawn: DrawList) -> Bounds | None:
+def scene_bounds(draw_list: DrawList) -> Bounds | None:
     """Return the box around all instances."""
-    return union([box for box in instance_bounds(drawn.instances) if box is not None])
+    return union([box for box in instance_bounds(draw_list.instances) if box is not None])
 
 
-def loose_bounds(drawn: DrawList) -> Bounds | None:
+def loose_bounds(draw_list: DrawList) -> Bounds | None:
     """Return a box that contains all instances, up to 1.8 times too large, at a hundredth of the cost."""
-    boxed = [(box, i.X_world_mesh) for i in drawn.instances if (box := mesh_bounds(i.mesh)) is not None]
+    boxed = [(box, i.X_world_mesh) for i in draw_list.instances if (box := mesh_bounds(i.mesh)) is not None]
     if not boxed:
         return None
-    X = np.array([X for _, X in boxed])
-    moved = (
-        np.matmul(_corners(np.array([box for box, _ in boxed])), X[:, :3, :3].transpose(0, 2, 1)) + X[:, None, :3, 3]
-    )
-    return np.array((moved.min(axis=(0, 1)), moved.max(axis=(0, 1))))
+    corners = _corners_of_boxes(np.array([box for box, _ in boxed]))
+    X_world_mesh = np.array([X for _, X in boxed])
+    corners = np.matmul(corners, X_world_mesh[:, :3, :3].transpose(0, 2, 1)) + X_world_mesh[:, None, :3, 3]
+    return np.array((corners.min(axis=(0, 1)), corners.max(axis=(0, 1))))
 
 
-def focus_bounds(drawn: DrawList) -> Bounds | None:
+def focus_bounds(draw_list: DrawList) -> Bounds | None:
     """Return the box around everything but grounds and walls much larger than the rest.
 
-    A ground is an instance whose thinnest side is below 1 % of its longest, and whose longest is more than 1.5 times
-    the diagonal of everything that is not flat. The result is kept while the draw list lives, for further cameras.
+    The result is kept while the draw list exists, for further cameras.
     """
     with _lock:
-        known = _focus.get(drawn)
-    if known is None:
-        known = (_focus_bounds(drawn),)
+        cached = _focus_boxes.get(draw_list)
+    if cached is None:
+        cached = (_focus_bounds(draw_list),)
         with _lock:
-            _focus[drawn] = known
-    return known[0]
+            _focus_boxes[draw_list] = cached
+    return cached[0]
 
 
-def _focus_bounds(drawn: DrawList) -> Bounds | None:
-    boxes = [box for box in instance_bounds(drawn.instances) if box is not None]
-    extents = [box[1] - box[0] for box in boxes]
-    solid = union([box for box, extent in zip(boxes, extents, strict=True) if extent.min() >= 0.01 * extent.max()])
+def _focus_bounds(draw_list: DrawList) -> Bounds | None:
+    boxes = [box for box in instance_bounds(draw_list.instances) if box is not None]
+    solid_boxes = [box for box in boxes if not _is_flat(box)]
+    solid = union(solid_boxes)
     if solid is None:
         return union(boxes)
-    reach = 1.5 * float(np.linalg.norm(solid[1] - solid[0]))
-    return union(
-        [
-            box
-            for box, extent in zip(boxes, extents, strict=True)
-            if extent.min() >= 0.01 * extent.max() or extent.max() <= reach
-        ]
-    )
+    longest_flat = _GROUND_RATIO * float(np.linalg.norm(solid[1] - solid[0]))
+    flat_boxes = [box for box in boxes if _is_flat(box) and (box[1] - box[0]).max() <= longest_flat]
+    return union(solid_boxes + flat_boxes)
 
 
-def world_matrix(root: Node, path: Path) -> NDArray[np.float64] | None:
-    """Return X_world_node, (4, 4) float64, the product of all transforms from the root; None without such a node."""
-    node: Node | None = root
-    with np.errstate(all="ignore"):
-        world = root.matrix
-        for element in path:
-            node = node.children.get(element) if node is not None else None
-            if node is None:
-                return None
-            world = world @ node.matrix
-    return world
+def _is_flat(box: Bounds) -> bool:
+    extent = box[1] - box[0]
+    return bool(extent.min() < _FLAT_RATIO * extent.max())

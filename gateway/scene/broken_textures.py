@@ -26,10 +26,11 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
     dropped at once.
 
     Args:
-        max_pixels: Maximum number of pixels of all different textures; further ones are left out, too.
+        max_pixels: Maximum number of pixels of all different textures together. A texture that would exceed it is
+            removed, too.
     """
-    usable: dict[Image, bool] = {}
-    remaining = max_pixels
+    is_usable: dict[Image, bool] = {}
+    remaining_pixels = max_pixels
     materials: dict[Material, Material] = {}
     for part in parts:
         if part.material in materials:
@@ -39,19 +40,20 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
             texture: Texture | None = getattr(part.material, field)
             if texture is None:
                 continue
-            if texture.image not in usable:
-                pixels = _pixels(texture.image)
-                usable[texture.image] = pixels is not None and pixels <= remaining
-                remaining -= pixels if pixels is not None and usable[texture.image] else 0
-            if not usable[texture.image]:
+            if texture.image not in is_usable:
+                pixels = _pixel_count(texture.image)
+                is_usable[texture.image] = pixels is not None and pixels <= remaining_pixels
+                if pixels is not None and is_usable[texture.image]:
+                    remaining_pixels -= pixels
+            if not is_usable[texture.image]:
                 broken[field] = None
-        materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]  # by name
+        materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]
     if all(old is new for old, new in materials.items()):
         return parts
     return tuple(msgspec.structs.replace(part, material=materials[part.material]) for part in parts)
 
 
-def _pixels(image: Image) -> int | None:
+def _pixel_count(image: Image) -> int | None:
     """Return the number of pixels of an image; None where it cannot be decoded."""
     try:
         pixels = image.decode()

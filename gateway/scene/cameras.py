@@ -1,4 +1,4 @@
-"""Cameras in words: the camera grammar.
+"""Cameras as text: the grammar of ``camera=`` and ``--camera``.
 
 ``stereo``
     the left camera of the stereo sensor;
@@ -25,12 +25,12 @@ from gateway.scene.tree import Path
 DEFAULT_FOVY: Final = 45.0
 """Degrees, vertical; Drake's default for its cameras."""
 MIN_FOVY: Final = 0.001
-"""Degrees; at the largest image a focal length of 1e9 pixels, the render endpoint's limit."""
-NEAREST: Final = 1e-9
+"""Degrees. In the largest image this is a focal length of 1e9 pixels, the render endpoint's limit."""
+MIN_PLANE_DISTANCE: Final = 1e-9
 """Minimum distance of a clipping plane, metres; the inverse of smaller ones would overflow."""
-MAX_TEXT: Final = 4096
-"""Maximum length of a camera's text, characters; a path of a dozen names is shorter."""
-LIMIT: Final = 1e12
+MAX_CAMERA_CHARACTERS: Final = 4096
+"""Maximum length of a camera's text; a path of a dozen names is shorter."""
+MAX_COORDINATE: Final = 1e12
 """Maximum coordinate, metres; larger ones would overflow."""
 
 Vector = tuple[float, float, float]
@@ -39,7 +39,7 @@ _NUMBER: Final = r"[+-]?[0-9]{1,9}(\.[0-9]{0,9})?([eE][+-]?[0-2])?"
 _VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
 _NAME: Final = r'("[^"\\\x00-\x1f]*"|0|-?[1-9][0-9]{0,8})'
 _FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-9]{0,9})?)"
-PATTERN: Final = (
+CAMERA_PATTERN: Final = (
     rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?(;fovy={_FOVY})?)$"
 )
 """Regular expression of the grammar, for API descriptions. ``parse_camera`` also accepts other orders and spaces, and
@@ -73,7 +73,7 @@ class NodeCamera:
 
 @dataclass(frozen=True, slots=True)
 class LookAtCamera:
-    """``eye=...;target=...``, metres in the world."""
+    """``eye=...;target=...;up=...``, metres in the world."""
 
     eye: Vector
     target: Vector
@@ -83,7 +83,7 @@ class LookAtCamera:
 
 
 CameraSpec = StereoCamera | FitCamera | NodeCamera | LookAtCamera
-"""Result of ``parse_camera``."""
+"""A parsed camera, not yet placed in a scene."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,17 +110,17 @@ def parse_camera(text: str) -> CameraSpec:
     Raises:
         CameraError: The message names the part that is wrong.
     """
-    if len(text) > MAX_TEXT:
-        raise CameraError(f"camera text has {len(text)} characters, at most {MAX_TEXT} are allowed")
+    if len(text) > MAX_CAMERA_CHARACTERS:
+        raise CameraError(f"camera text has {len(text)} characters, at most {MAX_CAMERA_CHARACTERS} are allowed")
     stripped = text.strip()
     if stripped == "stereo":
         return StereoCamera()
     if stripped == "fit":
         return FitCamera()
     if stripped.startswith("path:"):
-        return NodeCamera(_path(stripped.removeprefix("path:")))
+        return NodeCamera(_parse_path(stripped.removeprefix("path:")))
     if "=" in stripped:
-        return _look_at(stripped)
+        return _parse_look_at(stripped)
     raise CameraError(
         f"camera {quoted(text)} is none of 'stereo', 'fit', 'path:[\"name\", ...]' and 'eye=x,y,z;target=x,y,z'"
     )
@@ -131,7 +131,7 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
-def _path(text: str) -> Path:
+def _parse_path(text: str) -> Path:
     try:
         names = json.loads(text)
     except (ValueError, RecursionError):
@@ -144,7 +144,7 @@ def _path(text: str) -> Path:
     return tuple(names)
 
 
-def _look_at(text: str) -> LookAtCamera:
+def _parse_look_at(text: str) -> LookAtCamera:
     values: dict[str, str] = {}
     for part in text.split(";"):
         if not part.strip():
@@ -159,34 +159,36 @@ def _look_at(text: str) -> LookAtCamera:
     for name in ("eye", "target"):
         if name not in values:
             raise CameraError(f"camera {quoted(text)} has no {name}=x,y,z")
-    eye, target = _vector("eye", values["eye"]), _vector("target", values["target"])
-    up = _vector("up", values["up"]) if "up" in values else (0.0, 0.0, 1.0)
+    eye, target = _parse_vector("eye", values["eye"]), _parse_vector("target", values["target"])
+    up = _parse_vector("up", values["up"]) if "up" in values else (0.0, 0.0, 1.0)
     if eye == target:
         raise CameraError(f"camera part {quoted('target=' + values['target'])} is the same point as eye")
     if up == (0.0, 0.0, 0.0):
         raise CameraError(f"camera part {quoted('up=' + values['up'])} has no direction")
     fovy = None
     if "fovy" in values:
-        fovy = _number("fovy", values["fovy"])
+        fovy = _parse_number("fovy", values["fovy"])
         if not MIN_FOVY <= fovy < 180.0:
             part = quoted("fovy=" + values["fovy"])
             raise CameraError(f"camera part {part} must be at least {MIN_FOVY:g} and less than 180 degrees")
     return LookAtCamera(eye, target, up, fovy)
 
 
-def _vector(name: str, text: str) -> Vector:
+def _parse_vector(name: str, text: str) -> Vector:
     parts = text.split(",")
     if len(parts) != 3:
         raise CameraError(f"camera part {quoted(f'{name}={text}')} needs three numbers separated by commas")
-    x, y, z = (_number(name, part) for part in parts)
+    x, y, z = (_parse_number(name, part) for part in parts)
     return x, y, z
 
 
-def _number(name: str, text: str) -> float:
+def _parse_number(name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not abs(value) <= LIMIT:
-        raise CameraError(f"camera part {name}: {quoted(text)} is not a number between -{LIMIT:g} and {LIMIT:g}")
+    if not abs(value) <= MAX_COORDINATE:
+        raise CameraError(
+            f"camera part {name}: {quoted(text)} is not a number between -{MAX_COORDINATE:g} and {MAX_COORDINATE:g}"
+        )
     return value

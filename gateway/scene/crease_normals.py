@@ -1,4 +1,4 @@
-"""Normals for meshes that come without: smooth, but not across creases."""
+"""Normals of meshes that come without them: smooth, but not across creases."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from renderers.drawlist import Mesh
 
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
 """Faces that meet at a larger angle are shaded apart (Director's feature angle)."""
-MOST_FACES: Final = 256
-"""Faces at one vertex; beyond, its corners are flat, since the time grows with the square of this number."""
+MAX_FACES_PER_VERTEX: Final = 256
+"""Beyond, the corners of a vertex get the normals of their own faces, since the time grows with the square of this
+number."""
+_SAME_NORMAL_COSINE: Final = 0.99999
+"""Corners of one vertex whose normals differ by less (0.26 degrees) share an output vertex."""
 
 _FLOATS = types.Array(types.float32, 2, "C", readonly=True)
 _FACES = types.Array(types.uint32, 2, "C", readonly=True)
@@ -23,8 +26,8 @@ _RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint3
 
 
 @njit(nogil=True)
-def _face(positions, a, b, c, unit):
-    """Return the cross product of a face's edges, and write its direction to ``unit`` (3,)."""
+def _face_normal(positions, a, b, c, unit_normal):
+    """Return the cross product of a face's edges, and write its direction to ``unit_normal`` (3,)."""
     ux = np.float64(positions[b, 0]) - positions[a, 0]
     uy = np.float64(positions[b, 1]) - positions[a, 1]
     uz = np.float64(positions[b, 2]) - positions[a, 2]
@@ -34,112 +37,131 @@ def _face(positions, a, b, c, unit):
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = math.sqrt(x * x + y * y + z * z)
     if length > 0.0:
-        unit[0], unit[1], unit[2] = x / length, y / length, z / length
+        unit_normal[0], unit_normal[1], unit_normal[2] = x / length, y / length, z / length
     else:
-        unit[0], unit[1], unit[2] = 0.0, 0.0, 1.0
+        unit_normal[0], unit_normal[1], unit_normal[2] = 0.0, 0.0, 1.0
     return x, y, z
 
 
+@njit(nogil=True)
+def _corners_by_vertex(faces, vertex_count):
+    """Return the corners of each vertex as ``3 * face + k``, and where each vertex's corners start.
+
+    Returns:
+        (3 M,) int64 corners; (N + 1,) int64 starts: vertex v has ``corners[starts[v] : starts[v + 1]]``.
+    """
+    starts = np.zeros(vertex_count + 1, np.int64)
+    for face in range(len(faces)):
+        for k in range(3):
+            starts[np.int64(faces[face, k]) + 1] += 1
+    for vertex in range(vertex_count):
+        starts[vertex + 1] += starts[vertex]
+    corners = np.empty(3 * len(faces), np.int64)
+    next_corner = starts[:-1].copy()
+    for face in range(len(faces)):
+        for k in range(3):
+            corner_vertex = np.int64(faces[face, k])
+            corners[next_corner[corner_vertex]] = 3 * face + k
+            next_corner[corner_vertex] += 1
+    return corners, starts
+
+
 @cached_njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True)
-def smoothed(positions, faces, cosine):
+def split_at_creases(positions, faces, crease_cosine):
     """Return positions, unit normals and faces of a surface whose vertices are doubled at creases.
 
-    A corner's normal is the mean, weighted by area, of the faces around its vertex whose normals are within the crease
-    angle of its own face's. Corners of a vertex with (almost) the same normal share one vertex.
+    The normal of a face's corner is a mean, weighted by area, over the faces around its vertex: those whose normals are
+    within the crease angle of the face's own normal. Corners of a vertex with (almost) the same normal share one output
+    vertex.
 
     Args:
         positions: (N, 3) float32, finite.
         faces: (M, 3) uint32.
-        cosine: Cosine of the crease angle.
+        crease_cosine: Cosine of the crease angle.
 
     Returns:
         (K, 3) float32, (K, 3) float32, (M, 3) uint32, without the vertices that no face uses.
     """
-    count = len(positions)
-    m = len(faces)
-    area = np.empty((m, 3), np.float64)
-    unit = np.empty((m, 3), np.float64)
-    begin = np.zeros(count + 1, np.int64)
-    for f in range(m):
-        x, y, z = _face(positions, faces[f, 0], faces[f, 1], faces[f, 2], unit[f])
-        area[f, 0], area[f, 1], area[f, 2] = x, y, z
-        for k in range(3):
-            begin[np.int64(faces[f, k]) + 1] += 1
-    for v in range(count):
-        begin[v + 1] += begin[v]
-    # Corners of each vertex, as 3 f + k.
-    corners = np.empty(3 * m, np.int64)
-    place = begin[:-1].copy()
-    for f in range(m):
-        for k in range(3):
-            vertex = np.int64(faces[f, k])
-            corners[place[vertex]] = 3 * f + k
-            place[vertex] += 1
-    out_faces = np.empty((m, 3), np.uint32)
-    normals = np.empty((3 * m, 3), np.float32)
-    source = np.empty(3 * m, np.int64)
-    half_cosine = math.sqrt(max(0.0, (1.0 + cosine) / 2.0))
-    used = 0
-    for v in range(count):
-        first, last = begin[v], begin[v + 1]
-        mine = used
-        flat = last - first > MOST_FACES
-        # Most vertices are smooth all around: all faces are so close to the mean that any two are close to each other.
+    vertex_count = len(positions)
+    face_count = len(faces)
+    area_normals = np.empty((face_count, 3), np.float64)  # of twice the face's area
+    unit_normals = np.empty((face_count, 3), np.float64)
+    for face in range(face_count):
+        x, y, z = _face_normal(positions, faces[face, 0], faces[face, 1], faces[face, 2], unit_normals[face])
+        area_normals[face, 0], area_normals[face, 1], area_normals[face, 2] = x, y, z
+    corners, starts = _corners_by_vertex(faces, vertex_count)
+    out_faces = np.empty((face_count, 3), np.uint32)
+    out_normals = np.empty((3 * face_count, 3), np.float32)
+    source_vertex = np.empty(3 * face_count, np.int64)  # input vertex of each output vertex
+    half_angle_cosine = math.sqrt(max(0.0, (1.0 + crease_cosine) / 2.0))
+    out_count = 0
+    for vertex in range(vertex_count):
+        start, end = starts[vertex], starts[vertex + 1]
+        # Most vertices have no crease: all faces are within half the crease angle of the mean, so any two are within
+        # the crease angle of each other.
         x, y, z = 0.0, 0.0, 0.0
-        for i in range(first, last):
-            f = corners[i] // 3
-            x += area[f, 0]
-            y += area[f, 1]
-            z += area[f, 2]
+        for i in range(start, end):
+            face = corners[i] // 3
+            x += area_normals[face, 0]
+            y += area_normals[face, 1]
+            z += area_normals[face, 2]
         length = math.sqrt(x * x + y * y + z * z)
         if length > 0.0:
             x, y, z = x / length, y / length, z / length
-            smooth = True
-            for i in range(first, last):
-                f = corners[i] // 3
-                if unit[f, 0] * x + unit[f, 1] * y + unit[f, 2] * z <= half_cosine:
-                    smooth = False
+            has_crease = False
+            for i in range(start, end):
+                face = corners[i] // 3
+                cosine = unit_normals[face, 0] * x + unit_normals[face, 1] * y + unit_normals[face, 2] * z
+                if cosine <= half_angle_cosine:
+                    has_crease = True
                     break
-            if smooth:
-                normals[used, 0], normals[used, 1], normals[used, 2] = x, y, z
-                source[used] = v
-                for i in range(first, last):
-                    f = corners[i] // 3
-                    out_faces[f, corners[i] - 3 * f] = used
-                used += 1
+            if not has_crease:
+                out_normals[out_count, 0], out_normals[out_count, 1], out_normals[out_count, 2] = x, y, z
+                source_vertex[out_count] = vertex
+                for i in range(start, end):
+                    out_faces[corners[i] // 3, corners[i] % 3] = out_count
+                out_count += 1
                 continue
-        for i in range(first, last):
-            f = corners[i] // 3
+        first_of_vertex = out_count
+        too_many_faces = end - start > MAX_FACES_PER_VERTEX
+        for i in range(start, end):
+            face = corners[i] // 3
             x, y, z = 0.0, 0.0, 0.0
-            if not flat:
-                for j in range(first, last):
-                    g = corners[j] // 3
-                    near = unit[f, 0] * unit[g, 0] + unit[f, 1] * unit[g, 1] + unit[f, 2] * unit[g, 2]
-                    if near > cosine:
-                        x += area[g, 0]
-                        y += area[g, 1]
-                        z += area[g, 2]
+            if not too_many_faces:
+                for j in range(start, end):
+                    other = corners[j] // 3
+                    cosine = (
+                        unit_normals[face, 0] * unit_normals[other, 0]
+                        + unit_normals[face, 1] * unit_normals[other, 1]
+                        + unit_normals[face, 2] * unit_normals[other, 2]
+                    )
+                    if cosine > crease_cosine:
+                        x += area_normals[other, 0]
+                        y += area_normals[other, 1]
+                        z += area_normals[other, 2]
             length = math.sqrt(x * x + y * y + z * z)
             if length > 0.0:
                 x, y, z = x / length, y / length, z / length
             else:
-                x, y, z = unit[f, 0], unit[f, 1], unit[f, 2]
-            shared = -1
-            for n in range(mine, used):
-                if normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z > 0.99999:
-                    shared = n
+                x, y, z = unit_normals[face, 0], unit_normals[face, 1], unit_normals[face, 2]
+            out_vertex = first_of_vertex
+            while out_vertex < out_count:
+                cosine = (
+                    out_normals[out_vertex, 0] * x + out_normals[out_vertex, 1] * y + out_normals[out_vertex, 2] * z
+                )
+                if cosine > _SAME_NORMAL_COSINE:
                     break
-            if shared < 0:
-                shared = used
-                normals[used, 0], normals[used, 1], normals[used, 2] = x, y, z
-                source[used] = v
-                used += 1
-            out_faces[f, corners[i] - 3 * f] = shared
-    out_positions = np.empty((used, 3), np.float32)
-    for n in range(used):
+                out_vertex += 1
+            if out_vertex == out_count:
+                out_normals[out_count, 0], out_normals[out_count, 1], out_normals[out_count, 2] = x, y, z
+                source_vertex[out_count] = vertex
+                out_count += 1
+            out_faces[face, corners[i] % 3] = out_vertex
+    out_positions = np.empty((out_count, 3), np.float32)
+    for out_vertex in range(out_count):
         for k in range(3):
-            out_positions[n, k] = positions[source[n], k]
-    return out_positions, normals[:used].copy(), out_faces
+            out_positions[out_vertex, k] = positions[source_vertex[out_vertex], k]
+    return out_positions, out_normals[:out_count].copy(), out_faces
 
 
 def smooth_mesh(
@@ -149,8 +171,8 @@ def smooth_mesh(
 
     Vertices are doubled at creases; vertices that no face uses are left out.
     """
-    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
-    return placed, elements, normals
+    out_positions, normals, out_faces = split_at_creases(positions, faces, CREASE_COSINE)
+    return out_positions, out_faces, normals
 
 
 def with_creases(
@@ -160,7 +182,7 @@ def with_creases(
     uv: NDArray[np.float32] | None = None,
     colors: NDArray[np.float32] | None = None,
 ) -> Mesh:
-    """Return a mesh with unit normals; vertices are doubled at creases, and those of equal positions merged.
+    """Return a mesh with unit normals; vertices of equal positions are merged, then doubled at creases.
 
     Args:
         positions: (N, 3) float32, finite.
@@ -168,19 +190,21 @@ def with_creases(
         uv: (N, 2) float32 or None.
         colors: (N, 4) float32 or None.
     """
-    rows = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()  # no -0
-    _, first, place = np.unique(rows, return_index=True, return_inverse=True)
-    welded = place.reshape(-1).astype(np.uint32)[triangles]
-    placed, elements, normals = smooth_mesh(positions[first], welded)
+    position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()  # no -0
+    _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
+    merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
+    smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
     if uv is None and colors is None:
-        return Mesh(placed, elements, normals)
-    key = triangles.reshape(-1) * np.int64(max(len(placed), 1)) + elements.reshape(-1)
-    _, corner, index = np.unique(key, return_index=True, return_inverse=True)
-    vertex = triangles.reshape(-1)[corner]
+        return Mesh(smooth_positions, smooth_triangles, normals)
+    # One output vertex for each pair of an input vertex (uv, colour) and a smooth vertex (normal).
+    vertices, smooth_vertices = triangles.reshape(-1), smooth_triangles.reshape(-1)
+    pairs = vertices * np.int64(max(len(smooth_positions), 1)) + smooth_vertices
+    _, corner, index = np.unique(pairs, return_index=True, return_inverse=True)
+    vertex = vertices[corner]
     return Mesh(
         positions[vertex],
         index.reshape(-1, 3).astype(np.uint32),
-        normals[elements.reshape(-1)[corner]],
+        normals[smooth_vertices[corner]],
         uv0=None if uv is None else uv[vertex],
         colors=None if colors is None else colors[vertex],
     )

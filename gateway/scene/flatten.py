@@ -1,8 +1,8 @@
 """The tree as a draw list: instances with world matrices and labels, without hidden subtrees.
 
-A tree changes little between two images. ``Flattener`` keeps the instances of every node and updates those of nodes and
-world matrices that are other objects than before. Matrices are multiplied per level of the tree in one NumPy call,
-since a call per node would cost more than the arithmetic.
+A tree changes little between two images. ``Flattener`` keeps the instances of every node, and makes new ones only for
+nodes that were edited or moved. Matrices are multiplied per level of the tree in one NumPy call: a call per node would
+take longer than the arithmetic.
 """
 
 from __future__ import annotations
@@ -24,49 +24,52 @@ from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, 
 from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
-"""Metres. An instance with a larger (or non-finite) number in its world matrix is left out: its float32 vertices would
-overflow in the renderer."""
+"""Metres. An instance whose world matrix has a number at or above this limit, or a non-finite one, is left out: its
+float32 vertices would overflow in the renderer."""
 _MAX_CACHED_DEPTH: Final = 8
-"""Depth down to which the instances of whole subtrees are kept; deeper, only those of each node. Otherwise a chain of N
-nodes would keep N * N / 2 references."""
+"""Depth of the tree down to which the instances of whole subtrees are kept. Without this limit a chain of N nodes would
+keep N * N / 2 references."""
 
 LabelOf = Callable[[Path, Part], int]
-"""Return the label of a part at a path."""
+"""Returns the label of a part at a path."""
 
 
 class _Entry:
     """The instances of one node."""
 
     __slots__ = (
+        "X_node_mesh",
         "children",
-        "local",
+        "first_index",
+        "instances",
         "meshes",
         "node",
-        "own",
         "path",
-        "stale",
-        "start",
-        "subtree",
+        "subtree_changed",
+        "subtree_instances",
         "world",
     )
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.node: Node | None = None
+        """The node in the last tree; None for a new entry."""
         self.world: Matrix = IDENTITY
+        """X_world_node, (4, 4)."""
         self.children: dict[PathElement, _Entry] = {}
+        """Entries of the children that are visible and have geometry below them."""
         self.meshes: list[tuple[Mesh, Material, int]] = []
-        """Meshes of the node's parts, with their labels."""
-        self.local: NDArray[np.float64] | None = None
-        """X_node_mesh, (len(meshes), 4, 4); None without meshes."""
-        self.own: list[Instance] = []
-        """Instances of the node itself."""
-        self.start = 0
+        """Meshes of the node's parts, with their materials and labels."""
+        self.X_node_mesh: NDArray[np.float64] | None = None
+        """(len(meshes), 4, 4); None without meshes."""
+        self.instances: list[Instance] = []
+        """Instances of the node itself: its meshes with drawable transforms."""
+        self.first_index = 0
         """Index of the first of them in the draw list."""
-        self.subtree: list[Instance] | None = None
+        self.subtree_instances: list[Instance] | None = None
         """All instances of the subtree in the last draw list; None where they are not kept."""
-        self.stale = True
-        """True if ``subtree`` is out of date."""
+        self.subtree_changed = True
+        """True if ``subtree_instances`` is out of date."""
 
 
 def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
@@ -85,8 +88,10 @@ def _unlabelled(_path: Path, _part: Part) -> int:
 class Flattener:
     """Draw lists of a changing tree, with a label per path. Thread-safe.
 
-    ``instances[i].instance_id`` is i; ``LabelTable.path_of`` returns the path of its label. Instances that did not
-    change since the last call are the same objects; an unchanged root returns the same ``DrawList``.
+    ``instances[i].instance_id`` is i. ``LabelTable.path_of`` returns the path of an instance's label.
+
+    Instances that did not change since the last call are the same objects; an unchanged root returns the same
+    ``DrawList``.
     """
 
     def __init__(self, labels: LabelTable) -> None:
@@ -100,176 +105,169 @@ class Flattener:
 
 
 class _TreeFlattener:
+    """Keeps an entry per drawn node from one tree to the next. Not thread-safe."""
+
     def __init__(self, label_of: LabelOf) -> None:
         self._label_of = label_of
-        self._tree: Node | None = None
-        """Root of ``_drawn``; None after an error."""
         self._root = _Entry(())
-        self._drawn = DrawList()
+        self._last_tree: Node | None = None
+        """Root of the tree of ``_last_draw_list``; None after an error."""
+        self._last_draw_list = DrawList()
         self._materials_changed = False
         """True if this call may have changed the set of materials."""
 
-    def flatten(self, root: Node) -> DrawList:
-        if self._tree is root:
-            return self._drawn
-        self._tree = None
+    def flatten(self, tree: Node) -> DrawList:
+        if self._last_tree is tree:
+            return self._last_draw_list
+        self._last_tree = None
         self._materials_changed = False
         try:
-            moved = self._update_entries(root if root.visible else Node())
-            self._make_instances(moved)
-            instances = self._list()
+            outdated = self._update_entries(tree if tree.visible else Node())
+            self._make_instances(outdated)
+            instances = self._all_instances()
         except BaseException:
             # The next call must not take half-updated entries for finished ones.
             self._root = _Entry(())
             raise
-        images = images_of(i.material for i in instances) if self._materials_changed else self._drawn.images
-        self._drawn = DrawList(tuple(instances), images)
-        self._tree = root
-        return self._drawn
+        images = self._last_draw_list.images
+        if self._materials_changed:
+            images = images_of(instance.material for instance in instances)
+        self._last_draw_list = DrawList(tuple(instances), images)
+        self._last_tree = tree
+        return self._last_draw_list
 
-    def _update_entries(self, root: Node) -> list[_Entry]:
+    def _update_entries(self, tree: Node) -> list[_Entry]:
         """Update entries and world matrices level by level; return the entries whose instances are out of date."""
-        moved_all: list[_Entry] = []
-        # (entry, node, the parent's world matrix, True if that has changed)
-        level: list[tuple[_Entry, Node, Matrix, bool]] = [(self._root, root, IDENTITY, False)]
+        outdated: list[_Entry] = []
+        # (entry, node, world matrix of the parent, True if that matrix has changed)
+        level: list[tuple[_Entry, Node, Matrix, bool]] = [(self._root, tree, IDENTITY, False)]
         while level:
-            moved: list[_Entry] = []
-            parents: list[Matrix] = []
-            current: list[tuple[_Entry, Node, bool]] = []
+            moved_entries: list[_Entry] = []
+            moved_nodes: list[Node] = []
+            parent_matrices: list[Matrix] = []
+            parents: list[tuple[_Entry, Node, bool]] = []
             for entry, node, parent_world, parent_moved in level:
-                before = entry.node
-                entry.stale = True
+                old_node = entry.node
+                entry.subtree_changed = True
                 entry.node = node
-                parts_changed = node.parts is not (None if before is None else before.parts)
+                parts_changed = node.parts is not (None if old_node is None else old_node.parts)
                 if parts_changed:
                     self._update_meshes(entry, node.parts or ())
-                is_moved = parent_moved or before is None or not before.same_transform(node)
-                if is_moved:
-                    moved.append(entry)
-                    parents.append(parent_world)
+                moved = parent_moved or old_node is None or not old_node.same_transform(node)
+                if moved:
+                    moved_entries.append(entry)
+                    moved_nodes.append(node)
+                    parent_matrices.append(parent_world)
                 elif parts_changed:
-                    moved_all.append(entry)
+                    outdated.append(entry)
                 if node.children or entry.children:
-                    current.append((entry, node, is_moved))
-            if moved:
-                matrices = _local_matrices([e.node for e in moved if e.node is not None])
+                    parents.append((entry, node, moved))
+            if moved_entries:
                 with np.errstate(all="ignore"):
-                    worlds = np.matmul(np.array(parents), matrices)
-                for entry, world in zip(moved, worlds, strict=True):
+                    worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
+                for entry, world in zip(moved_entries, worlds, strict=True):
                     entry.world = world
-                moved_all.extend(moved)
+                outdated.extend(moved_entries)
             level = []
-            for entry, node, is_moved in current:
-                self._descend(entry, node, is_moved, level)
-        return moved_all
+            for entry, node, moved in parents:
+                self._add_children(entry, node, moved, level)
+        return outdated
 
     def _update_meshes(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
-        """Update the meshes of a node."""
         self._materials_changed = True
         entry.meshes = []
-        locals_: list[Matrix] = []
+        matrices: list[Matrix] = []
         for part in parts:
             check_stop()
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 entry.meshes.append((mesh, material, label))
-                locals_.append(X_part_mesh if part.X_node_part is IDENTITY else part.X_node_part @ X_part_mesh)
-        entry.local = np.array(locals_) if locals_ else None
+                matrices.append(X_part_mesh if part.X_node_part is IDENTITY else part.X_node_part @ X_part_mesh)
+        entry.X_node_mesh = np.array(matrices) if matrices else None
 
-    def _descend(
-        self, entry: _Entry, node: Node, is_moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
+    def _add_children(
+        self, entry: _Entry, node: Node, moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
     ) -> None:
         """Append the children to update to the next level, and drop the entries of removed ones."""
-        known = entry.children
         drawn = {name: child for name, child in node.children.items() if child.visible and child.geometry_count}
-        if list(known) != list(drawn):
+        if list(entry.children) != list(drawn):
             self._materials_changed = True
-            known = {name: known.get(name) or _Entry((*entry.path, name)) for name in drawn}
-            entry.children = known
-        for child_entry, child in zip(known.values(), drawn.values(), strict=True):
-            if is_moved or child_entry.node is not child:
-                level.append((child_entry, child, entry.world, is_moved))
+            entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
+        for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
+            if moved or child_entry.node is not child:
+                level.append((child_entry, child, entry.world, moved))
 
     def _make_instances(self, entries: list[_Entry]) -> None:
-        """Create the instances of entries from their world matrices."""
+        """Create the instances of entries from their world matrices, in one product."""
         for entry in entries:
-            if entry.local is None:
-                entry.own = []
-        filled = [entry for entry in entries if entry.local is not None]
-        if not filled:
+            if entry.X_node_mesh is None:
+                entry.instances = []
+        with_meshes = [(entry, entry.X_node_mesh) for entry in entries if entry.X_node_mesh is not None]
+        if not with_meshes:
             return
-        locals_ = [entry.local for entry in filled if entry.local is not None]
-        counts = [len(local) for local in locals_]
-        worlds = np.repeat(np.array([entry.world for entry in filled]), counts, axis=0)
+        counts = [len(X_node_mesh) for _, X_node_mesh in with_meshes]
+        worlds = np.repeat(np.array([entry.world for entry, _ in with_meshes]), counts, axis=0)
         with np.errstate(all="ignore"):
-            placed = np.matmul(worlds, np.concatenate(locals_))
-            drawable = (np.abs(placed) < DRAWABLE).all(axis=(1, 2))
-        all_drawable = bool(drawable.all())
-        index = 0
-        for entry in filled:
-            own: list[Instance] = []
-            number = entry.start
+            X_world_mesh = np.matmul(worlds, np.concatenate([X_node_mesh for _, X_node_mesh in with_meshes]))
+            drawable = (np.abs(X_world_mesh) < DRAWABLE).all(axis=(1, 2)).tolist()
+        row = 0
+        for entry, _ in with_meshes:
+            instances: list[Instance] = []
             for mesh, material, label in entry.meshes:
-                if all_drawable or drawable[index]:
-                    own.append(Instance(mesh, material, placed[index], label, number))
-                    number += 1
-                index += 1
-            if len(own) != len(entry.own):
+                if drawable[row]:
+                    instance_id = entry.first_index + len(instances)
+                    instances.append(Instance(mesh, material, X_world_mesh[row], label, instance_id))
+                row += 1
+            if len(instances) != len(entry.instances):
                 self._materials_changed = True
-            entry.own = own
+            entry.instances = instances
 
-    def _list(self) -> list[Instance]:
+    def _all_instances(self) -> list[Instance]:
         """Return all instances in the order of the tree, numbered. Unchanged subtrees at the same index are copied."""
-        out: list[Instance] = []
-        stack: list[tuple[_Entry, bool]] = [(self._root, False)]
+        result: list[Instance] = []
+        stack: list[tuple[_Entry, bool]] = [(self._root, False)]  # True: the subtree is complete
         while stack:
-            entry, done = stack.pop()
-            if done:
-                entry.subtree = out[entry.start :]
+            entry, complete = stack.pop()
+            if complete:
+                entry.subtree_instances = result[entry.first_index :]
                 continue
-            start = len(out)
-            if not entry.stale and entry.subtree is not None and entry.start == start:
-                out.extend(entry.subtree)
+            index = len(result)
+            if not entry.subtree_changed and entry.subtree_instances is not None and entry.first_index == index:
+                result.extend(entry.subtree_instances)
                 continue
-            own = entry.own
-            if own and own[0].instance_id != start:
-                own = entry.own = [
-                    Instance(i.mesh, i.material, i.X_world_mesh, i.label, start + k) for k, i in enumerate(own)
+            if entry.instances and entry.instances[0].instance_id != index:
+                entry.instances = [
+                    Instance(i.mesh, i.material, i.X_world_mesh, i.label, index + k)
+                    for k, i in enumerate(entry.instances)
                 ]
-            entry.start, entry.stale, entry.subtree = start, False, None
-            out.extend(own)
+            entry.first_index, entry.subtree_changed, entry.subtree_instances = index, False, None
+            result.extend(entry.instances)
             if entry.children:
                 if len(entry.path) < _MAX_CACHED_DEPTH:
                     stack.append((entry, True))
                 stack.extend((child, False) for child in reversed(entry.children.values()))
             else:
-                entry.subtree = own
-        return out
+                entry.subtree_instances = entry.instances
+        return result
 
 
 def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
-    """Return X_parent_node of each node, (N, 4, 4). Poses without a matrix are converted together."""
+    """Return X_parent_node of each node, (N, 4, 4). Poses are converted in one call."""
     posed = [index for index, node in enumerate(nodes) if node.pose is not None]
-    if len(posed) < 8:
+    if len(posed) < 8:  # fewer are faster one by one
         return np.array([node.matrix for node in nodes])
-    matrices = from_poses(np.array([nodes[index].pose for index in posed], dtype=np.float64))
-    if len(posed) == len(nodes):
-        return matrices
-    both = np.empty((len(nodes), 4, 4))
-    both[posed] = matrices
-    rest = [index for index, node in enumerate(nodes) if node.pose is None]
-    both[rest] = np.array([nodes[index].matrix for index in rest])
-    return both
+    matrices = np.empty((len(nodes), 4, 4))
+    matrices[posed] = from_poses(np.array([nodes[index].pose for index in posed], dtype=np.float64))
+    for index, node in enumerate(nodes):
+        if node.pose is None:
+            matrices[index] = node.matrix
+    return matrices
 
 
 def images_of(materials: Iterable[Material]) -> tuple[Image, ...]:
     """Return the images of all materials, each once, in the order of first use."""
     images: dict[Image, None] = {}
-    seen: set[int] = set()
-    for material in materials:
-        if id(material) in seen:
-            continue
-        seen.add(id(material))
+    for material in {id(material): material for material in materials}.values():  # comparing by value is slow
         for texture in (
             material.base_color_texture,
             material.metallic_roughness_texture,

@@ -47,7 +47,7 @@ class Capsule(Value, frozen=True, gc=False):
 
     radius: float
     length: float
-    """Of the cylinder, without the end caps."""
+    """Length of the cylinder, without the end caps."""
 
 
 class Surface(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -58,7 +58,7 @@ class Surface(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PointCloud:
-    """Points with any number of named channels, of ``pointcloud`` and ``planar_lidar``."""
+    """Points with any number of named channels."""
 
     points: NDArray[np.float32]
     """(N, 3) float32."""

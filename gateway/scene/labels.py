@@ -28,29 +28,29 @@ class LabelTable:
         if not 0 < limit <= MAX_LABELS:
             raise ValueError(f"label limit {limit} must be in 1 .. {MAX_LABELS}")
         self._limit = limit
-        self._by_path: dict[Path, int] = {}
+        self._label_by_path: dict[Path, int] = {}
         self._paths: list[Path] = []
         self._lock = threading.Lock()
 
     def label_of(self, path: Path) -> int:
         """Return the label of a path; a new path gets the next free one."""
-        label = self._by_path.get(path)
+        label = self._label_by_path.get(path)
         if label is not None:
             return label
         with self._lock:
-            label = self._by_path.get(path)
+            label = self._label_by_path.get(path)
             if label is None:
                 if len(self._paths) >= self._limit:
                     return LABEL_NONE
                 self._paths.append(path)
                 label = len(self._paths)
-                self._by_path[path] = label
+                self._label_by_path[path] = label
             return label
 
     def path_of(self, label: int) -> Path | None:
         """Return the path with this label; None where there is none."""
         return self._paths[label - 1] if 1 <= label <= len(self._paths) else None
 
-    def known(self) -> Mapping[int, Path]:
-        """Return all paths with a label so far, by label."""
+    def paths_by_label(self) -> Mapping[int, Path]:
+        """Return the paths that have a label."""
         return {index + 1: path for index, path in enumerate(self._paths)}

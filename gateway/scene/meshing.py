@@ -1,4 +1,4 @@
-"""Shapes as meshes: shared unit meshes, scaled by the instance's transform, where possible."""
+"""Shapes as meshes. Where possible, shapes share a unit mesh that the instance's transform scales."""
 
 from __future__ import annotations
 
@@ -30,55 +30,57 @@ from renderers.drawlist import Material, Mesh
 from renderers.tubes import clean_polyline, tube
 
 TRIAD_TUBE_RADIUS: Final = 0.002
-"""Metres, whatever the triad's scale (Director)."""
-SLENDER: Final = 1e6
-"""Ratio of length to radius above which the ends of a capsule are below float32's resolution."""
-POINT_SIZE: Final = 2.0
+"""Metres, independent of the triad's scale (Director)."""
+MAX_CAPSULE_ASPECT: Final = 1e6
+"""Maximum ratio of length to radius; the ends of a longer capsule are below float32's resolution."""
+MIN_POINT_SIZE: Final = 2.0
 """Minimum point size, pixels (Director)."""
-THINNEST: Final = 1e-6
-"""Thickness of a solid that is flat along an axis (a floor as a box of height 0), as a fraction of its largest extent.
-This is invisible, but keeps the transform invertible for normals."""
+MIN_THICKNESS_RATIO: Final = 1e-6
+"""Minimum thickness of a solid, as a fraction of its largest extent. On a floor (a box of height 0) it is invisible,
+but keeps the transform invertible for normals."""
 
-SMALLEST: Final = 1e-12
-LARGEST: Final = 1e15
-"""Metres. Smaller extents count as zero and larger ones as infinite, so that their squares and ratios stay within
-float32."""
+MIN_EXTENT: Final = 1e-12
+MAX_EXTENT: Final = 1e15
+"""Metres. Extents below ``MIN_EXTENT`` count as zero and those above ``MAX_EXTENT`` as infinite, so that their squares
+and ratios stay within float32."""
 
-MeshPart = tuple[Mesh, Material, Matrix]
-"""(mesh, material, X_part_mesh (4, 4) float64)."""
+PlacedMesh = tuple[Mesh, Material, Matrix]
+"""(mesh, material, X_part_mesh)."""
 
-_Piece = tuple[Mesh, bool, Matrix]
+_ShapeMesh = tuple[Mesh, bool, Matrix]
 """(mesh, True if its vertex colours replace the material's colour, X_part_mesh)."""
 
 
-def meshes_of(shape: Shape, material: Material) -> tuple[MeshPart, ...]:
+def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
     """Return the meshes that draw ``shape`` in the part's frame.
 
     No value that a client can send raises an error. Shapes without extent or with numbers that are not finite draw
     nothing. A cylinder or capsule without radius is a hairline. Negative lengths and radii of boxes and ellipsoids
     count as positive ones, since the mirror images look the same.
     """
-    pieces = _pieces(shape)
-    if isinstance(shape, PointCloud) and material.point_size < POINT_SIZE:
-        material = replace(material, point_size=POINT_SIZE)
-    return tuple((mesh, _white(material) if coloured else material, matrix) for mesh, coloured, matrix in pieces)
+    if isinstance(shape, PointCloud) and material.point_size < MIN_POINT_SIZE:
+        material = replace(material, point_size=MIN_POINT_SIZE)
+    return tuple(
+        (mesh, _with_white_color(material) if has_own_colors else material, X_part_mesh)
+        for mesh, has_own_colors, X_part_mesh in _shape_meshes(shape)
+    )
 
 
-def _white(material: Material) -> Material:
-    """Return the material in white, with its alpha, for meshes with vertex colours."""
+def _with_white_color(material: Material) -> Material:
+    """Return the material in white, with its alpha: the renderer multiplies it by vertex colours."""
     return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
 
 
-def _pieces(shape: Shape) -> tuple[_Piece, ...]:
+def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
     match shape:
         case Surface(mesh):
             return ((mesh, False, IDENTITY),)
         case Box(lengths):
-            return _scaled(primitives.box(), lengths)
+            return _scaled_unit_mesh(primitives.box(), lengths)
         case Sphere(radius):
-            return _scaled(primitives.sphere(), (radius, radius, radius)) if radius > 0.0 else ()
+            return _scaled_unit_mesh(primitives.sphere(), (radius, radius, radius)) if radius > 0.0 else ()
         case Ellipsoid(radii):
-            return _scaled(primitives.sphere(), radii)
+            return _scaled_unit_mesh(primitives.sphere(), radii)
         case Cylinder(radius, length):
             return _cylinder(radius, abs(length))
         case Capsule(radius, length):
@@ -86,45 +88,45 @@ def _pieces(shape: Shape) -> tuple[_Piece, ...]:
         case Triad(scale, with_tubes):
             return _triad(scale, with_tubes)
         case PointCloud() | Line():
-            return _cached_pieces(shape)
+            return _cached_meshes(shape)
 
 
-def _scaled(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_Piece, ...]:
+def _scaled_unit_mesh(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_ShapeMesh, ...]:
     x, y, z = (abs(float(value)) for value in scale)
-    largest = max(x, y, z)
-    if not _drawable(largest) or math.isnan(x + y + z):
+    longest = max(x, y, z)
+    if not _is_drawable(longest) or math.isnan(x + y + z):
         return ()
-    thinnest = THINNEST * largest
-    return ((mesh, False, scaling(max(x, thinnest), max(y, thinnest), max(z, thinnest))),)
+    thickness = MIN_THICKNESS_RATIO * longest
+    return ((mesh, False, scaling(max(x, thickness), max(y, thickness), max(z, thickness))),)
 
 
-def _drawable(extent: float) -> bool:
-    return SMALLEST <= extent <= LARGEST
+def _is_drawable(extent: float) -> bool:
+    return MIN_EXTENT <= extent <= MAX_EXTENT
 
 
-def _cylinder(radius: float, length: float) -> tuple[_Piece, ...]:
-    if not (_drawable(length) and radius <= LARGEST):
+def _cylinder(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
+    if not (_is_drawable(length) and radius <= MAX_EXTENT):
         return ()
-    if radius < SMALLEST:
+    if radius < MIN_EXTENT:
         return ((_unit_segment(), False, scaling(length, length, length)),)
-    return _scaled(primitives.cylinder(), (radius, radius, length))
+    return _scaled_unit_mesh(primitives.cylinder(), (radius, radius, length))
 
 
-def _capsule(radius: float, length: float) -> tuple[_Piece, ...]:
-    if not (_drawable(radius) and length <= LARGEST) or length > SLENDER * radius:
+def _capsule(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
+    if not (_is_drawable(radius) and length <= MAX_EXTENT) or length > MAX_CAPSULE_ASPECT * radius:
         return _cylinder(radius, length)
     aspect = length / radius
-    mesh = primitives.capsule(aspect) if aspect > 1.0 / SLENDER else primitives.sphere()
-    return _scaled(mesh, (radius, radius, radius))
+    mesh = primitives.capsule(aspect) if aspect > 1.0 / MAX_CAPSULE_ASPECT else primitives.sphere()
+    return _scaled_unit_mesh(mesh, (radius, radius, radius))
 
 
 @lru_cache(maxsize=1)
 def _unit_segment() -> Mesh:
     """Return a hairline of length 1 along z, around the origin."""
-    return _lines(np.array(((0.0, 0.0, -0.5), (0.0, 0.0, 0.5))), closed=False)
+    return _hairlines(np.array(((0.0, 0.0, -0.5), (0.0, 0.0, 0.5))), closed=False)
 
 
-def _lines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
+def _hairlines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
     """Return hairlines from each point to the next."""
     index = np.arange(len(points), dtype=np.uint32)
     elements = np.stack((index, np.roll(index, -1)), axis=1)
@@ -135,8 +137,8 @@ def _lines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
 _AXIS_COLORS: Final = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0))
 
 
-def _triad(scale: float, with_tubes: bool) -> tuple[_Piece, ...]:
-    if not _drawable(abs(scale)):
+def _triad(scale: float, with_tubes: bool) -> tuple[_ShapeMesh, ...]:
+    if not _is_drawable(abs(scale)):
         return ()
     hairlines = (_triad_lines(), True, scaling(scale, scale, scale))
     # Tubes as thin as Director's vanish at a distance; the hairlines inside them stay visible.
@@ -157,40 +159,40 @@ def _triad_tubes(scale: float) -> Mesh:
     tubes = [tube(np.stack((np.zeros(3), axis * scale)), TRIAD_TUBE_RADIUS) for axis in np.eye(3)]
     meshes = [mesh for mesh in tubes if mesh is not None]
     positions, normals = ([m.positions for m in meshes], [m.normals for m in meshes if m.normals is not None])
-    first = np.cumsum([0] + [len(p) for p in positions[:-1]], dtype=np.uint32)
+    first_vertex = np.cumsum([0] + [len(p) for p in positions[:-1]], dtype=np.uint32)
     colors = [
         np.tile(np.array(color, dtype=np.float32), (len(p), 1))
         for color, p in zip(_AXIS_COLORS, positions, strict=True)
     ]
     return Mesh(
         np.concatenate(positions),
-        np.concatenate([m.elements + offset for m, offset in zip(meshes, first, strict=True)]),
+        np.concatenate([m.elements + offset for m, offset in zip(meshes, first_vertex, strict=True)]),
         np.concatenate(normals),
         colors=np.concatenate(colors),
     )
 
 
-_pieces_by_shape: WeakKeyDictionary[PointCloud | Line, tuple[_Piece, ...]] = WeakKeyDictionary()
-_pieces_lock = threading.Lock()
+_meshes_by_shape: WeakKeyDictionary[PointCloud | Line, tuple[_ShapeMesh, ...]] = WeakKeyDictionary()
+_meshes_lock = threading.Lock()
 
 
-def _cached_pieces(shape: PointCloud | Line) -> tuple[_Piece, ...]:
-    """Return the pieces of a shape, computed once per object."""
-    with _pieces_lock:
-        found = _pieces_by_shape.get(shape)
-    if found is None:
-        found = _point_cloud(shape) if isinstance(shape, PointCloud) else _line(shape)
-        with _pieces_lock:
-            found = _pieces_by_shape.setdefault(shape, found)
-    return found
+def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
+    """Return the meshes of a shape, computed once per object."""
+    with _meshes_lock:
+        meshes = _meshes_by_shape.get(shape)
+    if meshes is None:
+        meshes = _point_cloud(shape) if isinstance(shape, PointCloud) else _line(shape)
+        with _meshes_lock:
+            meshes = _meshes_by_shape.setdefault(shape, meshes)
+    return meshes
 
 
-def _point_cloud(cloud: PointCloud) -> tuple[_Piece, ...]:
+def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
     """Return the finite points, coloured by ``rgb``, else by ``intensity`` as grey.
 
     Channels of the wrong length are ignored: some clients send empty ones.
     """
-    finite = (np.abs(cloud.points) < LARGEST).all(axis=1)
+    finite = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
     if not finite.any():
         return ()
     colors = _cloud_colors(cloud)
@@ -217,47 +219,48 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
     return colors
 
 
-def _line(line: Line) -> tuple[_Piece, ...]:
-    points = clean_polyline(line.points, LARGEST, closed=line.closed)
+def _line(line: Line) -> tuple[_ShapeMesh, ...]:
+    points = clean_polyline(line.points, MAX_EXTENT, closed=line.closed)
     if len(points) < 2:
         return ()
-    heads, shaft = _heads(line, points)
+    heads, shaft = _line_heads(line, points)
     radius = float(line.radius)
-    solid = tube(shaft, radius, closed=line.closed) if _drawable(radius) else None
-    body = solid if solid is not None else _lines(shaft, closed=line.closed)
-    return ((body, False, IDENTITY), *heads)
+    mesh = tube(shaft, radius, closed=line.closed) if _is_drawable(radius) else None
+    if mesh is None:
+        mesh = _hairlines(shaft, closed=line.closed)
+    return ((mesh, False, IDENTITY), *heads)
 
 
-def _heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_Piece], NDArray[np.float64]]:
+def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMesh], NDArray[np.float64]]:
     """Return the cones at the ends, and the points of the shortened shaft.
 
     As in Director, the tip lies at the end point, the base one head length behind it, and the shaft ends half a head
-    length before the tip. A shorter shaft keeps a hundredth of its last segment.
+    length before the tip. Of a last segment shorter than that, the shaft keeps a hundredth.
     """
     radius = float(line.head_radius)
     length = radius if line.head_length is None else float(line.head_length)
-    wanted = [line.start_head, line.end_head]
-    if not (any(wanted) and _drawable(radius) and _drawable(length)):
+    has_head = [line.start_head, line.end_head]
+    if not (any(has_head) and _is_drawable(radius) and _is_drawable(length)):
         return [], points
     shaft = points.copy()
-    heads: list[_Piece] = []
-    share = 0.495 if all(wanted) and len(points) == 2 else 0.99
+    heads: list[_ShapeMesh] = []
+    max_cut = 0.495 if all(has_head) and len(points) == 2 else 0.99  # fraction of the last segment
     for end, neighbour in ((0, 1), (-1, -2)):
-        if not wanted[end]:
+        if not has_head[end]:
             continue
         tip, direction = points[end], points[end] - points[neighbour]
         distance = float(np.linalg.norm(direction))
-        direction = direction / distance
+        direction /= distance
         heads.append((primitives.cone(), False, _cone_pose(tip, direction, radius, length)))
         if not line.closed:
-            shaft[end] = tip - direction * min(0.5 * length, share * distance)
+            shaft[end] = tip - direction * min(0.5 * length, max_cut * distance)
     return heads, shaft
 
 
 def _cone_pose(tip: NDArray[np.float64], direction: NDArray[np.float64], radius: float, length: float) -> Matrix:
     """Return the (4, 4) transform of the unit cone to a tip and a unit direction."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    x = np.cross(other, direction)
+    least_parallel_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(least_parallel_axis, direction)
     x /= np.linalg.norm(x)
     matrix = translation(*tip.tolist())
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = x * radius, np.cross(direction, x) * radius, direction * length

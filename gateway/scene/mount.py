@@ -22,9 +22,9 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
         CameraError: The text is neither.
     """
     if "=" in text:
-        camera = parse_camera(text)
-        assert isinstance(camera, LookAtCamera)
-        return look_at(camera.eye, camera.target, camera.up)
+        look_at_camera = parse_camera(text)
+        assert isinstance(look_at_camera, LookAtCamera)  # the only kind with an equals sign
+        return look_at(look_at_camera.eye, look_at_camera.target, look_at_camera.up)
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -63,7 +63,7 @@ class Mount:
         """Return X_world_camera in this tree, (4, 4) float64."""
         if self._path is not None:
             try:
-                camera = resolve_camera(NodeCamera(self._path), root, 1, 1, drawn=DrawList())
+                camera = resolve_camera(NodeCamera(self._path), root, 1, 1, draw_list=DrawList())
             except CameraError as error:
                 self.warning = f"the stereo camera keeps its last pose: {error}"
             else:

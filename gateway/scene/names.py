@@ -1,4 +1,4 @@
-"""Path elements in JSON, which cannot hold every Python string, nor every integer."""
+"""Path elements as JSON values."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def _identity() -> Matrix:
 IDENTITY: Final[Matrix] = _identity()
 """(4, 4) float64, read-only. Compare by ``is`` to skip work."""
 
-SQUARE_SAFE: Final = (1e-200, 1e200)
+SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
 """Range of squared quaternion norms that are far from underflow and overflow."""
 
 
@@ -35,13 +35,13 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
             numbers give a non-finite matrix.
     """
     w, x, y, z = quaternion
-    norm2 = w * w + x * x + y * y + z * z
-    if not SQUARE_SAFE[0] < norm2 < SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
+    squared_norm = w * w + x * x + y * y + z * z
+    if not SAFE_SQUARED_NORMS[0] < squared_norm < SAFE_SQUARED_NORMS[1] and all(map(math.isfinite, quaternion)):
         scale = max(abs(w), abs(x), abs(y), abs(z))
         if scale > 0.0:
             w, x, y, z = w / scale, x / scale, y / scale, z / scale
-            norm2 = w * w + x * x + y * y + z * z
-    s = 2.0 / norm2 if norm2 > 0.0 else norm2
+            squared_norm = w * w + x * x + y * y + z * z
+    s = 2.0 / squared_norm if squared_norm > 0.0 else squared_norm
     wx, wy, wz = s * w * x, s * w * y, s * w * z
     xx, xy, xz = s * x * x, s * x * y, s * x * z
     yy, yz, zz = s * y * y, s * y * z, s * z * z
@@ -56,7 +56,7 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
 
 
 def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``from_pose`` of many poses, bit for bit.
+    """Return ``from_pose`` of many poses, with the same bits.
 
     Args:
         poses: (N, 7) float64: x, y, z, qw, qx, qy, qz.
@@ -66,10 +66,10 @@ def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     w, x, y, z = poses[:, 3:].T
     with np.errstate(all="ignore"):
-        norm2 = w * w + x * x + y * y + z * z
-        if not ((norm2 > SQUARE_SAFE[0]) & (norm2 < SQUARE_SAFE[1])).all():
+        squared_norm = w * w + x * x + y * y + z * z
+        if not ((squared_norm > SAFE_SQUARED_NORMS[0]) & (squared_norm < SAFE_SQUARED_NORMS[1])).all():
             return np.array([from_pose(pose[:3], pose[3:]) for pose in poses.tolist()]).reshape(-1, 4, 4)
-        s = 2.0 / norm2
+        s = 2.0 / squared_norm
         sw, sx, sy, sz = s * w, s * x, s * y, s * z
     matrices = np.zeros((len(poses), 4, 4))
     matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2] = 1.0 - (sy * y + sz * z), sx * y - sw * z, sx * z + sw * y
@@ -132,8 +132,8 @@ def look_at(
     Raises:
         ValueError: Eye and target coincide.
     """
-    e, t = np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64)
-    forward = t - e
+    position = np.asarray(eye, dtype=np.float64)
+    forward = np.asarray(target, dtype=np.float64) - position
     distance = float(np.linalg.norm(forward))
     if not distance > 0.0:
         raise ValueError("camera eye and target coincide")
@@ -145,7 +145,7 @@ def look_at(
             break
     right /= length
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2], matrix[:3, 3] = right, np.cross(forward, right), forward, e
+    matrix[:3] = np.column_stack((right, np.cross(forward, right), forward, position))
     return matrix
 
 

@@ -49,7 +49,7 @@ class Node:
     visible: bool
     """False hides the whole subtree in images."""
     owner: object | None
-    """The ``TreeEdit`` token that may change the node; None or another one's: copy it first."""
+    """Token of the ``TreeEdit`` that created or copied the node; any other edit must copy the node first."""
 
     def __init__(
         self,
@@ -99,6 +99,23 @@ class Node:
             if node is None:
                 return None
         return node
+
+    def world_matrix(self, path: Path) -> NDArray[np.float64] | None:
+        """Return the product of all transforms down to ``path``, this node's included; None without such a node.
+
+        Returns:
+            (4, 4) float64 X_world_node, if this node is the root.
+        """
+        node = self
+        with np.errstate(all="ignore"):
+            matrix = node.matrix
+            for element in path:
+                child = node.children.get(element)
+                if child is None:
+                    return None
+                node = child
+                matrix = matrix @ node.matrix
+        return matrix
 
     def walk(self, prefix: Path = ()) -> Iterator[tuple[Path, Node]]:
         """Iterate over this node and all below, parents first, without recursion."""
@@ -290,11 +307,12 @@ def changes(old: Node, new: Node) -> Iterator[Change]:
 
 
 def _reordered(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
-    """Return the names in both mappings whose position after their siblings changed; new names come last as a rule."""
-    names, kept = list(after), [name for name in before if name in after]
-    if names[: len(kept)] == kept:
+    """Return the names in both mappings that stand behind the first change of order."""
+    new_order = list(after)
+    old_order = [name for name in before if name in after]
+    if new_order[: len(old_order)] == old_order:
         return frozenset()
-    same = 0
-    while same < len(kept) and names[same] == kept[same]:
-        same += 1
-    return frozenset(name for name in names[same:] if name in before)
+    first_change = 0
+    while new_order[first_change] == old_order[first_change]:
+        first_change += 1
+    return frozenset(name for name in new_order[first_change:] if name in before)

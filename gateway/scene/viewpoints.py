@@ -1,4 +1,4 @@
-"""Cameras in words, orbits and poses as cameras in a scene: their poses and clipping planes."""
+"""Placement of cameras in a scene: pose, focal length and clipping planes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.bounds import Bounds, corners_of, focus_bounds, loose_bounds, world_matrix
+from gateway.scene.bounds import Bounds, corners_of, focus_bounds, loose_bounds
 from gateway.scene.cameras import (
     DEFAULT_FOVY,
-    LIMIT,
+    MAX_COORDINATE,
     MIN_FOVY,
     CameraError,
     CameraSpec,
@@ -35,7 +35,10 @@ from renderers.drawlist import DrawList
 FIT_DIRECTION: Final = (1.0, -1.0, 0.8)
 """Direction from the scene's centre to the eye: front right and above, for robots that face +x."""
 FIT_MARGIN: Final = 1.05
-"""Half height of the image over that of the framed box."""
+"""Ratio of the image's half height to the framed box's."""
+
+_EMPTY_SCENE_BOX: Final = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
+"""Box that is framed where the scene draws nothing, metres."""
 
 
 def resolve_camera(
@@ -48,9 +51,9 @@ def resolve_camera(
     near: float | None = None,
     far: float | None = None,
     stereo: Camera | None = None,
-    drawn: DrawList | None = None,
+    draw_list: DrawList | None = None,
 ) -> Camera:
-    """Return a camera in a scene for an image of a size.
+    """Return the camera of an image of a scene.
 
     Args:
         spec: Result of ``parse_camera``, or an orbit or pose.
@@ -59,7 +62,7 @@ def resolve_camera(
         fovy: Vertical field of view in degrees where the text has none.
         near, far: Clipping planes, metres; None: chosen so that the whole scene lies between them.
         stereo: Current left camera of the stereo sensor, of any size; None without such a sensor.
-        drawn: The tree's draw list, if the caller has it.
+        draw_list: The tree's draw list, if the caller has it.
 
     Raises:
         NoSuchCameraError: No such node, or no stereo camera.
@@ -71,11 +74,12 @@ def resolve_camera(
         if stereo is None:
             raise NoSuchCameraError("camera 'stereo': this gateway runs no stereo camera")
         return _resized(stereo, width, height, near, far)
-    scene = flatten(root) if drawn is None else drawn
+    if draw_list is None:
+        draw_list = flatten(root)
     if isinstance(spec, FitCamera):
-        pose = _fit(focus_bounds(scene), fovy, width / height, FIT_DIRECTION)
+        pose = _framing_pose(focus_bounds(draw_list), fovy, width / height, FIT_DIRECTION)
     elif isinstance(spec, OrbitCamera):
-        pose = _on_orbit(focus_bounds(scene), fovy, width / height, spec)
+        pose = _orbit_pose(focus_bounds(draw_list), fovy, width / height, spec)
     elif isinstance(spec, PoseCamera):
         pose = spec.X_world_camera
     elif isinstance(spec, NodeCamera):
@@ -86,17 +90,17 @@ def resolve_camera(
         except ValueError as error:  # points so close that their distance rounds to 0
             raise CameraError(str(error)) from None
         fovy = fovy if spec.fovy is None else spec.fovy
-    lens = 0.5 * height / math.tan(math.radians(0.5 * fovy))
-    near, far = _clipped(near, far, _planes(loose_bounds(scene), pose))
-    return _camera(width, height, lens, lens, width / 2, height / 2, near, far, pose)
+    focal_length = 0.5 * height / math.tan(math.radians(0.5 * fovy))
+    near, far = _clipping_planes(near, far, _fitted_planes(loose_bounds(draw_list), pose))
+    return _camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, pose)
 
 
-def _clipped(near: float | None, far: float | None, chosen: tuple[float, float]) -> tuple[float, float]:
-    """Return the given clipping planes, else the chosen ones, moved where they conflict with a given one."""
-    chosen_near, chosen_far = chosen
+def _clipping_planes(near: float | None, far: float | None, fitted: tuple[float, float]) -> tuple[float, float]:
+    """Return the given planes. A missing one is the fitted one, moved if it conflicts with the given one."""
+    fitted_near, fitted_far = fitted
     if near is None:
-        return (chosen_near if far is None else min(chosen_near, 0.5 * far)), far or chosen_far
-    return near, (far or max(chosen_far, 2.0 * near))
+        return (fitted_near if far is None else min(fitted_near, 0.5 * far)), far or fitted_far
+    return near, (far or max(fitted_far, 2.0 * near))
 
 
 def _camera(
@@ -119,7 +123,7 @@ def _camera(
 def _resized(stereo: Camera, width: int, height: int, near: float | None, far: float | None) -> Camera:
     """Return the sensor's camera at another size: the same horizontal field of view, square pixels stay square."""
     scale = width / stereo.width
-    near, far = _clipped(near, far, (stereo.near, stereo.far))
+    near, far = _clipping_planes(near, far, (stereo.near, stereo.far))
     return _camera(
         width,
         height,
@@ -136,7 +140,7 @@ def _resized(stereo: Camera, width: int, height: int, near: float | None, far: f
 def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
     """Return the node's frame without scale and shear. The forward axis is kept, then the right one."""
     text = json.dumps(list(path))
-    world = world_matrix(root, path)
+    world = root.world_matrix(path)
     if world is None:
         raise NoSuchCameraError(f"camera path {quoted(text)}: there is no such node")
     z, x = world[:3, 2], world[:3, 0]
@@ -144,34 +148,40 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
         z = z / np.linalg.norm(z)
         x = x - z * (x @ z)
         x = x / np.linalg.norm(x)
-    if not (np.isfinite(z).all() and np.isfinite(x).all() and (np.abs(world[:3, 3]) <= LIMIT).all()):
+    if not (np.isfinite(z).all() and np.isfinite(x).all() and (np.abs(world[:3, 3]) <= MAX_COORDINATE).all()):
         raise CameraError(f"camera path {quoted(text)}: the node's world transform has no usable axes")
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, world[:3, 3]
     return pose
 
 
-def _fit(
+def _framing_pose(
     bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
 ) -> NDArray[np.float64]:
-    """Return a pose in a direction from the box's centre; without a distance, the nearest one that sees all corners."""
-    box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
+    """Return a pose that looks at the centre of the bounds, or of ``_EMPTY_SCENE_BOX``.
+
+    Args:
+        aspect: Width of the image divided by its height.
+        direction: Direction from the centre to the eye.
+        distance: Metres from the centre to the eye; None: the smallest one that has all corners in view.
+    """
+    box = _EMPTY_SCENE_BOX if bounds is None else bounds
     centre = box.mean(axis=0)
     unit = np.array(direction) / np.linalg.norm(direction)
     pose = look_at(centre + unit, centre, (0.0, 0.0, 1.0))
     if distance is None:
-        x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T
-        tan_y = math.tan(math.radians(0.5 * fovy)) / FIT_MARGIN
-        reach = np.maximum(np.abs(x) / (tan_y * aspect), np.abs(y) / tan_y)
-        distance = max(float((reach - z).max()), float(np.abs(box).max()) * 1e-6, 1e-6)
+        x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T  # in the camera's axes
+        tangent = math.tan(math.radians(0.5 * fovy)) / FIT_MARGIN
+        min_depth = np.maximum(np.abs(x) / (tangent * aspect), np.abs(y) / tangent)
+        distance = max(float((min_depth - z).max()), float(np.abs(box).max()) * 1e-6, 1e-6)
     pose[:3, 3] = centre + unit * distance
     return pose
 
 
-def _on_orbit(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitCamera) -> NDArray[np.float64]:
-    box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
+def _orbit_pose(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitCamera) -> NDArray[np.float64]:
+    box = _EMPTY_SCENE_BOX if bounds is None else bounds
     distance = _orbit_radius(box.tobytes(), fovy, aspect, orbit.count, orbit.elevation)
-    return _fit(box, fovy, aspect, _around(orbit.index / orbit.count, orbit.elevation), distance)
+    return _framing_pose(box, fovy, aspect, _orbit_direction(orbit.index / orbit.count, orbit.elevation), distance)
 
 
 @lru_cache(maxsize=64)
@@ -184,21 +194,21 @@ def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevati
         bounds: Bytes of a (2, 3) float64 box.
     """
     box = np.frombuffer(bounds).reshape(2, 3)
-    poses = (_fit(box, fovy, aspect, _around(index / count, elevation)) for index in range(count))
+    poses = (_framing_pose(box, fovy, aspect, _orbit_direction(index / count, elevation)) for index in range(count))
     return max(float(np.linalg.norm(pose[:3, 3] - box.mean(axis=0))) for pose in poses)
 
 
-def _around(turn: float, elevation: float) -> Vector:
+def _orbit_direction(turn: float, elevation: float) -> Vector:
     """Return the direction from the centre to the eye after a fraction of a turn, counter-clockwise from +x."""
-    angle, height = 2.0 * math.pi * turn, math.radians(elevation)
-    return math.cos(angle) * math.cos(height), math.sin(angle) * math.cos(height), math.sin(height)
+    azimuth, altitude = 2.0 * math.pi * turn, math.radians(elevation)
+    return math.cos(azimuth) * math.cos(altitude), math.sin(azimuth) * math.cos(altitude), math.sin(altitude)
 
 
-def _planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:
-    """Return clipping planes around the whole scene.
+def _fitted_planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:
+    """Return near and far planes around the whole scene.
 
-    Depth is stored as 1/z in floating point, so a near plane close to the eye costs no resolution. For a camera within
-    the scene's box the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
+    A near plane close to the eye costs no resolution, because depth is stored as 1/z in floating point. For a camera
+    within the scene's box the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
     """
     if bounds is None:
         return 0.01, 100.0

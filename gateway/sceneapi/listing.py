@@ -49,34 +49,35 @@ class Listing(msgspec.Struct):
 
 
 def list_scene(
-    snapshot: Snapshot, drawn: DrawList, boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
+    snapshot: Snapshot, draw_list: DrawList, boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
 ) -> bytes:
     """Return the JSON of a snapshot.
 
     Args:
-        drawn: The snapshot's draw list, with labels from ``labels``.
-        boxes: World bounds of its instances.
+        draw_list: The snapshot's draw list, with labels from ``labels``.
+        boxes: World bounds of the draw list's instances.
     """
     index_of: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []
+    """Index of each node's parent; the root's is its own."""
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
     with np.errstate(all="ignore"):
         while stack and len(nodes) < max_nodes:
-            path, node, parent, parent_index = stack.pop()
-            world = parent @ node.matrix
+            path, node, parent_world, parent_index = stack.pop()
+            world = parent_world @ node.matrix
             index = index_of[path] = len(nodes)
-            nodes.append(_node(path, node, world, labels))
+            nodes.append(_listed_node(path, node, world, labels))
             parents.append(parent_index)
             stack.extend(((*path, name), child, world, index) for name, child in reversed(node.children.items()))
-    _set_bounds(nodes, parents, index_of, drawn, boxes, labels)
+    _set_bounds(nodes, parents, index_of, draw_list, boxes, labels)
     bounds = union([box for box in boxes if box is not None])
     return msgspec.json.encode(
         Listing(snapshot.revision, nodes, snapshot.root.node_count, None if bounds is None else bounds.tolist())
     )
 
 
-def _node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
+def _listed_node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
     return ListedNode(
         path=[json_element(element) for element in path],
@@ -93,13 +94,13 @@ def _set_bounds(
     nodes: list[ListedNode],
     parents: list[int],
     index_of: dict[Path, int],
-    drawn: DrawList,
+    draw_list: DrawList,
     boxes: list[Bounds | None],
     labels: LabelTable,
 ) -> None:
     """Set the bounds of all nodes from their instances and children, leaves first."""
     boxes_of: dict[int, list[Any]] = {}
-    for instance, box in zip(drawn.instances, boxes, strict=True):
+    for instance, box in zip(draw_list.instances, boxes, strict=True):
         path = labels.path_of(instance.label)
         if box is not None and path in index_of:
             boxes_of.setdefault(index_of[path], []).append(box)

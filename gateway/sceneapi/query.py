@@ -1,21 +1,22 @@
-"""Query parameters of ``/scene/render`` and ``/scene.glb``, and their OpenAPI description."""
+"""Query parameters of ``/scene/render`` and ``/scene.glb``: each is declared once, for the parser and for OpenAPI."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, cast, get_args
+from typing import Any, Final, Literal, get_args
 
 from gateway.scene.cameras import (
+    CAMERA_PATTERN,
     DEFAULT_FOVY,
-    LIMIT,
+    MAX_COORDINATE,
     MIN_FOVY,
-    NEAREST,
-    PATTERN,
+    MIN_PLANE_DISTANCE,
     CameraError,
     CameraSpec,
     parse_camera,
+    quoted,
 )
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
@@ -24,11 +25,8 @@ from renderers.interface import LookName, SampleCount
 ImageType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
 
-TYPES: Final = ("color", "depth", "label")
-LOOKS: Final = get_args(LookName)
-FORMATS: Final = ("tiff", "png")
-SAMPLES: Final = ("1", "4", "8")
-_CAMERA_EXAMPLE: Final = "eye=2,-2,1.5;target=0,0,0.5"
+FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far")
+"""Parameters of ``/scene.glb``."""
 
 
 class QueryError(ValueError):
@@ -61,6 +59,117 @@ class ImageQuery:
     """File format of depth images."""
 
 
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A query parameter."""
+
+    name: str
+    description: str
+    schema: Mapping[str, Any]
+    """JSON schema, with the limits that ``parse`` checks and the default."""
+    example: object
+    unit: str = ""
+    """Unit of numbers, for error messages."""
+
+    def parse(self, text: str) -> Any:
+        """Return the value of the parameter.
+
+        Raises:
+            QueryError: The value does not match the schema.
+        """
+        if self.name == "camera":
+            try:
+                return parse_camera(text)
+            except CameraError as error:
+                raise QueryError(str(error)) from error
+        if "enum" in self.schema:
+            choices = {str(choice): choice for choice in self.schema["enum"]}
+            if text not in choices:
+                raise QueryError(f"{self.name}={quoted(text)} is not one of {', '.join(choices)}")
+            return choices[text]
+        if self.schema["type"] == "integer":
+            return self._parse_integer(text)
+        return self._parse_number(text)
+
+    def _parse_integer(self, text: str) -> int:
+        value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+        low, high = self.schema["minimum"], self.schema["maximum"]
+        if not low <= value <= high:
+            raise QueryError(f"{self.name}={quoted(text)} is not a number of {self.unit} between {low} and {high}")
+        return value
+
+    def _parse_number(self, text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise QueryError(f"{self.name}={quoted(text)} is not a number")
+        low = self.schema["minimum"]
+        high, below = self.schema.get("maximum", math.inf), self.schema.get("exclusiveMaximum", math.inf)
+        if not (low <= value <= high and value < below):
+            limit = f"at most {high:g}" if high < math.inf else f"less than {below:g}"
+            raise QueryError(f"{self.name}={quoted(text)} must be at least {low:g} and {limit} {self.unit}")
+        return value
+
+    def openapi(self) -> dict[str, Any]:
+        """Return the OpenAPI description."""
+        return {
+            "name": self.name,
+            "in": "query",
+            "required": False,
+            "description": self.description,
+            "schema": dict(self.schema),
+            "examples": example(self.example),
+        }
+
+
+def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
+    """Return the parameters of ``GET /scene/render``."""
+    side = {"type": "integer", "minimum": 1, "maximum": config.max_side}
+    pixels = f"Pixels; width x height is at most {config.max_pixels}."
+    plane = {"type": "number", "minimum": MIN_PLANE_DISTANCE, "maximum": MAX_COORDINATE}
+    fovy = {"type": "number", "default": DEFAULT_FOVY, "minimum": MIN_FOVY, "exclusiveMaximum": 180}
+    return (
+        Parameter(
+            "camera",
+            'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
+            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
+            {"type": "string", "default": "fit", "pattern": CAMERA_PATTERN},
+            "eye=2,-2,1.5;target=0,0,0.5",
+        ),
+        Parameter("type", "Type of the image.", _choice(get_args(ImageType), "color"), "color"),
+        Parameter("width", pixels, {**side, "default": config.width}, 640, "pixels"),
+        Parameter("height", pixels, {**side, "default": config.height}, 480, "pixels"),
+        Parameter("look", "Shading of colour images.", _choice(get_args(LookName), config.look), config.look),
+        Parameter(
+            "samples",
+            f"Samples per pixel of colour images; default {config.samples} for studio, 1 and FXAA for other looks.",
+            {"type": "integer", "enum": list(get_args(SampleCount))},
+            4,
+        ),
+        Parameter("fovy", "Vertical field of view in degrees, for cameras without one.", fovy, DEFAULT_FOVY, "degrees"),
+        Parameter(
+            "near",
+            "Near clipping plane in metres, less than far; by default fitted to the scene.",
+            plane,
+            0.1,
+            "metres",
+        ),
+        Parameter("far", "Far clipping plane in metres; by default fitted to the scene.", plane, 100.0, "metres"),
+        Parameter(
+            "format",
+            "File format of depth images: TIFF in float32 metres, or PNG in millimetres.",
+            _choice(get_args(DepthFormat), "tiff"),
+            "tiff",
+        ),
+    )
+
+
+def _choice(choices: tuple[str, ...], default: str) -> dict[str, Any]:
+    return {"type": "string", "enum": list(choices), "default": default}
+
+
 def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery | None:
     """Parse the camera of ``GET /scene.glb``; return None without any parameter.
 
@@ -77,164 +186,37 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
     Raises:
         QueryError: A parameter is unknown or invalid.
     """
-    _check_names(query, PARAMETERS)
-    try:
-        camera = parse_camera(query.get("camera", "fit"))
-    except CameraError as error:
-        raise QueryError(str(error)) from error
-    width = _size(query, "width", config.width, config)
-    height = _size(query, "height", config.height, config)
+    parameters = image_parameters(config)
+    _check_names(query, tuple(parameter.name for parameter in parameters))
+    values: dict[str, Any] = {"camera": parse_camera("fit")}
+    for parameter in parameters:
+        if parameter.name in query:
+            values[parameter.name] = parameter.parse(query[parameter.name])
+        else:
+            values.setdefault(parameter.name, parameter.schema.get("default"))
+    width, height, near, far = values["width"], values["height"], values["near"], values["far"]
     if width * height > config.max_pixels:
         raise QueryError(f"width x height = {width}x{height} has more than {config.max_pixels} pixels")
-    fovy = _number(query, "fovy")
-    if fovy is not None and not MIN_FOVY <= fovy < 180.0:
-        raise QueryError(f"fovy={_quoted(query['fovy'])} must be at least {MIN_FOVY:g} and less than 180 degrees")
-    near, far = _number(query, "near"), _number(query, "far")
-    for name, value in (("near", near), ("far", far)):
-        if value is not None and not NEAREST <= value <= LIMIT:
-            raise QueryError(f"{name}={_quoted(query[name])} must be from {NEAREST:g} to {LIMIT:g} metres")
     if near is not None and far is not None and near >= far:
-        raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
-    look = cast("LookName", _choice(query, "look", LOOKS, config.look))
-    return ImageQuery(
-        camera=camera,
-        type=cast("ImageType", _choice(query, "type", TYPES, "color")),
-        width=width,
-        height=height,
-        look=look,
-        samples=_samples(query, config.samples if look == "studio" else 1),
-        fovy=DEFAULT_FOVY if fovy is None else fovy,
-        near=near,
-        far=far,
-        format=cast("DepthFormat", _choice(query, "format", FORMATS, "tiff")),
-    )
+        raise QueryError(f"near={quoted(query['near'])} must be less than far={quoted(query['far'])}")
+    if values["samples"] is None:
+        values["samples"] = config.samples if values["look"] == "studio" else 1
+    return ImageQuery(**values)
 
 
 def _check_names(query: Mapping[str, str], names: tuple[str, ...]) -> None:
-    unknown = [name for name in query if name not in names]
-    if unknown:
-        raise QueryError(f"{_quoted(unknown[0])} is not a parameter; the parameters are {', '.join(names)}")
-
-
-def _quoted(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
-
-
-def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], default: str) -> str:
-    value = query.get(name, default)
-    if value not in choices:
-        raise QueryError(f"{name}={_quoted(value)} is not one of {', '.join(choices)}")
-    return value
-
-
-def _samples(query: Mapping[str, str], default: SampleCount) -> SampleCount:
-    return cast("SampleCount", int(_choice(query, "samples", SAMPLES, str(default))))
-
-
-def _size(query: Mapping[str, str], name: str, default: int, config: SceneApiConfig) -> int:
-    text = query.get(name)
-    if text is None:
-        return default
-    value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
-    if not 1 <= value <= config.max_side:
-        raise QueryError(f"{name}={_quoted(text)} is not a number of pixels between 1 and {config.max_side}")
-    return value
-
-
-def _number(query: Mapping[str, str], name: str) -> float | None:
-    text = query.get(name)
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise QueryError(f"{name}={_quoted(text)} is not a number")
-    return value
-
-
-def _parameter(
-    name: str, kind: str, default: object, example_value: object, description: str, **schema: object
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "in": "query",
-        "required": False,
-        "description": description,
-        "schema": {"type": kind, **({} if default is None else {"default": default}), **schema},
-        "examples": example(example_value),
-    }
-
-
-def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
-    """Return the OpenAPI description of the parameters of ``GET /scene.glb``."""
-    known = {entry["name"]: entry for entry in openapi_parameters(config)}
-    camera = known["camera"]
-    text = (
-        "Camera in the file, which clients of /render need; without any parameter the file has no camera. "
-        f"{camera['description']}"
-    )
-    return [{**camera, "description": text}, *(known[name] for name in FILE_PARAMETERS[1:])]
+    for name in query:
+        if name not in names:
+            raise QueryError(f"{quoted(name)} is not a parameter; the parameters are {', '.join(names)}")
 
 
 def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
     """Return the OpenAPI description of the parameters of ``GET /scene/render``."""
-    size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
-    plane: dict[str, Any] = {"minimum": NEAREST, "maximum": LIMIT}
-    pixels = f"Pixels; width x height is at most {config.max_pixels}."
-    return [
-        _parameter(
-            "camera",
-            "string",
-            "fit",
-            _CAMERA_EXAMPLE,
-            'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
-            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
-            pattern=PATTERN,
-        ),
-        _parameter("type", "string", "color", "color", "Type of the image.", enum=list(TYPES)),
-        _parameter("width", "integer", config.width, 640, pixels, **size),
-        _parameter("height", "integer", config.height, 480, pixels, **size),
-        _parameter("look", "string", config.look, config.look, "Shading of colour images.", enum=list(LOOKS)),
-        _parameter(
-            "samples",
-            "integer",
-            None,
-            4,
-            f"Samples per pixel of colour images; default {config.samples} for studio, 1 and FXAA for other looks.",
-            enum=[int(samples) for samples in SAMPLES],
-        ),
-        _parameter(
-            "fovy",
-            "number",
-            DEFAULT_FOVY,
-            DEFAULT_FOVY,
-            "Vertical field of view in degrees, for cameras without one.",
-            minimum=MIN_FOVY,
-            exclusiveMaximum=180,
-        ),
-        _parameter(
-            "near",
-            "number",
-            None,
-            0.1,
-            "Near clipping plane in metres, less than far; by default fitted to the scene.",
-            **plane,
-        ),
-        _parameter(
-            "far", "number", None, 100.0, "Far clipping plane in metres; by default fitted to the scene.", **plane
-        ),
-        _parameter(
-            "format",
-            "string",
-            "tiff",
-            "tiff",
-            "File format of depth images: TIFF in float32 metres, or PNG in millimetres.",
-            enum=list(FORMATS),
-        ),
-    ]
+    return [parameter.openapi() for parameter in image_parameters(config)]
 
 
-PARAMETERS: Final = tuple(entry["name"] for entry in openapi_parameters(SceneApiConfig()))
-FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far")
+def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
+    """Return the OpenAPI description of the parameters of ``GET /scene.glb``."""
+    camera, *others = (entry for entry in openapi_parameters(config) if entry["name"] in FILE_PARAMETERS)
+    hint = "Camera in the file, which clients of /render need; without any parameter the file has no camera. "
+    return [{**camera, "description": f"{hint}{camera['description']}"}, *others]

@@ -23,12 +23,12 @@ from gateway.server.unavailable import PoolErrors, unavailable
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_INVALID: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
-_NO_CAMERA: Final = {
+_INVALID_PARAMETER: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
+_CAMERA_NOT_FOUND: Final = {
     "description": "The camera's node is not in the scene, or there is no stereo camera.",
     "content": _TEXT,
 }
-_LISTING: Final = {
+_LISTING_EXAMPLE: Final = {
     "revision": 7,
     "nodes": [
         {
@@ -51,27 +51,27 @@ def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
     routes = APIRouter(tags=["scene"])
 
-    async def listing(http: Request) -> Response:
+    async def listing(request: Request) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        return await _cacheable(service, http, service.listing)
+        return await _cacheable(service, request, service.listing)
 
-    async def file(http: Request) -> Response:
+    async def file(request: Request) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
         try:
-            query = parse_file_query(dict(http.query_params), service.config)
+            query = parse_file_query(dict(request.query_params), service.config)
         except QueryError as error:
-            return _plain(400, str(error))
+            return _text_response(400, str(error))
         if query is None:
-            return await _cacheable(service, http, service.file)
-        return await _uncacheable(service, http, lambda: service.file(query))
+            return await _cacheable(service, request, service.file)
+        return await _uncacheable(service, request, lambda: service.file(query))
 
-    async def image(http: Request) -> Response:
+    async def image(request: Request) -> Response:
         """An image of the newest scene."""
         try:
-            query = parse_query(dict(http.query_params), service.config)
+            query = parse_query(dict(request.query_params), service.config)
         except QueryError as error:
-            return _plain(400, str(error))
-        return await _uncacheable(service, http, lambda: service.image(query))
+            return _text_response(400, str(error))
+        return await _uncacheable(service, request, lambda: service.image(query))
 
     routes.add_api_route(
         "/scene",
@@ -79,7 +79,7 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="List the scene",
         response_class=Response,
-        responses=_responses({"application/json": {"example": _LISTING}}, cached=True),
+        responses=_responses({"application/json": {"example": _LISTING_EXAMPLE}}, cached=True),
     )
     routes.add_api_route(
         "/scene.glb",
@@ -89,8 +89,8 @@ def router(service: SceneApi) -> APIRouter:
         response_class=Response,
         responses={
             **_responses({"model/gltf-binary": _BINARY}, cached=True),
-            400: _INVALID,
-            404: _NO_CAMERA,
+            400: _INVALID_PARAMETER,
+            404: _CAMERA_NOT_FOUND,
             413: {"description": "The file would be larger than the limit.", "content": _TEXT},
         },
         openapi_extra={"parameters": openapi_file_parameters(service.config)},
@@ -119,44 +119,44 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
     if cached:
         responses[304] = {"description": "The scene has not changed since If-None-Match."}
     else:
-        responses[400], responses[404] = _INVALID, _NO_CAMERA
+        responses[400], responses[404] = _INVALID_PARAMETER, _CAMERA_NOT_FOUND
     return responses
 
 
-async def _cacheable(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> Response:
+async def _cacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
     """Respond with something that depends on the scene only; 304 if the client has it."""
     headers = {"Cache-Control": "no-cache"}
     revision = service.snapshot.revision
     etag = service.etag(revision)
-    known = [tag.strip().removeprefix("W/") for tag in http.headers.get("if-none-match", "").split(",")]
-    if etag in known or "*" in known:
+    client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
+    if etag in client_etags or "*" in client_etags:
         return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    result = await _run(service, http, make)
+    result = await _run(service, request, make)
     if not isinstance(result, SceneResponse):
         return result
     return _response(result, {**headers, "ETag": service.etag(result.revision)})
 
 
-async def _uncacheable(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> Response:
+async def _uncacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
     """Respond with something that depends on more than the scene."""
-    result = await _run(service, http, make)
+    result = await _run(service, request, make)
     return _response(result, {"Cache-Control": "no-store"}) if isinstance(result, SceneResponse) else result
 
 
-async def _run(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> SceneResponse | Response:
+async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> SceneResponse | Response:
     """Call ``make`` in a worker thread; return its result or an error response."""
     try:
-        return await while_connected(http, service.workers.run(make))
+        return await while_connected(request, service.workers.run(make))
     except ClientDisconnect:
         return Response(status_code=CLIENT_GONE)
     except CameraNotFoundError as error:
-        return _plain(404, str(error))
+        return _text_response(404, str(error))
     except QueryError as error:
-        return _plain(400, str(error))
+        return _text_response(400, str(error))
     except ExportError as error:
-        return _plain(413, str(error))
+        return _text_response(413, str(error))
     except ImageError as error:
-        return _plain(500, f"a texture of the scene cannot be decoded: {error}")
+        return _text_response(500, f"a texture of the scene cannot be decoded: {error}")
     except PoolErrors as error:
         return unavailable(error)
 
@@ -166,6 +166,6 @@ def _response(result: SceneResponse, headers: dict[str, str]) -> Response:
     return Response(result.body, media_type=result.media_type, headers=headers)
 
 
-def _plain(status: int, message: str) -> Response:
+def _text_response(status: int, message: str) -> Response:
     body = message.encode("utf-8", "backslashreplace")
     return Response(body, status, media_type="text/plain; charset=utf-8")

@@ -1,4 +1,4 @@
-"""Listing, glTF file and images of the live scene. The methods run in several worker threads at once."""
+"""Listing, glTF file and images of the live scene."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SceneResponse:
 
 
 class SceneApi:
-    """The live scene as HTTP responses. Thread-safe."""
+    """Makes the bodies of responses from the newest snapshot. Thread-safe."""
 
     def __init__(
         self,
@@ -71,12 +71,12 @@ class SceneApi:
         self._labels = LabelTable() if labels is None else labels
         self._flattener = Flattener(self._labels) if flattener is None else flattener
         self._stereo_camera = stereo_camera
-        self._instance = uuid.uuid4().hex[:12]
+        self._process_id = uuid.uuid4().hex[:12]
         self._listing_lock = threading.Lock()
         self._bounds = BoundsCache()
         self._listing: SceneResponse | None = None
         self._count_lock = threading.Lock()
-        self._images = 0
+        self._image_count = 0
 
     @property
     def snapshot(self) -> Snapshot:
@@ -85,7 +85,7 @@ class SceneApi:
 
     def etag(self, revision: int) -> str:
         """Return the ETag of a revision, unique to this process: revisions start at zero in each."""
-        return f'"{self._instance}-{revision}"'
+        return f'"{self._process_id}-{revision}"'
 
     def status(self) -> dict[str, Any]:
         """Return the figures for health and metrics."""
@@ -93,7 +93,7 @@ class SceneApi:
         return {
             "revision": snapshot.revision,
             "geometries": snapshot.root.geometry_count,
-            "pictures": self._images,
+            "pictures": self._image_count,
         }
 
     def listing(self) -> SceneResponse:
@@ -102,9 +102,9 @@ class SceneApi:
             snapshot = self._tree.snapshot
             listing = self._listing
             if listing is None or listing.revision != snapshot.revision:
-                drawn = self._flattener.flatten(snapshot)
-                boxes = self._bounds.bounds_of(drawn)
-                body = list_scene(snapshot, drawn, boxes, self._labels, self.config.max_nodes)
+                draw_list = self._flattener.flatten(snapshot)
+                boxes = self._bounds.bounds_of(draw_list)
+                body = list_scene(snapshot, draw_list, boxes, self._labels, self.config.max_nodes)
                 listing = self._listing = SceneResponse(body, "application/json", snapshot.revision)
             return listing
 
@@ -130,21 +130,21 @@ class SceneApi:
             ImageError: A texture of the scene cannot be decoded.
         """
         snapshot = self._tree.snapshot
-        drawn = self._flattener.flatten(snapshot)
-        camera = self._camera(query, snapshot, drawn)
+        draw_list = self._flattener.flatten(snapshot)
+        camera = self._camera(query, snapshot, draw_list)
         look = Look(query.look, self.config.background, query.samples, self.config.rig)
         apply_fxaa = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
-            is_point = _point_instances(drawn)
+            is_point = _point_instances(draw_list)
             outputs |= Output(0) if is_point is None else Output.INSTANCE
-        with self._renderer.render(drawn, camera, outputs, look) as frame:
+        with self._renderer.render(draw_list, camera, outputs, look) as frame:
             body, media_type = _encode(frame, query, is_point, apply_fxaa)
         with self._count_lock:
-            self._images += 1
+            self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
 
-    def _camera(self, query: ImageQuery, snapshot: Snapshot, drawn: DrawList) -> Camera:
+    def _camera(self, query: ImageQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         try:
             return resolve_camera(
                 query.camera,
@@ -155,7 +155,7 @@ class SceneApi:
                 near=query.near,
                 far=query.far,
                 stereo=self._stereo_camera() if self._stereo_camera is not None else None,
-                drawn=drawn,
+                draw_list=draw_list,
             )
         except NoSuchCameraError as error:
             raise CameraNotFoundError(str(error)) from error
@@ -174,13 +174,13 @@ def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None,
         return png_label(frame.label), "image/png"
     assert frame.depth is not None
     if query.format == "png":
-        return png_gray16(_millimetres(frame.depth)), "image/png"
+        return png_gray16(_to_millimetres(frame.depth)), "image/png"
     return tiff_float32(frame.depth), "image/tiff"
 
 
-def _point_instances(drawn: DrawList) -> NDArray[np.bool_] | None:
+def _point_instances(draw_list: DrawList) -> NDArray[np.bool_] | None:
     """Return a flag for each instance that draws points, and False for the background's id -1; None without points."""
-    flags = [instance.mesh.topology is Topology.POINTS for instance in drawn.instances]
+    flags = [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]
     return np.array([*flags, False]) if any(flags) else None
 
 
@@ -198,7 +198,7 @@ def _apply_fxaa(
     pixels[points] = point_colors
 
 
-def _millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+def _to_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return depth in rounded millimetres, (H, W) uint16; 65535 for no surface and for more than 65.534 m."""
     rounded: NDArray[np.float32] = depth * np.float32(1000.0) + np.float32(0.5)
     return np.minimum(rounded, np.float32(_NO_DEPTH_MM)).astype(np.uint16)

@@ -14,17 +14,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.server.tokens import COOKIE_SECONDS, Tokens
 
-COOKIE: Final = "scenegate"
+COOKIE_NAME: Final = "scenegate"
 """Name of the cookie for browsers."""
-QUERY: Final = "token"
+TOKEN_PARAMETER: Final = "token"  # noqa: S105 - a name
 """Query parameter: ``/view?token=…`` sets the cookie and redirects to the URL without the token."""
 CORS_EXPOSED: Final = ("X-Request-ID", "X-Scene-Revision", "X-Frame", "Retry-After", "ETag")
 """Response headers that pages of the allowed origins may read."""
 AUTHORIZED: Final = "scenegate.authorized"
 """Key of the scope on open paths: True if the client sent a token. Missing if the gateway has no tokens."""
-_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+_SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that do not change anything."""
-_PORTS: Final = {"http": 80, "https": 443}
+_DEFAULT_PORTS: Final = {"http": 80, "https": 443}
 """Default ports, which browsers omit in Origin and Host."""
 _MAX_ECHO: Final = 100
 """Maximum number of characters of a header in a response."""
@@ -50,7 +50,7 @@ class Access:
         """
         self._app = app
         self._tokens = tokens
-        self._open = open_paths
+        self._open_paths = open_paths
         self._clock = clock
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -61,7 +61,7 @@ class Access:
         authorized = self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(
             _cookie(headers), self._clock()
         )
-        if scope["path"] in self._open:
+        if scope["path"] in self._open_paths:
             scope[AUTHORIZED] = authorized
             await self._app(scope, receive, send)
         elif authorized:
@@ -69,19 +69,22 @@ class Access:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": "a token is needed"})
         else:
-            await self._response(scope)(scope, receive, send)
+            await self._redirect_or_reject(scope)(scope, receive, send)
 
-    def _response(self, scope: Scope) -> Response:
+    def _redirect_or_reject(self, scope: Scope) -> Response:
+        """Return a redirect that sets the cookie if the query has a valid token, else 401."""
         query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
-        sent = [value for name, value in query if name == QUERY]
-        if scope["method"] == "GET" and sent and self._tokens.accept(sent[0]):
-            rest = urlencode([(name, value) for name, value in query if name != QUERY])
+        tokens = [value for name, value in query if name == TOKEN_PARAMETER]
+        if scope["method"] == "GET" and tokens and self._tokens.accept(tokens[0]):
+            other_parameters = urlencode([(name, value) for name, value in query if name != TOKEN_PARAMETER])
             # One slash: "//host" would be another host.
             path = "/" + quote(scope["path"].lstrip("/"))
-            response = Response(status_code=303, headers={"Location": f"{path}?{rest}" if rest else path})
+            response = Response(
+                status_code=303, headers={"Location": f"{path}?{other_parameters}" if other_parameters else path}
+            )
             secure = scope.get("scheme") == "https"
-            cookie = self._tokens.cookie(sent[0], self._clock())
-            response.set_cookie(COOKIE, cookie, COOKIE_SECONDS, httponly=True, samesite="lax", secure=secure)
+            cookie = self._tokens.cookie(tokens[0], self._clock())
+            response.set_cookie(COOKIE_NAME, cookie, COOKIE_SECONDS, httponly=True, samesite="lax", secure=secure)
             response.headers["Cache-Control"] = "no-store"
             response.headers["Referrer-Policy"] = "no-referrer"
             return response
@@ -93,9 +96,10 @@ class Access:
 
 
 def _cookie(headers: Headers) -> str:
+    """Return the value of the gateway's cookie; empty if there is none."""
     for part in headers.get("cookie", "").split(";"):
         name, _, value = part.strip().partition("=")
-        if name == COOKIE:
+        if name == COOKIE_NAME:
             return value
     return ""
 
@@ -113,7 +117,7 @@ class CsrfProtection:
         self._origins = frozenset(origins)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and scope["method"] not in _SAFE and (page := self._foreign_page(scope)):
+        if scope["type"] == "http" and scope["method"] not in _SAFE_METHODS and (page := self._foreign_page(scope)):
             text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"
             text += "To allow that site, add its origin to --cors-origins.\n"
             await PlainTextResponse(text, 403)(scope, receive, send)
@@ -127,13 +131,13 @@ class CsrfProtection:
         if "*" in self._origins or origin in self._origins:
             return ""
         if site is not None:
-            same = site in ("same-origin", "none")
+            allowed = site in ("same-origin", "none")
         else:
-            same = origin is None or same_origin(origin, headers.get("host", ""), scope.get("scheme", "http"))
-        if same:
+            allowed = origin is None or same_origin(origin, headers.get("host", ""), scope.get("scheme", "http"))
+        if allowed:
             return ""
-        shown = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
-        return ascii(shown[:_MAX_ECHO])[1:-1]
+        header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
+        return ascii(header[:_MAX_ECHO])[1:-1]
 
 
 class SecurityHeaders:
@@ -142,8 +146,8 @@ class SecurityHeaders:
     def __init__(self, app: ASGIApp, *, origins: Collection[str] = ()) -> None:
         """``origins``: origins that may embed the gateway's pages, such as ``https://example.org``; ``*`` for any."""
         self._app = app
-        named = sorted(origin for origin in origins if origin != "null")
-        ancestors = "*" if "*" in origins else " ".join(["'self'", *named])
+        embedders = sorted(origin for origin in origins if origin != "null")
+        ancestors = "*" if "*" in origins else " ".join(["'self'", *embedders])
         self._headers: Final = (
             (b"content-security-policy", f"frame-ancestors {ancestors}".encode()),
             (b"x-content-type-options", b"nosniff"),
@@ -212,7 +216,7 @@ def same_origin(origin: str, host: str, scheme: str) -> bool:
     """
     try:
         page, server = urlsplit(origin), urlsplit(f"//{host}")
-        default = _PORTS.get(page.scheme)
+        default = _DEFAULT_PORTS.get(page.scheme)
         ports = [default if part.port is None else part.port for part in (page, server)]
     except ValueError:  # invalid port or IPv6 address
         return False

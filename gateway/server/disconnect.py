@@ -29,12 +29,12 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
         while (await http.receive())["type"] != "http.disconnect":
             pass
 
-    working, waiting = asyncio.ensure_future(work), asyncio.create_task(disconnected())
+    work_task, disconnect_task = asyncio.ensure_future(work), asyncio.create_task(disconnected())
     try:
-        await asyncio.wait((working, waiting), return_when=asyncio.FIRST_COMPLETED)
-        if not working.done():
+        await asyncio.wait((work_task, disconnect_task), return_when=asyncio.FIRST_COMPLETED)
+        if not work_task.done():
             raise ClientDisconnect
-        return working.result()
+        return work_task.result()
     finally:
-        working.cancel()
-        waiting.cancel()
+        work_task.cancel()
+        disconnect_task.cancel()

@@ -1,11 +1,12 @@
-"""Responses to requests without a route (404, 405), and HEAD for every route with GET."""
+"""Responses to requests that reach no route (404, 405, invalid parameters), and HEAD for every route with GET."""
 
 from __future__ import annotations
 
 from typing import Final
 
+from fastapi.exceptions import RequestValidationError
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -13,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 class HeadAsGet:
     """ASGI middleware: run GET for HEAD and omit the body, so that status and headers are the same (RFC 9110, 9.3.2).
 
-    The response is complete with the first piece of the body. A stream then sees its client disconnected and stops.
+    The response ends at the first piece of the body. The application of a stream then gets a disconnect, and stops.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -33,17 +34,19 @@ class HeadAsGet:
                 complete = True
                 await send({"type": "http.response.body", "body": b"", "more_body": False})
 
-        get = {**scope, "method": "GET"}
+        get_scope = {**scope, "method": "GET"}
         try:
-            await self._app(get, receive, send_head)
+            await self._app(get_scope, receive, send_head)
         finally:
-            if "route" in get:  # metrics use it
-                scope["route"] = get["route"]
+            if "route" in get_scope:  # metrics use it
+                scope["route"] = get_scope["route"]
 
 
 _METHODS: Final = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 _MAX_ECHO: Final = 200
-"""Maximum number of characters of a path in a response."""
+"""Maximum number of characters of a path or a value in a response."""
+JSON_PATHS: Final = ("/api/", "/stereo/")
+"""Beginnings of the paths whose error responses are JSON, as the stereo camera's; all others are text."""
 
 
 async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
@@ -66,3 +69,13 @@ async def not_found(request: Request, error: Exception) -> PlainTextResponse:
     return PlainTextResponse(
         f"Nothing is at {path} here. /docs describes what there is; /healthz tells which interfaces run.\n", 404
     )
+
+
+async def invalid_parameters(request: Request, error: Exception) -> Response:
+    """Return 422 with one sentence that names every invalid parameter, its limit and its value."""
+    assert isinstance(error, RequestValidationError)
+    problems = (f"{fault['loc'][-1]}: {fault['msg']}, got {fault['input']!r}"[:_MAX_ECHO] for fault in error.errors())
+    sentence = f"{'; '.join(problems)}."
+    if request.url.path.startswith(JSON_PATHS):
+        return JSONResponse({"message": sentence}, 422)
+    return PlainTextResponse(f"{sentence}\n", 422)

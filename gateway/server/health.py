@@ -19,11 +19,11 @@ PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Paths that respond during the start, and are logged at debug level only."""
 _DETAILS: Final = "Problems and figures of the interfaces are shown with 'Authorization: Bearer TOKEN'."
 
-_DESCRIBED = {"status": "ready", "interfaces": {"render": {"state": "ready", "where": "/render"}}}
+_EXAMPLE = {"status": "ready", "interfaces": {"render": {"state": "ready", "where": "/render"}}}
 _NOT_READY: Responses = {
     503: {
         "description": "Not ready; the body has the reason.",
-        "content": {"application/json": {"example": {**_DESCRIBED, "status": "starting"}}},
+        "content": {"application/json": {"example": {**_EXAMPLE, "status": "starting"}}},
     }
 }
 _METRICS: Responses = {
@@ -49,23 +49,23 @@ def router(
     """
     routes = APIRouter(tags=["operations"])
 
-    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_DESCRIBED}))
+    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
     async def healthz(request: Request) -> JSONResponse:
         """200 while the event loop runs. The body has the state of each interface and, with a token if the gateway has
         one, its figures and problems."""
-        return JSONResponse({"version": version, **_described(registry, request)})
+        return JSONResponse({"version": version, **_health(registry, request)})
 
-    @routes.get("/readyz", summary="Readiness", responses=json_example(_DESCRIBED) | _NOT_READY)
+    @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
         """200 when the kernels are loaded and every interface has started or failed. 503 before, and while stopping. A
         process that only renders also responds with 503 while its queue is full, or while every worker thread has
         used more than half of a render's time limit."""
-        described = _described(registry, request)
-        if described["status"] in ("ready", "degraded") and not started():
-            described["status"] = "starting"
-        if described["status"] == "ready" and busy():
-            described["status"] = "busy"
-        return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
+        health = _health(registry, request)
+        if health["status"] in ("ready", "degraded") and not started():
+            health["status"] = "starting"
+        if health["status"] == "ready" and busy():
+            health["status"] = "busy"
+        return JSONResponse(health, status_code=200 if health["status"] in ("ready", "degraded") else 503)
 
     @routes.get("/metrics", summary="Prometheus metrics", response_class=Response, responses=_METRICS)
     async def prometheus() -> Response:
@@ -75,7 +75,7 @@ def router(
     return routes
 
 
-def _described(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
+def _health(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
     if request.scope.get(AUTHORIZED, True):
         return registry.describe()
     return {**registry.describe(details=False), "details": _DETAILS}

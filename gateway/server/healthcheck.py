@@ -7,7 +7,7 @@ import os
 import ssl
 import sys
 
-SECONDS = 2.0
+TIMEOUT_SECONDS = 2.0
 """Time limit for the response."""
 
 
@@ -18,9 +18,9 @@ def ready(port: int, *, tls: bool) -> bool:
         # The connection is to this container, and the certificate is for the name that clients use.
         context = ssl.create_default_context()
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=SECONDS, context=context)
+        connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=TIMEOUT_SECONDS, context=context)
     else:
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=SECONDS)
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT_SECONDS)
     try:
         connection.request("GET", "/readyz")
         return connection.getresponse().status == http.client.OK

@@ -39,7 +39,7 @@ _WHOLE_READ: Final = 1 << 20
 
 
 class State(Enum):
-    """Part of a request that a connection expects next."""
+    """What a connection expects to receive next."""
 
     IDLE = auto()
     """A new request; the previous one is complete."""
@@ -59,12 +59,12 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     state = State.HEAD
     _timer: asyncio.TimerHandle | None = None
     _chunked = False
-    """The current body has a Transfer-Encoding."""
+    """True if the current body has a Transfer-Encoding."""
     _framing_bytes = 0
     """Bytes received since the last complete head or piece of a body."""
     _discarded_bytes = 0
-    _received_in_time = False
-    """Bytes of the body have come since its timer started."""
+    _body_progressed = False
+    """True if bytes of the body have arrived since its timer started."""
     _unanswered = 0
     """Requests without a complete response."""
     _refusal = b""
@@ -86,9 +86,9 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         super().connection_lost(exc)
 
     def slice_bytes(self) -> int:
-        """Return a small size for what the parser examines byte by byte."""
-        examined = self.state in (State.IDLE, State.HEAD) or (self._chunked and self.state is not State.REFUSED)
-        return SLICE_BYTES if examined else _WHOLE_READ
+        """Return a small size for heads and chunked bodies, which the parser reads byte by byte."""
+        parsed_bytewise = self.state in (State.IDLE, State.HEAD) or (self._chunked and self.state is not State.REFUSED)
+        return SLICE_BYTES if parsed_bytewise else _WHOLE_READ
 
     def reading_paused(self) -> bool:
         """Return whether a request waits for its predecessor, or the application is slower than the client."""
@@ -103,13 +103,13 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
                 self.transport.close()
         if state is State.REFUSED:
             return
-        self._received_in_time = True
+        self._body_progressed = True
         self._framing_bytes += len(data)
         HttpToolsProtocol.data_received(self, data)
         if self._framing_bytes > MAX_HEAD_BYTES and self.state is not State.REFUSED:
             in_body = self.state in (State.BODY, State.DISCARD)
-            what = "chunk extensions or trailers" if in_body else "headers"
-            self._refuse(431, f"The {what} are longer than {MAX_HEAD_BYTES} bytes.")
+            subject = "chunk extensions or trailers" if in_body else "headers"
+            self._refuse(431, f"The {subject} are longer than {MAX_HEAD_BYTES} bytes.")
 
     def on_message_begin(self) -> None:
         """Start the timer of a head on a connection that is kept alive."""
@@ -125,9 +125,9 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         """Start the application, or queue the request behind an earlier one."""
         self._framing_bytes = 0
-        names = dict(self.headers)
-        self._chunked = b"transfer-encoding" in names
-        if self.parser.should_upgrade() and (self._chunked or names.get(b"content-length", b"0") != b"0"):
+        headers = dict(self.headers)
+        self._chunked = b"transfer-encoding" in headers
+        if self.parser.should_upgrade() and (self._chunked or headers.get(b"content-length", b"0") != b"0"):
             self._stop_parser("A request with a body cannot ask for another protocol (Upgrade) here.")
         if len(self.pipeline) >= MAX_PIPELINED:
             self.transport.abort()
@@ -171,7 +171,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         self._refuse(400, self._error or msg)
 
     def _stop_parser(self, reason: str) -> None:
-        """Raise in a callback: the parser stops, and uvicorn calls ``send_400_response``."""
+        """Stop the parser by an exception in its callback; uvicorn then calls ``send_400_response``."""
         self._error = reason
         raise ValueError(reason)
 
@@ -209,7 +209,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         """Set the state and start its timer."""
         self.state = state
         self._stop_timer()
-        self._received_in_time = False
+        self._body_progressed = False
         seconds = {
             State.IDLE: self.timeout_keep_alive,
             State.HEAD: HEAD_SECONDS,
@@ -220,10 +220,10 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def _on_timeout(self) -> None:
         """Close the connection unless the gateway is what takes so long, or the body is still arriving."""
         if self.state is State.BODY:
-            alive = self._received_in_time or self.flow.read_paused
+            keep_waiting = self._body_progressed or self.flow.read_paused
         else:
-            alive = self._unanswered > 0
-        if alive:
+            keep_waiting = self._unanswered > 0
+        if keep_waiting:
             self._enter(self.state)
         else:
             self.transport.close()

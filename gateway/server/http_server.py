@@ -93,7 +93,7 @@ class PortService:
         self._port = port
         self._tls = tls
         self._server: uvicorn.Server | None = None
-        self._bound = 0
+        self._bound_port = 0
 
     @property
     def ready(self) -> bool:
@@ -102,7 +102,7 @@ class PortService:
 
     def status(self) -> Mapping[str, Any]:
         """Return the port; plain JSON values."""
-        return {"port": self._bound}
+        return {"port": self._bound_port}
 
     async def run(self) -> None:
         """Serve until cancelled.
@@ -114,7 +114,7 @@ class PortService:
             listener = process_tuning.listen(self._host, self._port)
         except OSError as error:
             raise OSError(f"cannot listen: {process_tuning.listen_error(error, self._host, self._port)}") from None
-        self._bound = _port_of(listener)
+        self._bound_port = _port_of(listener)
         self._server = server = _SecondaryServer(server_config(self._app, 1.0, lifespan=False, tls=self._tls))
         try:
             await server.serve(sockets=[listener])

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
-from gateway.server.access import COOKIE, QUERY
+from gateway.server.access import COOKIE_NAME, TOKEN_PARAMETER
+from gateway.server.error_handlers import JSON_PATHS
 
 Responses = dict[int | str, dict[str, Any]]
 """Responses of a route by status, in FastAPI's format."""
@@ -23,8 +24,8 @@ SECURITY_SCHEMES: Final[Mapping[str, Any]] = {
     "cookie": {
         "type": "apiKey",
         "in": "cookie",
-        "name": COOKIE,
-        "description": f"Cookie that a browser gets after a GET with `?{QUERY}=TOKEN`.",
+        "name": COOKIE_NAME,
+        "description": f"Cookie that a browser gets after a GET with `?{TOKEN_PARAMETER}=TOKEN`.",
     },
 }
 _COMMON_ERRORS: Final[Mapping[int, str]] = {
@@ -34,6 +35,9 @@ _COMMON_ERRORS: Final[Mapping[int, str]] = {
     503: "The gateway did not start, or the queue is full (with Retry-After).",
 }
 """Text responses that every route may return."""
+_MESSAGE: Final[Mapping[str, Any]] = {"application/json": {"schema": {"type": "object"}}}
+"""Content of the stereo camera's error responses: one sentence in the field message."""
+_INVALID: Final = "A parameter is not valid; the text says why."
 _CROSS_SITE: Final = "The request comes from a page of another site."
 _NO_TOKEN: Final = "A token is required."  # noqa: S105 - a sentence
 _UNSAFE: Final = frozenset({"post", "put", "patch", "delete"})
@@ -80,6 +84,10 @@ def _complete(schema: dict[str, Any], token: bool, open_paths: Collection[str]) 
                 operation["security"] = []
             elif token:
                 errors[401] = _NO_TOKEN
+            if (invalid := operation["responses"].get("422")) is not None:
+                if invalid["description"] == "Validation Error":  # FastAPI's
+                    invalid["description"] = _INVALID
+                invalid["content"] = dict(_MESSAGE if path.startswith(JSON_PATHS) else TEXT)
             for status, text in errors.items():
                 response = operation["responses"].setdefault(str(status), {"description": text})
                 response.setdefault("content", {}).update(TEXT)

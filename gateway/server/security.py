@@ -39,7 +39,7 @@ class Security:
     grpc: Tokens | None
 
     @classmethod
-    def of(cls, settings: Settings) -> Security:
+    def from_settings(cls, settings: Settings) -> Security:
         """Read the files that the settings name.
 
         Raises:
@@ -83,25 +83,27 @@ class Security:
 
     def log_exposure(self) -> None:
         """Log the interfaces that other machines reach, with a warning if they lack TLS or a token."""
-        for name, where, lacks in self.exposed():
-            if lacks:
-                _log.warning(f"{name} is open to other machines ({where}) without {lacks}; see docs/security.md")
+        for name, address, missing in self.exposed():
+            if missing:
+                _log.warning(f"{name} is open to other machines ({address}) without {missing}; see docs/security.md")
             else:
-                _log.info(f"{name} is open to other machines ({where}), with TLS and a token")
+                _log.info(f"{name} is open to other machines ({address}), with TLS and a token")
 
     def exposed(self) -> Iterator[tuple[str, str, str]]:
         """Yield name, address and missing protection of each interface that other machines reach."""
         s = self.settings
         if _is_reachable(s.host):
-            yield "HTTP", f"{s.host} port {s.http_port}", _lacks(self.tls is not None, self.http is not None)
+            http_missing = _missing_protection(self.tls is not None, self.http is not None)
+            yield "HTTP", f"{s.host} port {s.http_port}", http_missing
             if not s.only or "stereo" in s.only:
                 if s.rest_port is not None:
-                    lacks = _lacks(self.tls is not None, self.http is not None)
-                    yield "The device's REST interface", f"{s.host} port {s.rest_port}", lacks
-                lacks = _lacks(s.grpc_certificate is not None, self.grpc is not None or s.grpc_client_ca is not None)
+                    yield "The device's REST interface", f"{s.host} port {s.rest_port}", http_missing
+                grpc_missing = _missing_protection(
+                    s.grpc_certificate is not None, self.grpc is not None or s.grpc_client_ca is not None
+                )
                 # gRPC listens on IPv4 and IPv6 for the wildcard address of either.
                 grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - a message
-                yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", lacks
+                yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", grpc_missing
         if s.only and "treeviewer" not in s.only:
             return
         if s.tcpq_port is not None and _is_reachable(self.tcpq_host):
@@ -118,21 +120,23 @@ class Security:
         return self.settings.host if self.http is None and self.grpc is None else "127.0.0.1"
 
 
-def _lacks(tls: bool, token: bool) -> str:
+def _missing_protection(tls: bool, token: bool) -> str:
     return " and ".join([*([] if tls else ["TLS"]), *([] if token else ["a token"])])
 
 
 def _is_reachable(host: str) -> bool:
+    """Return whether other machines reach a server on this address."""
     if is_loopback(host):
         return False
     try:
-        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except OSError:
         return True
-    return not all(is_loopback(str(address[0])) for *_, address in found)
+    return not all(is_loopback(str(address[0])) for *_, address in addresses)
 
 
 def _ttl(url: str) -> int:
+    """Return the hops that LCM's multicast may take; 0 stays on this machine."""
     parts = urlsplit(url)
     try:
         return int(parse_qs(parts.query).get("ttl", ["0"])[0]) if parts.scheme == "udpm" else 0

@@ -52,20 +52,20 @@ class Tokens:
         Args:
             now: Unix time, seconds.
         """
-        end = str(int(now) + COOKIE_SECONDS)
-        return f"{end}.{_signature(token.encode(), end)}"
+        expiry = str(int(now) + COOKIE_SECONDS)
+        return f"{expiry}.{_signature(token.encode(), expiry)}"
 
     def accept_cookie(self, value: str, now: float) -> bool:
         """Return whether a cookie belongs to one of the tokens and has not expired at ``now`` (Unix time, seconds)."""
-        end, _, signature = value.partition(".")
-        if len(value) > MAX_CHARS or not (end.isascii() and end.isdecimal()) or int(end) <= now:
+        expiry, _, signature = value.partition(".")
+        if len(value) > MAX_CHARS or not (expiry.isascii() and expiry.isdecimal()) or int(expiry) <= now:
             return False
-        sent = signature.encode("utf-8", "replace")
-        return sum([hmac.compare_digest(_signature(token, end).encode(), sent) for token in self._tokens]) > 0
+        received = signature.encode("utf-8", "replace")
+        return sum([hmac.compare_digest(_signature(token, expiry).encode(), received) for token in self._tokens]) > 0
 
 
-def _signature(token: bytes, end: str) -> str:
-    return hmac.digest(token, f"scenegate cookie until {end}".encode(), hashlib.sha256).hex()
+def _signature(token: bytes, expiry: str) -> str:
+    return hmac.digest(token, f"scenegate cookie until {expiry}".encode(), hashlib.sha256).hex()
 
 
 def read_tokens(path: Path) -> Tokens:

@@ -106,12 +106,12 @@ def _lock_file(path: Path) -> int:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise StateError(f"The state file {path} is not a regular file.")
-    end = time.monotonic() + LOCK_SECONDS
+    deadline = time.monotonic() + LOCK_SECONDS
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            if time.monotonic() < end:
+            if time.monotonic() < deadline:
                 time.sleep(0.02)
                 continue
             os.close(descriptor)

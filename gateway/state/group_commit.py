@@ -1,7 +1,7 @@
 """Group commit: all changes since the last transaction are one transaction, on a thread of its own.
 
-While that thread writes, further changes gather for the next transaction. Each transaction stores the newest state, so
-a flood of edits costs the differences between the stored states, not the number of edits.
+Changes during a transaction are stored by the next one. Each transaction stores the newest state, so its cost depends
+on the differences to the stored state, not on the number of edits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OnStored = Callable[[str], None]
 
 
 class Store(Protocol):
-    """Something that is stored in the database."""
+    """A state that is stored in the database."""
 
     def capture(self) -> Any:
         """Return the current state. Called on the event loop; must be fast."""
@@ -118,11 +118,12 @@ class GroupCommit:
             self._release(waiting, problem)
 
     def _commit(self, captured: list[tuple[Store, Any]]) -> str:
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         connection = self._database.connection
         try:
             connection.execute("BEGIN IMMEDIATE")
-            if sum([store.write(connection, state) for store, state in captured]):
+            has_written = [store.write(connection, state) for store, state in captured]
+            if any(has_written):
                 connection.execute("COMMIT")
                 self.stats.commits += 1
             else:
@@ -139,7 +140,7 @@ class GroupCommit:
                 return str(error)
             _log.exception("state commit failed")
             return f"internal error: {type(error).__name__}: {error}"
-        self.stats.last_commit_seconds = seconds = time.perf_counter() - begin
+        self.stats.last_commit_seconds = seconds = time.perf_counter() - start_time
         self.stats.longest_commit_seconds = max(self.stats.longest_commit_seconds, seconds)
         return ""
 

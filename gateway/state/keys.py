@@ -12,7 +12,8 @@ from typing import Final
 from gateway.scene.tree import Path, PathElement
 
 SUBTREE_END: Final = b"\x7f"
-"""Greater than both tags: a subtree has the keys from its root's key up to that key with this suffix."""
+"""Suffix that is greater than both tags. A subtree has the keys from its root's key (included) to the root's key with
+this suffix (excluded)."""
 _HEADER: Final = struct.Struct(">cI")
 
 

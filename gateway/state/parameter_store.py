@@ -73,12 +73,12 @@ class ParameterStore:
         rows = connection.execute(
             "SELECT node, name, value FROM stereo_parameter WHERE camera = ? ORDER BY node, name", (self._camera,)
         ).fetchall()
-        count = 0
+        restored = 0
         for node, name, value in rows:
             try:
                 self._parameters.set(node, [(name, msgspec.json.decode(value))])
-                count += 1
+                restored += 1
             except (LookupError, ValueError) as error:
                 _log.warning("stored parameter ignored", camera=self._camera, node=node, reason=str(error))
         self._stored = self.capture()  # defaults are not stored: a later version may have better ones
-        return count
+        return restored

@@ -33,7 +33,7 @@ from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 
 INLINE_BYTES: Final = 256
-"""Maximum size of arrays inside the structure; a blob of its own costs as much."""
+"""Maximum size of arrays inside the structure; smaller blobs would cost more than their content."""
 CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
     {
         kind.__name__: kind
@@ -52,7 +52,7 @@ _FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
 _SIMPLE_SHAPES: Final = frozenset(
     (geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule)
 )
-"""Shapes of a few numbers, which clients send by the thousand."""
+"""Shapes of a few numbers, of which clients send thousands."""
 _SHARED: Final = (Material, Mesh)
 _ARRAY_KINDS: Final = frozenset("fiub")
 """Kinds of array elements: numbers and booleans, never objects."""
@@ -128,8 +128,8 @@ class PartEncoder:
     def _shared(self, value: Any, blobs: Blobs) -> bytes:
         encoded = self._encoded.get(id(value))
         if encoded is None:
-            own: Blobs = {}
-            encoded = self._encoded[id(value)] = _encoder.encode(self._fields(value, own)), own
+            value_blobs: Blobs = {}
+            encoded = self._encoded[id(value)] = _encoder.encode(self._fields(value, value_blobs)), value_blobs
         blobs.update(encoded[1])
         return encoded[0]
 
@@ -169,7 +169,7 @@ class PartDecoder:
             "text": self._text,
             "tuple": self._tuple,
             "map": self._map,
-            "value": self._dataclass,
+            "value": self._decode_fields,
             "enum": self._enum,
             "once": self._decode_shared,
             "array": self._inline_array,
@@ -210,7 +210,7 @@ class PartDecoder:
     def _map(self, entries: list[list[Any]]) -> Mapping[Any, Any]:
         return MappingProxyType({self._value(key): self._value(value) for key, value in entries})
 
-    def _dataclass(self, name: str, values: dict[str, Any]) -> Any:
+    def _decode_fields(self, name: str, values: dict[str, Any]) -> Any:
         return CLASSES[name](**{field: self._value(value) for field, value in values.items()})
 
     def _enum(self, name: str, value: Any) -> Enum:
@@ -234,13 +234,13 @@ class PartDecoder:
         key = (dtype, tuple(shape), digest)
         array = self._arrays.get(key)
         if array is None:
-            array = self._arrays[key] = self._inline_array(dtype, shape, self._checked(digest))
+            array = self._arrays[key] = self._inline_array(dtype, shape, self._verified_blob(digest))
         return array
 
     def _image(self, _: Any, max_pixels: int, digest: bytes) -> Image:
-        return image_from_bytes(self._checked(digest), max_pixels=max_pixels)
+        return image_from_bytes(self._verified_blob(digest), max_pixels=max_pixels)
 
-    def _checked(self, digest: bytes) -> bytes:
+    def _verified_blob(self, digest: bytes) -> bytes:
         data = self._blob(digest)
         if hashlib.sha256(data).digest() != digest:
             raise DamagedError("a blob does not match its digest")

@@ -1,4 +1,4 @@
-"""The live tree in the database: each commit writes the differences to the last one; all rows are read at start."""
+"""The live tree in the database. Each commit writes the differences to the stored tree; all rows are read at start."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class TreeStore:
         """
         self._live = live
         self._excluded = frozenset(excluded)
-        self._root = Node()
+        self._stored_root = Node()
         """The tree in the database."""
         self._seq = 0
         """Highest ``seq`` in the database."""
@@ -48,14 +48,14 @@ class TreeStore:
 
     def write(self, connection: sqlite3.Connection, captured: Snapshot) -> bool:
         """Write the differences between the stored tree and a snapshot; return False if there are none."""
-        rows = _Rows(connection, self._seq)
-        rows.collect(self._root, captured.root, self._excluded)
-        self._written_seq = rows.seq
-        return rows.write()
+        changes = _TreeChanges(connection, self._seq)
+        changes.collect(self._stored_root, captured.root, self._excluded)
+        self._written_seq = changes.seq
+        return changes.write()
 
     def committed(self, captured: Snapshot) -> None:
         """Note that this snapshot is stored."""
-        self._root = captured.root
+        self._stored_root = captured.root
         self._seq = self._written_seq
 
     def restore(self, connection: sqlite3.Connection) -> None:
@@ -68,14 +68,14 @@ class TreeStore:
         for key, seq, digest, transform, visible in connection.execute(
             "SELECT path, seq, parts, transform, visible FROM tree_node"
         ):
-            path = _path(key)
+            path = _path_of_key(key)
             self._seq = max(self._seq, seq)
             if not path or path[0] not in self._excluded:
                 rows.append((len(path), seq, path, digest, transform, visible))
         rows.sort(key=lambda row: row[:2])  # parents first, siblings in order
         if len(rows) <= 1 and rows[0][3:] == (None, None, 1):
             return
-        decoder = PartDecoder(lambda digest: _data(connection, "tree_blob", digest))
+        decoder = PartDecoder(lambda digest: _read_data(connection, "tree_blob", digest))
         decoded: dict[bytes, tuple[Part, ...]] = {}
         with self._live.edit() as edit:
             for _, _, path, digest, transform, visible in rows:
@@ -83,14 +83,14 @@ class TreeStore:
                 _set_transform(edit, path, transform)
                 if digest is not None:
                     if digest not in decoded:
-                        decoded[digest] = decoder.decode(_checked_parts(connection, digest))
+                        decoded[digest] = decoder.decode(_read_parts(connection, digest))
                     edit.set_parts(path, decoded[digest])
         self.restored_nodes = len(rows) - 1
-        self._root = self._live.snapshot.root
+        self._stored_root = self._live.snapshot.root
 
 
-class _Rows:
-    """Collects the rows that differ between two trees and writes them within a transaction."""
+class _TreeChanges:
+    """The rows to write for the differences between two trees, within one transaction."""
 
     def __init__(self, connection: sqlite3.Connection, seq: int) -> None:
         self.seq = seq
@@ -117,7 +117,7 @@ class _Rows:
             if node is None:
                 self._removed.append(key)
             elif kind == "transform":
-                self._transforms.append((_transform(node), key))
+                self._transforms.append((_encode_transform(node), key))
             elif kind == "geometry":
                 self._geometry.append((key, node))
             elif kind == "added":
@@ -134,7 +134,7 @@ class _Rows:
         updates = (self._reordered, self._geometry, self._transforms, self._visible)
         if not (self._removed or self._added or any(updates)):
             return False
-        run = self._connection.executemany
+        execute_many = self._connection.executemany
         for key in self._removed:
             subtree = (key, key + SUBTREE_END)
             self._released.update(
@@ -146,47 +146,47 @@ class _Rows:
             self._connection.execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
         for begin in range(0, len(self._geometry), MAX_KEYS):
             self._replace_parts(self._geometry[begin : begin + MAX_KEYS])
-        run(
+        execute_many(
             "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
-            [(key, seq, self._store_parts(n.parts), _transform(n), n.visible) for key, seq, n in self._added],
+            [(key, seq, self._store_parts(n.parts), _encode_transform(n), n.visible) for key, seq, n in self._added],
         )
-        run("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
-        run("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
-        run("UPDATE tree_node SET seq = ? WHERE path = ?", self._reordered)
+        execute_many("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
+        execute_many("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
+        execute_many("UPDATE tree_node SET seq = ? WHERE path = ?", self._reordered)
         for digest in self._released:
             self._delete_unused(digest)
         return True
 
     def _replace_parts(self, nodes: list[tuple[bytes, Node]]) -> None:
         """Update the geometry of stored nodes; geometry that is sent again unchanged is not written."""
-        places = ",".join("?" * len(nodes))
-        before = dict(
+        placeholders = ",".join("?" * len(nodes))
+        old_digests = dict(
             self._connection.execute(
-                f"SELECT path, parts FROM tree_node WHERE path IN ({places})",  # noqa: S608 - only placeholders
+                f"SELECT path, parts FROM tree_node WHERE path IN ({placeholders})",  # noqa: S608 - only placeholders
                 [key for key, _ in nodes],
             )
         )
-        now = [(self._store_parts(node.parts), key) for key, node in nodes]
-        changed = [(digest, key) for digest, key in now if digest != before.get(key)]
-        self._released.update(old for _, key in changed if (old := before.get(key)) is not None)
+        new_digests = [(self._store_parts(node.parts), key) for key, node in nodes]
+        changed = [(digest, key) for digest, key in new_digests if digest != old_digests.get(key)]
+        self._released.update(old for _, key in changed if (old := old_digests.get(key)) is not None)
         self._connection.executemany("UPDATE tree_node SET parts = ? WHERE path = ?", changed)
 
     def _store_parts(self, parts: tuple[Part, ...] | None) -> bytes | None:
         """Write parts and their blobs, if they are not stored yet; return their digest."""
         if parts is None:
             return None
-        memo = memo_key(parts)
-        digest = self._digests.get(memo)
+        parts_key = memo_key(parts)
+        digest = self._digests.get(parts_key)
         if digest is not None:
             return digest
         data, blobs = self._encoder.encode(parts)
-        digest = self._digests[memo] = hashlib.sha256(data).digest()
+        digest = self._digests[parts_key] = hashlib.sha256(data).digest()
         execute = self._connection.execute
         if execute("INSERT OR IGNORE INTO tree_parts VALUES (?, ?)", (digest, data)).rowcount:
-            for name, blob in blobs.items():
-                if execute("SELECT 1 FROM tree_blob WHERE digest = ?", (name,)).fetchone() is None:
-                    execute("INSERT INTO tree_blob VALUES (?, ?)", (name, blob))
-                execute("INSERT INTO tree_use VALUES (?, ?)", (digest, name))
+            for blob_digest, blob in blobs.items():
+                if execute("SELECT 1 FROM tree_blob WHERE digest = ?", (blob_digest,)).fetchone() is None:
+                    execute("INSERT INTO tree_blob VALUES (?, ?)", (blob_digest, blob))
+                execute("INSERT INTO tree_use VALUES (?, ?)", (digest, blob_digest))
         return digest
 
     def _delete_unused(self, digest: bytes) -> None:
@@ -207,7 +207,7 @@ class _Rows:
         )
 
 
-def _transform(node: Node) -> bytes | None:
+def _encode_transform(node: Node) -> bytes | None:
     pose = node.pose
     if pose is not None:
         return _POSE.pack(*pose)
@@ -225,23 +225,23 @@ def _set_transform(edit: TreeEdit, path: Path, transform: bytes | None) -> None:
         raise DamagedError(f"a transform has {len(transform)} bytes")
 
 
-def _path(key: bytes) -> Path:
+def _path_of_key(key: bytes) -> Path:
     try:
         return path_of(key)
     except ValueError as error:
         raise DamagedError(str(error)) from None
 
 
-def _data(connection: sqlite3.Connection, table: str, digest: bytes) -> bytes:
+def _read_data(connection: sqlite3.Connection, table: str, digest: bytes) -> bytes:
     row = connection.execute(f"SELECT data FROM {table} WHERE digest = ?", (digest,)).fetchone()  # noqa: S608
     if row is None:
         raise KeyError(digest.hex()[:16])
     return bytes(row[0])
 
 
-def _checked_parts(connection: sqlite3.Connection, digest: bytes) -> bytes:
+def _read_parts(connection: sqlite3.Connection, digest: bytes) -> bytes:
     try:
-        data = _data(connection, "tree_parts", digest)
+        data = _read_data(connection, "tree_parts", digest)
     except KeyError:
         raise DamagedError(f"the geometry {digest.hex()[:16]} is missing") from None
     if hashlib.sha256(data).digest() != digest:

@@ -153,7 +153,7 @@ def system_router(*services: StereoService) -> APIRouter:
 
 
 def _entries() -> list[LogEntry]:
-    return recent_logs.of("stereo")
+    return recent_logs.entries("stereo")
 
 
 def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class Update:
     """Ids of the meshes that the frame refers to."""
 
 
-_OUTDATED: Final = Update(b"", frozenset())
+_INVALID_UPDATE: Final = Update(b"", frozenset())
 
 
 class Encoder:
@@ -82,54 +82,54 @@ class Encoder:
         """Return the id of a path. It stays after the node is removed, since a browser may still have the node."""
         return self._ids.setdefault(path, len(self._ids))
 
-    async def update(self, have: Snapshot) -> tuple[Update, Snapshot]:
-        """Return the update from ``have`` to the current snapshot, and that snapshot.
+    async def update(self, old: Snapshot) -> tuple[Update, Snapshot]:
+        """Return the update from ``old`` to the current snapshot, and that snapshot.
 
         The current snapshot may change meanwhile. If ``epoch`` changes meanwhile, the update is invalid.
         """
         async with self._encoding:
             target, epoch = self.current, self.epoch
-            key = (have.revision, target.revision)
+            key = (old.revision, target.revision)
             update = self._updates.get(key)
             if update is None:
-                for update in self._encode(have, target):
+                for update in self._encode(old, target):
                     if update is None:
                         await asyncio.sleep(0)
                     if self.epoch != epoch:
-                        return _OUTDATED, target
+                        return _INVALID_UPDATE, target
                 assert update is not None
                 self._updates.put(key, update, len(update.frame))
             return update, target
 
-    def _encode(self, have: Snapshot, target: Snapshot) -> Iterator[Update | None]:
-        """Yield the update, and None before it whenever ``MAX_TURN_SECONDS`` are over."""
+    def _encode(self, old: Snapshot, target: Snapshot) -> Iterator[Update | None]:
+        """Yield None after every ``MAX_TURN_SECONDS`` of work, and the update at the end."""
         nodes: list[msgspec.Raw] = []
         removed: list[int] = []
         transforms: list[tuple[int, Node]] = []
         meshes: set[int] = set()
         entry: dict[str, Any] = {}
-        end = time.perf_counter() + MAX_TURN_SECONDS
-        for change in changes(have.root, target.root):
-            number = self.node_id(change.path)
+        turn_end = time.perf_counter() + MAX_TURN_SECONDS
+        for change in changes(old.root, target.root):
+            node_id = self.node_id(change.path)
             if change.node is None:
-                removed.append(number)
+                removed.append(node_id)
                 continue
             if change.kind in ("added", "transform"):
-                transforms.append((number, change.node))
+                transforms.append((node_id, change.node))
             if change.kind not in ("transform", "reordered"):
                 # All changes of a node follow one another.
-                if entry and entry["id"] != number:
+                if entry and entry["id"] != node_id:
                     nodes.append(encode_fragment(entry))
                     entry = {}
-                entry["id"] = number
-                self._describe(entry, change, change.node, meshes)
-            if time.perf_counter() > end:
+                entry["id"] = node_id
+                self._add_change(entry, change, change.node, meshes)
+            if time.perf_counter() > turn_end:
                 yield None
-                end = time.perf_counter() + MAX_TURN_SECONDS
+                turn_end = time.perf_counter() + MAX_TURN_SECONDS
         if entry:
             nodes.append(encode_fragment(entry))
         builder = FrameBuilder()
-        header: dict[str, Any] = {"kind": "update", "from": have.revision, "revision": target.revision}
+        header: dict[str, Any] = {"kind": "update", "from": old.revision, "revision": target.revision}
         if removed:
             header["removed"] = removed
         if nodes:
@@ -137,7 +137,7 @@ class Encoder:
         _add_transforms(builder, header, transforms)
         yield Update(builder.finish(header), frozenset(meshes))
 
-    def _describe(self, entry: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
+    def _add_change(self, entry: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
         """Add a change to the node's entry in the header, and the ids of its meshes to ``meshes``."""
         added = change.kind == "added"
         if added:
@@ -153,19 +153,19 @@ class Encoder:
 
 def _add_transforms(builder: FrameBuilder, header: dict[str, Any], nodes: list[tuple[int, Node]]) -> None:
     """Add ids (uint32), poses (7 float32 each) and other transforms (16 float32 each, column-major) of nodes."""
-    rigid = [(number, node.pose) for number, node in nodes if node.pose is not None]
-    affine = [(number, node) for number, node in nodes if node.pose is None]
-    if rigid:
+    posed = [(node_id, node.pose) for node_id, node in nodes if node.pose is not None]
+    others = [(node_id, node) for node_id, node in nodes if node.pose is None]
+    if posed:
         # array() converts tuples faster than NumPy, and values beyond float32 to infinity.
         header["poses"] = {
-            "ids": builder.add_array(array("I", [number for number, _ in rigid])),
-            "values": builder.add_array(array("f", chain.from_iterable([pose for _, pose in rigid]))),
+            "ids": builder.add_array(array("I", [node_id for node_id, _ in posed])),
+            "values": builder.add_array(array("f", chain.from_iterable([pose for _, pose in posed]))),
         }
-    if affine:
+    if others:
         with np.errstate(over="ignore"):
-            values = np.array([node.matrix.T for _, node in affine], dtype=np.float64).astype(np.float32)
+            values = np.array([node.matrix.T for _, node in others], dtype=np.float64).astype(np.float32)
         header["matrices"] = {
-            "ids": builder.add_array(array("I", [number for number, _ in affine])),
+            "ids": builder.add_array(array("I", [node_id for node_id, _ in others])),
             "values": builder.add_array(values),
         }
 

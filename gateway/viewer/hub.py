@@ -69,14 +69,14 @@ class ViewHub:
         try:
             while True:
                 await self._changed.wait()
-                begin = loop.time()
+                turn_start = loop.time()
                 self._changed.clear()
                 if self._browsers:
                     self._advance()
                     self._remove_meshes()
                     for browser in self._browsers:
                         browser.wake()
-                await asyncio.sleep(max(0.0, begin + 1.0 / self.config.max_update_rate - loop.time()))
+                await asyncio.sleep(max(0.0, turn_start + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
             self._ready = False
             status.cancel()
@@ -102,12 +102,12 @@ class ViewHub:
     async def _send_status(self) -> None:
         while True:
             if self._browsers:
-                overdue = asyncio.get_running_loop().time() - self.config.ack_timeout_seconds
+                oldest_valid = asyncio.get_running_loop().time() - self.config.ack_timeout_seconds
                 frame = self._status_frame()
                 self._remove_meshes()
                 for browser in self._browsers:
                     browser.send_latest("status", frame)
-                    browser.drop_snapshot_if_stalled(overdue)
+                    browser.drop_snapshot_if_stalled(oldest_valid)
             await asyncio.sleep(self.config.status_seconds)
 
     def _status_frame(self) -> bytes:
@@ -140,15 +140,16 @@ class Browser:
         self._flow = flow
         self._resources = resources
         self._on_close = on_close
-        self._wake = asyncio.Event()
-        self._latest: dict[str, bytes] = {}
+        self._wake_event = asyncio.Event()
+        self._pending_frames: dict[str, bytes] = {}
+        """The newest unsent frame of each kind, except updates and meshes."""
         self._update_time = 0.0
         """Loop time of the last update."""
         self.wake()
 
     def wake(self) -> None:
-        """Make ``frames`` look for something to send."""
-        self._wake.set()
+        """Make ``frames`` check again what is to be sent."""
+        self._wake_event.set()
 
     def acknowledge(self) -> None:
         """Note that the page has processed the last update."""
@@ -160,14 +161,18 @@ class Browser:
         self._flow.remove_meshes(removed)
         self.wake()
 
-    def drop_snapshot_if_stalled(self, overdue: float) -> None:
-        """Release the page's snapshot if its last update was sent before ``overdue`` and is not acknowledged."""
-        if self._update_time < overdue:
+    def drop_snapshot_if_stalled(self, oldest_valid: float) -> None:
+        """Release the page's snapshot if its last update was sent before ``oldest_valid`` and is not acknowledged.
+
+        Args:
+            oldest_valid: Loop time.
+        """
+        if self._update_time < oldest_valid:
             self._flow.drop_snapshot()
 
     def send_latest(self, kind: str, frame: bytes) -> None:
         """Send a small frame, unless a newer one of its kind replaces it first."""
-        self._latest[kind] = frame
+        self._pending_frames[kind] = frame
         self.wake()
 
     def close(self) -> None:
@@ -179,12 +184,12 @@ class Browser:
     async def frames(self) -> AsyncIterator[bytes]:
         """Yield the frames to send until ``close``."""
         while True:
-            await self._wake.wait()
-            self._wake.clear()
+            await self._wake_event.wait()
+            self._wake_event.clear()
             if self._flow.state is BrowserState.CLOSED:
                 return
-            while self._latest:
-                yield self._latest.pop(next(iter(self._latest)))
+            while self._pending_frames:
+                yield self._pending_frames.pop(next(iter(self._pending_frames)))
             forget = self._flow.take_forget_frame()
             if forget is not None:
                 yield forget

@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.requests import ClientDisconnect
 
-from gateway.scene.cameras import PATTERN, CameraError, NoSuchCameraError, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
 from gateway.server.unavailable import PoolErrors, unavailable
@@ -42,7 +42,7 @@ CameraText = Annotated[
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees"
         ),
-        json_schema_extra={"pattern": PATTERN},
+        json_schema_extra={"pattern": CAMERA_PATTERN},
         openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
     ),
 ]
@@ -66,7 +66,7 @@ _ERRORS: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "The camera's node is not in the scene, or there is no stereo camera.", "content": _TEXT},
     422: {
         "description": "A parameter is out of its range, or a texture of the scene cannot be decoded.",
-        "content": {**_TEXT, "application/json": {"schema": {"type": "object"}}},
+        "content": _TEXT,
     },
     503: {
         "description": "Too many requests are waiting, see Retry-After; without Retry-After, rendering took too long.",
@@ -165,9 +165,7 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
         height: Size = None,
         quality: Quality = 80,
         look: LookChoice = None,
-        rate: Annotated[
-            float, Query(gt=0, description="Maximum frame rate, Hz", openapi_examples=example(15.0))
-        ] = 15.0,
+        rate: FrameRate = 15.0,
     ) -> Response:
         """A new image whenever the scene changes."""
         image = image_request(camera, width, height, quality, look or config.stream_look)
@@ -207,11 +205,11 @@ def _add_render_routes(routes: APIRouter, renders: RecentRenders) -> None:
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:
-        found = renders.find(number)
-        if found is None:
+        summary_and_image = renders.find(number)
+        if summary_and_image is None:
             return PlainTextResponse(f"the image of render {number} is no longer kept", 404)
         try:
-            data = await asyncio.to_thread(encode_preview, *found, width)
+            data = await asyncio.to_thread(encode_preview, *summary_and_image, width)
         except ValueError as error:
             return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})

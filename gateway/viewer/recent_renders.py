@@ -53,9 +53,9 @@ class RecentRenders:
                 "when": entry.time,
                 "status": entry.summary.status,
                 "milliseconds": round(entry.summary.seconds * 1e3, 2),
-                "queued": round(entry.summary.queued * 1e3, 2),
-                "what": entry.summary.what,
-                "scene": entry.summary.scene,
+                "queued": round(entry.summary.queue_seconds * 1e3, 2),
+                "what": entry.summary.image_text,
+                "scene": entry.summary.scene_text,
                 "image": bool(entry.body),
                 "error": entry.summary.error,
             }

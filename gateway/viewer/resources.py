@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import PointCloud
-from gateway.scene.meshing import LARGEST
+from gateway.scene.meshing import MAX_EXTENT
 from gateway.viewer.frames import FrameBuilder
 from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
@@ -90,8 +90,8 @@ class Resources:
         values = None if cloud is None else cloud.channels.get(name)
         if cloud is None or values is None or len(values) != len(cloud.points):
             return None
-        drawn = (np.abs(cloud.points) < LARGEST).all(axis=1)
-        return np.ascontiguousarray(values.reshape(len(values), -1)[drawn], dtype=np.float32)
+        is_drawn = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
+        return np.ascontiguousarray(values.reshape(len(values), -1)[is_drawn], dtype=np.float32)
 
     def take_removed_meshes(self) -> set[int]:
         """Return the ids of meshes that no longer exist, each id once."""

@@ -89,13 +89,18 @@ class SceneImages:
         return data, snapshot.revision
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
-        drawn = self._flattener.flatten(snapshot)
+        draw_list = self._flattener.flatten(snapshot)
         camera = resolve_camera(
-            request.camera, snapshot.root, request.width, request.height, stereo=self._stereo_camera(), drawn=drawn
+            request.camera,
+            snapshot.root,
+            request.width,
+            request.height,
+            stereo=self._stereo_camera(),
+            draw_list=draw_list,
         )
         samples = self.config.samples if request.look == "studio" else 1
         look = Look(request.look, self.config.background, samples, self.config.rig)
-        with self._renderer.render(drawn, camera, Output.COLOR, look) as frame:
+        with self._renderer.render(draw_list, camera, Output.COLOR, look) as frame:
             assert frame.color is not None
             return jpeg_rgb(frame.color, quality=request.quality)
 
@@ -112,9 +117,11 @@ class SceneImages:
         if self.streams >= self.config.max_streams:
             raise StreamsFull(f"{self.streams} streams are open, which is the limit (max_streams)")
         self.streams += 1
-        return self._parts(request, rate, closing)
+        return self._stream_parts(request, rate, closing)
 
-    async def _parts(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
+    async def _stream_parts(
+        self, request: ImageRequest, rate: float, closing: Callable[[], bool]
+    ) -> AsyncIterator[bytes]:
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
 
@@ -124,7 +131,7 @@ class SceneImages:
         stop_listening = self._tree.listen(on_change)
         try:
             while not closing():
-                begin = loop.time()
+                frame_start = loop.time()
                 changed.clear()
                 try:
                     data, _ = await self.jpeg(request)
@@ -136,19 +143,19 @@ class SceneImages:
                     return
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
                 yield b"--" + BOUNDARY + b"\r\n" + head + data + b"\r\n"
-                await asyncio.sleep(max(0.0, begin + 1.0 / rate - loop.time()))
-                await _wait(changed, begin + _REPEAT_SECONDS, closing)
+                await asyncio.sleep(max(0.0, frame_start + 1.0 / rate - loop.time()))
+                await _wait_for_change(changed, frame_start + _REPEAT_SECONDS, closing)
         finally:
             stop_listening()
             self.streams -= 1
 
 
-async def _wait(event: asyncio.Event, end: float, closing: Callable[[], bool]) -> None:
-    """Wait for the event, the loop time ``end`` or the shutdown of the gateway, which sets no event."""
+async def _wait_for_change(event: asyncio.Event, deadline: float, closing: Callable[[], bool]) -> None:
+    """Wait for the event, the loop time ``deadline`` or the shutdown of the gateway, which sets no event."""
     loop = asyncio.get_running_loop()
-    while not event.is_set() and not closing() and (left := end - loop.time()) > 0:
+    while not event.is_set() and not closing() and (seconds_left := deadline - loop.time()) > 0:
         try:
-            async with asyncio.timeout(min(left, _CLOSING_POLL_SECONDS)):
+            async with asyncio.timeout(min(seconds_left, _CLOSING_POLL_SECONDS)):
                 await event.wait()
         except TimeoutError:
             pass

@@ -57,8 +57,10 @@ class StereoSource(Protocol):
     """The stereo camera as the view uses it."""
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
-        """Return the camera's place in a snapshot of the live scene; None if it sees another scene. Must be cheap:
-        called with every update."""
+        """Return the camera's place in a snapshot of the live scene; None if it sees another scene.
+
+        Called with every update, so it must be fast.
+        """
 
     async def capture(self) -> StereoImages:
         """Render a set of images now."""
@@ -72,12 +74,12 @@ class RenderSummary:
     """HTTP status."""
     seconds: float
     """Time from the first byte of the request to the response."""
-    queued: float
-    """Seconds of it spent waiting for a worker thread."""
-    what: str
-    """Type and size of the image, as text."""
-    scene: str
-    """Size and origin of the scene, as text."""
+    queue_seconds: float
+    """Part of ``seconds`` spent waiting for a worker thread."""
+    image_text: str
+    """Type and size of the image, for display."""
+    scene_text: str
+    """Size and origin of the scene, for display."""
     kind: Literal["color", "depth", "label", ""]
     """Type of the image; empty if the request was invalid."""
     body: bytes

@@ -156,7 +156,7 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
 def count_render(metrics: Metrics, record: RenderRecord) -> None:
     """Count one finished request of the render endpoint."""
     kind = record.request.image_type if record.request is not None else "unknown"
-    stages = (("queue", record.queue_seconds), *record.image.stages) if record.image is not None else ()
+    stages = (("queue", record.queue_seconds), *record.image.stage_seconds) if record.image is not None else ()
     metrics.count_render(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
 
 

@@ -10,13 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 
 from gateway.assets.scene_file import read_scene_file
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
 from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
-from gateway.server.error_handlers import HeadAsGet
+from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
@@ -52,15 +53,17 @@ def setup(context: Context) -> None:
     settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_join_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    services = [_start_camera(context, number, mount) for number, mount in enumerate(mounts)]
     watch_stereo(context.metrics, *services)
     apps = [context.app]
     if settings.rest_port is not None:
-        apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        context.security.protect(apps[1])
-        apps[1].add_middleware(HeadAsGet)
+        rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
+        rest.add_exception_handler(RequestValidationError, invalid_parameters)
+        context.security.protect(rest)
+        rest.add_middleware(HeadAsGet)
+        apps.append(rest)
         context.run_service(
-            "rest", PortService(apps[1], settings.host, settings.rest_port, context.security.tls), where="/api"
+            "rest", PortService(rest, settings.host, settings.rest_port, context.security.tls), where="/api"
         )
     for app in apps:
         app.include_router(system_router(*services))
@@ -77,7 +80,7 @@ def _mount(text: str) -> Mount:
     return Mount(parse_mount_pose(text), None)
 
 
-def _join_camera(context: Context, number: int, mount: Mount) -> StereoService:
+def _start_camera(context: Context, number: int, mount: Mount) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API."""
     settings = context.settings
     config = replace(config_of(settings), tokens=context.security.grpc)
@@ -214,7 +217,7 @@ class StereoSensor:
         if not valid.size:
             return {"disparity": "no depth", "confidence": ""}
         model = self._service.config.model
-        ft = model.intrinsics(settings.quality.divisor).focal_length * model.baseline
-        far, near = ft / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
-        share = 100.0 * valid.size / images.disparity.size
-        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{share:.0f} %"}
+        pixel_metres = model.intrinsics(settings.quality.divisor).focal_length * model.baseline  # disparity times depth
+        far, near = pixel_metres / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
+        valid_percent = 100.0 * valid.size / images.disparity.size
+        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{valid_percent:.0f} %"}

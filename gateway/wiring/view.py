@@ -63,22 +63,22 @@ def lost_lcm_messages(treeviewer: Mapping[str, Any]) -> int | None:
 
 
 def render_summary(record: RenderRecord) -> RenderSummary:
-    """Return what the page lists of a render request, without its scene."""
+    """Return a render request as the page lists it, without its scene."""
     request, image = record.request, record.image
-    what, scene = "not understood", ""
+    image_text, scene_text = "not understood", ""
     if request is not None:
-        what = f"{request.image_type}, {request.width} × {request.height}"
+        image_text = f"{request.image_type}, {request.width} × {request.height}"
         size = len(request.scene)
-        scene = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
+        scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
     if image is not None:
         by = f" by {image.generator}" if image.generator else ""
-        scene = f"{scene}{by[:80]}, {image.elements} primitives"
+        scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
     return RenderSummary(
         status=record.status,
         seconds=record.seconds,
-        queued=record.queue_seconds,
-        what=what,
-        scene=scene,
+        queue_seconds=record.queue_seconds,
+        image_text=image_text,
+        scene_text=scene_text,
         kind=request.image_type if request is not None else "",
         body=image.body if image is not None else b"",
         media_type=image.media_type if image is not None else "",

@@ -1,9 +1,9 @@
 """The compiled kernels of all rooms, in parts.
 
-Child processes compile parts into the kernel cache; the server loads them. The parts that the default settings need
-at once are compiled before the server is ready, the others in the background afterwards: a call that needs one of
-those waits for it (``renderers.compiler.pending``). Every child spends seconds on imports and on functions that kernels
-share. Therefore there are at most as many as processors, and each takes one part after the other.
+Child processes compile parts into the kernel cache, and the server loads them. The server is ready when the parts are
+loaded that the default settings need. The others are compiled afterwards; a call that needs one of them waits
+(``renderers.compiler.pending``). Every child spends seconds on imports and on functions that kernels share, so there
+are at most as many children as processors, and each takes one part after the other.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Any, Final
 from gateway.runtime import kernel_cache, process_tuning
 
 
-def _is_in(name: str, modules: tuple[str, ...]) -> bool:
-    return any(name == module or name.startswith(f"{module}.") for module in modules)
+def _is_in(kernel: str, names: tuple[str, ...]) -> bool:
+    return any(kernel == name or kernel.startswith(f"{name}.") for name in names)
 
 
-def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
-    """Return a function that compiles or loads the renderer's kernels of these modules, or of these kernels' names."""
+def _kernels_of(*names: str, excluding: tuple[str, ...] = ()) -> Callable[[], None]:
+    """Return a function that compiles or loads the renderers' kernels with these names, or in modules with them."""
 
     def compile_them() -> None:
         import renderers.depth_range
@@ -32,7 +32,7 @@ def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
 
         for kernel in KERNELS:
             name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
-            if _is_in(name, modules) and not _is_in(name, but):
+            if _is_in(name, names) and not _is_in(name, excluding):
                 compile_kernel(kernel)
 
     return compile_them
@@ -59,8 +59,8 @@ _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shadin
 _SETUP: Final = ("renderers.raster.setup",)
 
 NEEDED: Final[Mapping[str, Callable[[], None]]] = {
-    "shading": _kernels_of("renderers.shading", but=(*_STUDIO, *_NORMALS)),
-    "raster": _kernels_of("renderers", but=("renderers.shading", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP)),
+    "shading": _kernels_of("renderers.shading", excluding=(*_STUDIO, *_NORMALS)),
+    "raster": _kernels_of("renderers", excluding=("renderers.shading", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP)),
     "setup": _kernels_of(*_SETUP),
     "formats": _gltf_and_lcm,
 }
@@ -103,11 +103,11 @@ def run_background() -> None:
             load()
 
 
-def compile_parts(numbers: int, names: tuple[str, ...]) -> None:
+def compile_parts(queue: int, names: tuple[str, ...]) -> None:
     """Compile parts until none is left; report on stdout each part that begins, and its kernels when it ends.
 
     Args:
-        numbers: file descriptor with one byte for each part to compile, its index in ``names``. Other processes read
+        queue: file descriptor with one byte for each part to compile, its index in ``names``. Other processes read
             from it, too.
         names: parts of ``PARTS``.
 
@@ -118,12 +118,12 @@ def compile_parts(numbers: int, names: tuple[str, ...]) -> None:
     if set(names) <= set(BACKGROUND):
         os.nice(10)  # the server already runs
     process_tuning.pause_gc()  # compiling makes millions of objects that live until the end
-    known: set[int] = set()
-    while number := os.read(numbers, 1):
-        part = names[number[0]]
+    reported: set[int] = set()
+    while index := os.read(queue, 1):
+        part = names[index[0]]
         _report(part=part)
         PARTS[part]()
-        _report(part=part, kernels=_compiled_since(known))
+        _report(part=part, kernels=_take_new_folders(reported))
 
 
 def _report(**fields: Any) -> None:
@@ -131,14 +131,18 @@ def _report(**fields: Any) -> None:
     sys.stdout.flush()
 
 
-def _compiled_since(known: set[int]) -> list[str]:
-    """Return the names of the cache folders of kernels that are not in ``known`` yet, and add them to it."""
+def _take_new_folders(reported: set[int]) -> list[str]:
+    """Return the names of the cache folders of the kernels compiled since the last call.
+
+    Args:
+        reported: ids of the kernels of earlier calls; extended here.
+    """
     from renderers.compiler.cache_locator import CACHED, folder_of
 
     folders: list[str] = []
     for dispatcher in CACHED:
-        if dispatcher.signatures and id(dispatcher) not in known:
-            known.add(id(dispatcher))
+        if dispatcher.signatures and id(dispatcher) not in reported:
+            reported.add(id(dispatcher))
             path = folder_of(dispatcher)
             if not any(path.glob("*.nbi")):
                 raise kernel_cache.KernelError(f"Numba has not kept {path.name} in the cache")

@@ -1,8 +1,8 @@
 """The kernel cache on disk: its folder and its manifest.
 
-The folder is named by everything that the machine code depends on: the contents of the sources, the CPU, and the
-versions of Python, Numba, llvmlite and NumPy. It does not depend on where the package is installed or on the files'
-times: every clone, virtual environment and container layer of one version shares its kernels:
+The folder's name has a digest of everything that the machine code depends on: the contents of the sources, the CPU, and
+the versions of Python, Numba, llvmlite and NumPy. Paths and times of files do not count, so that all clones, virtual
+environments and container layers of one version share their kernels:
 
     <root>/scenegate-<sources>-<platform>/complete.json
     <root>/scenegate-<sources>-<platform>/renderers.fxaa.smooth_rows/fxaa.smooth_rows-110.py311.nbi, .1.nbc
@@ -32,17 +32,17 @@ PACKAGES: Final = ("renderers", "gateway")
 """Packages that define kernels."""
 _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
-_KEPT: Final = 4
-"""Number of folders of other versions to keep; each has about 8 MB."""
-_IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
+_MAX_OTHER_FOLDERS: Final = 4
+"""Number of folders of other versions that are kept, the newest ones; each has about 8 MB."""
+_GATEWAY_IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
 
 
 @cache
 def root() -> Path:
-    """Return the folder of all versions' folders: NUMBA_CACHE_DIR, or else the user's cache folder.
+    """Return the folder that holds the folders of all versions.
 
-    A folder that cannot be written is used if its kernels are complete; if not, a private temporary folder replaces
-    the user's cache folder, but never NUMBA_CACHE_DIR.
+    It is NUMBA_CACHE_DIR if that is set, and else below the user's cache folder; or, if the latter cannot be written
+    and has no complete kernels of this version, a private temporary folder.
     """
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(given)
@@ -50,7 +50,7 @@ def root() -> Path:
     path = Path(os.environ.get(CACHE_ENV) or Path(caches, "scenegate")) / "kernels"
     if is_writable(path) or not missing(path / folder_name()):
         return path
-    # Never a guessable name in a shared folder: Numba runs what it finds there.
+    # Not a name that others can guess: Numba executes the files that it finds there.
     private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
     atexit.register(shutil.rmtree, private, ignore_errors=True)
     return private
@@ -96,33 +96,33 @@ def sources_digest() -> str:
 
 def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
     """Return the names of the modules of ``gateway`` that define kernels, and of those they import, sorted."""
-    found: set[str] = set()
-    waiting = [name for name, source in sources.items() if b"cached_njit" in source]
-    while waiting:
-        name = waiting.pop()
-        if name in found:
+    reached: set[str] = set()
+    pending = [name for name, source in sources.items() if b"cached_njit" in source]
+    while pending:
+        name = pending.pop()
+        if name in reached:
             continue
-        found.add(name)
-        for module in _IMPORT.findall(sources[name]):
+        reached.add(name)
+        for module in _GATEWAY_IMPORT.findall(sources[name]):
             imported = module.decode().partition(".")[2].replace(".", "/")
-            waiting += [each for each in (f"{imported}.py", f"{imported}/__init__.py") if each in sources]
-    return sorted(found)
+            pending += [each for each in (f"{imported}.py", f"{imported}/__init__.py") if each in sources]
+    return sorted(reached)
 
 
 def platform_digest() -> str:
     """Return the digest of the CPU that kernels are compiled for and of the compiler's versions."""
-    # These make Numba compile for another CPU.
+    # With these settings, Numba compiles for another CPU.
     return _platform_digest(
         *(os.environ.get(f"NUMBA_{name}", "") for name in ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX"))
     )
 
 
-@cache  # called for every kernel, and versions are read from files
+@cache  # called for every kernel; reading the versions opens files
 def _platform_digest(*settings: str) -> str:
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    here = (get_host_cpu_name(), get_host_cpu_features().flatten())
-    key = (*settings, *here, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
+    cpu = (get_host_cpu_name(), get_host_cpu_features().flatten())
+    key = (*settings, *cpu, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
     return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
 
 
@@ -134,8 +134,7 @@ def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str
         parts: parts that must be complete; None: all that the manifest lists.
 
     Returns:
-        "" if every file of every kernel is unchanged (an index may list more since); otherwise the reason, as the rest
-        of a sentence.
+        "" if no file of these parts is missing or changed; otherwise the reason, as the rest of a sentence.
     """
     path = folder() if path is None else path
     try:
@@ -148,15 +147,16 @@ def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str
         return f"{_MANIFEST} cannot be read"
     if uncompiled := [part for part in names if part not in listed]:
         return f"not compiled yet: {', '.join(uncompiled)}"
-    wrong = sorted(name for name in files if not _is_intact(path, name, files))
-    return f"{len(wrong)} of {len(files)} files are missing or changed, the first is {wrong[0]}" if wrong else ""
+    changed = sorted(name for name in files if not _is_intact(path, name, files))
+    return f"{len(changed)} of {len(files)} files are missing or changed, the first is {changed[0]}" if changed else ""
 
 
 def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
-    """Return whether a file of the manifest has the same contents.
+    """Return whether a file has the digest that the manifest lists.
 
-    Another program may have added a specialisation to an index: then it must still be whole, of these sources, and list
-    the same files of machine code. Numba pickles names and stamp as they are; a pickle ends with a full stop.
+    The index of a kernel (``.nbi``, a pickle) may differ, as another program may have added a specialisation to it. It
+    must then be complete (a pickle ends with a full stop) and contain the digest of the sources and the names of the
+    kernel's other files.
     """
     try:
         data = (path / name).read_bytes()
@@ -164,10 +164,10 @@ def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
         return False
     if hashlib.sha256(data).hexdigest() == files[name]:
         return True
-    folder, _, file = name.rpartition("/")
-    siblings = [each.rpartition("/") for each in files]
-    listed = [sibling for place, _, sibling in siblings if place == folder and sibling != file]
-    expected = [sources_digest(), *listed]
+    kernel_folder, _, file = name.rpartition("/")
+    parts = [each.rpartition("/") for each in files]
+    other_files = [other for other_folder, _, other in parts if other_folder == kernel_folder and other != file]
+    expected = [sources_digest(), *other_files]
     return file.endswith(".nbi") and data.endswith(b".") and all(each.encode() in data for each in expected)
 
 
@@ -178,33 +178,33 @@ def count() -> int:
 
 
 def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
-    """List compiled parts in the manifest, and remove the oldest folders of other versions.
+    """Add compiled parts to the manifest, and remove the oldest folders of other versions.
 
     Args:
-        parts: part -> folders of its kernels, relative to ``folder()``; added to the parts that are listed.
+        parts: by part, the folders of its kernels relative to ``folder()``.
     """
-    here = folder()
+    own = folder()
     try:
-        listed = json.loads((here / _MANIFEST).read_bytes())
+        listed = json.loads((own / _MANIFEST).read_bytes())
     except (OSError, ValueError):
         listed = {}
     listed |= {
         part: {
-            file.relative_to(here).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+            file.relative_to(own).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
             for kernel in sorted(kernels)
-            for file in sorted((here / kernel).glob("*.nb[ic]"))
+            for file in sorted((own / kernel).glob("*.nb[ic]"))
         }
         for part, kernels in parts.items()
     }
-    with tempfile.NamedTemporaryFile("w", dir=here, prefix=_MANIFEST, delete=False) as file:
+    with tempfile.NamedTemporaryFile("w", dir=own, prefix=_MANIFEST, delete=False) as file:
         json.dump(listed, file, indent=1)
     Path(file.name).chmod(0o644)
-    Path(file.name).replace(here / _MANIFEST)
-    others = [p for p in here.parent.glob(f"{_PREFIX}*") if p != here and p.is_dir()]
-    for other in sorted(others, key=lambda p: p.stat().st_mtime)[:-_KEPT]:
+    Path(file.name).replace(own / _MANIFEST)
+    others = [path for path in own.parent.glob(f"{_PREFIX}*") if path != own and path.is_dir()]
+    for other in sorted(others, key=lambda path: path.stat().st_mtime)[:-_MAX_OTHER_FOLDERS]:
         shutil.rmtree(other, ignore_errors=True)
 
 
 def remove_manifest() -> None:
-    """Remove the manifest: the kernels are not complete."""
+    """Remove the manifest, so that the kernels count as not compiled."""
     (folder() / _MANIFEST).unlink(missing_ok=True)

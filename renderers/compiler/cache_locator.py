@@ -1,8 +1,8 @@
-"""Tell Numba to keep our kernels in ``renderers.compiler.cache_folder``'s folders.
+"""``cached_njit``: Numba's ``njit`` with the machine code in the folders of ``renderers.compiler.cache_folder``.
 
 By default Numba names a cache folder by the absolute path of the source file, so that another clone or virtual
-environment compiles everything again. Numba's setting CACHE_LOCATOR_CLASSES lists the classes that choose the folder;
-docs/decisions/0001-kernel-cache.md has the reasons. Every use of Numba's private API for the cache is in this file, and
+environment compiles everything again. Numba's setting CACHE_LOCATOR_CLASSES lists the classes that choose the folder
+(docs/decisions/0001-kernel-cache.md). Every use of Numba's private API for the cache is in this file;
 tests/renderers/compiler/test_cache_locator.py fails when Numba changes it.
 """
 
@@ -19,14 +19,14 @@ from numba.core import caching, config
 from renderers.compiler import cache_folder
 
 CACHED: Final[list[Any]] = []
-"""All functions made by ``cached_njit`` so far."""
+"""All functions that ``cached_njit`` has decorated."""
 _jit: Final[Any] = njit  # its stubs lack some of the options
-_numba: Final[Any] = caching
-_config: Final[Any] = config
+_caching: Final[Any] = caching  # without stubs
+_config: Final[Any] = config  # without stubs
 
 
-class KernelCacheLocator(_numba.UserProvidedCacheLocator):  # type: ignore[misc]  # Numba has no stubs for it
-    """The cache folder of one of our functions, named by content instead of path."""
+class KernelCacheLocator(_caching.UserProvidedCacheLocator):  # type: ignore[misc]  # Numba has no stubs for it
+    """Locator of the cache folder of one of our functions."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         super().__init__(function, file)
@@ -34,44 +34,41 @@ class KernelCacheLocator(_numba.UserProvidedCacheLocator):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelCacheLocator | None:
-        """Return the locator, or None for a function of another package, which Numba's own locators take."""
+        """Return the locator, or None for a function of another package; Numba then tries its own locators."""
         return cls(function, file) if function.__module__.partition(".")[0] in cache_folder.PACKAGES else None
 
     def get_cache_path(self) -> str:
-        """Return the function's folder, which, unlike with Numba's locators, need not be writable."""
+        """Return the function's folder. Unlike with Numba's locators, it need not be writable."""
         return str(cache_folder.folder() / self._folder)
 
     def get_source_stamp(self) -> str:
-        """Return the digest of all sources: Numba's own stamp leaves out functions called from other files."""
+        """Return the digest of all sources. Numba's own stamp leaves out functions that are called from other files."""
         return cache_folder.sources_digest()
 
 
 @contextmanager
-def _located() -> Iterator[None]:
-    """Put our locator before Numba's while a function is decorated.
-
-    Neither longer nor by the environment variable: other libraries' functions keep their own.
-    """
-    before = _config.CACHE_LOCATOR_CLASSES
-    default = _numba.CacheImpl._locator_classes  # noqa: SLF001 - Numba has no public list
-    others = before or ",".join(each.__name__ for each in default)
+def _own_locator() -> Iterator[None]:
+    """Put our locator before Numba's while a function is decorated; functions of other libraries do not get it."""
+    setting = _config.CACHE_LOCATOR_CLASSES
+    defaults = _caching.CacheImpl._locator_classes  # noqa: SLF001 - Numba has no public list
+    others = setting or ",".join(locator.__name__ for locator in defaults)
     _config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelCacheLocator.__name__},{others}"
     try:
         yield
     finally:
-        _config.CACHE_LOCATOR_CLASSES = before
+        _config.CACHE_LOCATOR_CLASSES = setting
 
 
 def cached_njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator as ``numba.njit(cache=True)`` that keeps the machine code in our kernel cache.
+    """Return ``numba.njit(cache=True)`` with our cache folder. Functions with one known signature use ``jit.kernel``.
 
     Args:
-        signature: none, or one: then the function is compiled, or loaded, when it is decorated.
-        options: as ``njit``'s.
+        signature: none or one. With a signature, the function is compiled, or loaded from the cache, at import.
+        options: options of ``njit``.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        with _located():
+        with _own_locator():
             dispatcher = _jit(*signature, cache=True, **options)(function)
         CACHED.append(dispatcher)
         return dispatcher

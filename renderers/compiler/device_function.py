@@ -1,9 +1,9 @@
-"""Functions that only kernels call. They are linked into kernels, and neither optimised nor compiled by themselves.
+"""``device_function``: decorator of functions that only kernels call.
 
-Numba would optimise every such function, give it wrappers for Python and make machine code of it. A kernel would link
-the result and optimise it again: a third of all compile time goes into code that never runs. The compiler here leaves
-functions as lowered; everything is optimised once, in the kernel. docs/decisions/0003-rasterizer-in-numba.md has the
-reasons; this is the only file that uses Numba's private compiler API.
+Numba optimises every function by itself, adds wrappers for Python and generates machine code. A kernel links the
+result and optimises it again, so that a third of all compile time goes into code that never runs. The compiler here
+only lowers device functions to LLVM; they are optimised once, in the kernel
+(docs/decisions/0003-rasterizer-in-numba.md). This is the only file that uses Numba's private compiler API.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numba.core.codegen import JITCodeLibrary
 
 
 class _NoEnvironment:
-    """A code generator for functions that are in no execution engine, and therefore have no environment."""
+    """Code generator without environments: they belong to functions in an execution engine."""
 
     def __init__(self, codegen: Any) -> None:
         self._codegen = codegen
@@ -26,11 +26,11 @@ class _NoEnvironment:
         return getattr(self._codegen, name)
 
     def set_env(self, name: str, env: object) -> None:
-        """Do nothing: kernels raise no exceptions."""
+        """Do nothing: environments are for exceptions, which kernels do not raise."""
 
 
-class _Linked(JITCodeLibrary):
-    """Code that is linked into other code."""
+class _DeviceLibrary(JITCodeLibrary):
+    """LLVM code of a device function: linked into kernels, never optimised or compiled."""
 
     @property
     def codegen(self) -> Any:
@@ -50,20 +50,20 @@ class _Linked(JITCodeLibrary):
 
 
 @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
-class _LinkedLibrary(compiler_machinery.LoweringPass):
-    """Choose the library that lowering puts its code into."""
+class _ChooseLibrary(compiler_machinery.LoweringPass):
+    """Lower the function into a ``_DeviceLibrary``."""
 
-    _name = "linked_library"
+    _name = "choose_device_library"
 
     def __init__(self) -> None:
         pass
 
     def run_pass(self, state: Any) -> bool:
-        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = _DeviceLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return False
 
 
-_NOT_USED: Final = {
+_UNNEEDED_PASSES: Final = {
     untyped_passes.WithLifting,
     untyped_passes.InlineClosureLikes,
     untyped_passes.RewriteDynamicRaises,
@@ -71,14 +71,14 @@ _NOT_USED: Final = {
     typed_passes.InlineOverloads,
     typed_passes.NopythonRewrites,
 }
-"""Passes for features that these functions do not use; they take a tenth of the time."""
+"""Passes for features that device functions do not use. They would take a tenth of the compile time."""
 
 
 class _Compiler(compiler.Compiler):
     def define_pipelines(self) -> list[Any]:
         (passes,) = super().define_pipelines()
-        passes.add_pass_after(_LinkedLibrary, typed_passes.AnnotateTypes)
-        passes.passes = [each for each in passes.passes if each[0] not in _NOT_USED]
+        passes.add_pass_after(_ChooseLibrary, typed_passes.AnnotateTypes)
+        passes.passes = [each for each in passes.passes if each[0] not in _UNNEEDED_PASSES]
         passes.finalize()
         return [passes]
 
@@ -93,28 +93,28 @@ _OPTIONS: Final[dict[str, Any]] = {
 }
 
 
-def _linked(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator like ``njit`` whose functions are compiled once for constants and variables of a type.
+def _decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator like ``njit`` whose functions are compiled once for all values of a constant argument.
 
-    Numba would compile a function anew for every constant argument. LLVM propagates constants anyway when it inlines.
+    Numba would compile a function again for every constant; LLVM propagates constants anyway when it inlines.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = _jit(**options)(function)
         compiler = dispatcher._compiler  # noqa: SLF001 - Numba has no option for it
-        fold = compiler.fold_argument_types
+        numba_fold = compiler.fold_argument_types
 
-        def without_constants(args: Any, kws: Any) -> Any:
-            plain: Any = types.unliteral
-            return fold(tuple(map(plain, args)), {name: plain(value) for name, value in dict(kws).items()})
+        def fold_argument_types(args: Any, kws: Any) -> Any:
+            unliteral: Any = types.unliteral  # the type of a constant without its value
+            return numba_fold(tuple(map(unliteral, args)), {name: unliteral(each) for name, each in dict(kws).items()})
 
-        compiler.fold_argument_types = without_constants
+        compiler.fold_argument_types = fold_argument_types
         return dispatcher
 
     return decorate
 
 
-device_function: Final[Any] = _linked(**_OPTIONS)
+device_function: Final[Any] = _decorator(**_OPTIONS)
 """Decorator for a function that kernels call. A call from Python crashes the process."""
-inlined: Final[Any] = _linked(forceinline=True, **_OPTIONS)
+inlined: Final[Any] = _decorator(forceinline=True, **_OPTIONS)
 """``device_function`` that is always inlined."""

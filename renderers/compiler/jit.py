@@ -1,6 +1,6 @@
-"""Compilation of kernels: one specialisation each, cached on disk, with the GIL released.
+"""``kernel``: decorator of the compiled functions that Python calls. Each has one signature and is cached on disk.
 
-Division follows IEEE 754: a posted scene may hold any numbers, and none may raise.
+Division follows IEEE 754 and never raises, as scenes may contain any numbers.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from numba.core import sigutils
 from renderers.compiler.cache_locator import cached_njit
 
 KERNELS: Final[list[Any]] = []
-"""All kernels defined so far, for ``compile_all``."""
+"""All kernels of the modules imported so far."""
 
 
 def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Decorate a function that Python calls; ``device_function`` is for functions that kernels call.
 
     Args:
-        signature: the specialisation, as Numba writes it. It is compiled, or loaded from the cache, at the first call
-            or by ``compile_all``, never at import.
-        releases_gil: False for kernels that take microseconds: after releasing the GIL, a thread may wait long for it.
+        signature: Numba's text for the types of the arguments and the result. The kernel is compiled, or loaded from
+            the cache, at its first call or by ``compile_all``, never at import.
+        releases_gil: False for kernels that take microseconds: taking the GIL again may take longer than they do.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -36,7 +36,7 @@ def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[.
 
 def compile_kernel(dispatcher: Any) -> None:
     """Compile a kernel, or load it from the cache."""
-    # Without the return type, as at a first call; with it, the cache would have another key.
+    # Without the return type, as at a first call: the cache would have another key with it.
     normalize: Any = sigutils.normalize_signature
     arguments, _ = normalize(dispatcher.scenegate_signature)
     dispatcher.compile(tuple(arguments))

@@ -1,7 +1,7 @@
-"""Calls from kernel to kernel, and atomic access to memory that threads share within kernels.
+"""Calls from kernel to kernel by address, and atomic access to memory that threads share.
 
-A kernel that calls another one by its address is not compiled together with it. Python is not involved, so that the
-threads of a frame do not wait for the GIL between two kernels.
+Kernels that call each other by address are compiled separately. Python is not involved, so that the threads of a frame
+do not wait for the GIL between two kernels.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ def kernel_address(dispatcher: Any) -> int:
 def call_kernel(typing_context: Any, address: Any, arguments: Any) -> Any:
     """``call_kernel(address, (a, b, ..))``: call a kernel that takes int64 and returns nothing.
 
-    Numba's calling convention passes two pointers, to the result and to an exception; kernels use neither.
+    Numba's calling convention passes two pointers before the arguments, to the result and to an exception.
     """
     count = len(arguments)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         function = context.call_conv.get_function_type(types.none, [types.int64] * count)
         with builder.goto_entry_block():
-            slots = [builder.alloca(argument.pointee) for argument in function.args[:2]]
-        for slot in slots:
-            builder.store(ir.Constant(slot.type.pointee, None), slot)
+            outcomes = [builder.alloca(argument.pointee) for argument in function.args[:2]]
+        for outcome in outcomes:
+            builder.store(ir.Constant(outcome.type.pointee, None), outcome)
         values = [builder.extract_value(args[1], k) for k in range(count)]
-        builder.call(builder.inttoptr(args[0], function.as_pointer()), [*slots, *values])
+        builder.call(builder.inttoptr(args[0], function.as_pointer()), [*outcomes, *values])
         return ir.Constant(_I32, 0)
 
     return types.int32(types.int64, arguments), generate
@@ -51,7 +51,7 @@ def call_kernel(typing_context: Any, address: Any, arguments: Any) -> Any:
 
 @intrinsic
 def atomic_add_one(typing_context: Any, pointer: Any, index: Any) -> Any:
-    """``atomic_add_one(pointer, i)``: add 1 to an int64 and return the value before."""
+    """``atomic_add_one(pointer, i)``: add 1 to an int64 and return its former value."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.atomic_rmw("add", builder.gep(args[0], [args[1]]), ir.Constant(_I64, 1), "seq_cst")
@@ -61,7 +61,7 @@ def atomic_add_one(typing_context: Any, pointer: Any, index: Any) -> Any:
 
 @intrinsic
 def load_acquire(typing_context: Any, pointer: Any, index: Any) -> Any:
-    """``load_acquire(pointer, i)``: an int64, with what its writer wrote before ``atomic_add_one``."""
+    """``load_acquire(pointer, i)``: read an int64. Writes before its last ``atomic_add_one`` are visible then."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load_atomic(builder.gep(args[0], [args[1]]), "acquire", align=8)
@@ -71,11 +71,11 @@ def load_acquire(typing_context: Any, pointer: Any, index: Any) -> Any:
 
 @intrinsic
 def is_set(typing_context: Any, address: Any) -> Any:
-    """``is_set(address)``: True if an int64 that other threads may write is not 0; see ``stop.StopFlag``."""
+    """``is_set(address)``: True if the int64 of a ``stop.StopFlag`` is not 0. Other threads may set it meanwhile."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        word = builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "monotonic", align=8)
-        return builder.icmp_signed("!=", word, ir.Constant(_I64, 0))
+        flag = builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "monotonic", align=8)
+        return builder.icmp_signed("!=", flag, ir.Constant(_I64, 0))
 
     return types.boolean(types.int64), generate
 
@@ -93,7 +93,7 @@ YIELD_ADDRESS: Final = _yield_address()
 
 @intrinsic
 def yield_at(typing_context: Any, address: Any) -> Any:
-    """``yield_at(YIELD_ADDRESS)``: let another thread run; the address must not be 0."""
+    """``yield_at(YIELD_ADDRESS)``: let another thread run. The address must not be 0."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         builder.call(builder.inttoptr(args[0], ir.FunctionType(_I32, []).as_pointer()), [])

@@ -1,7 +1,7 @@
 """Parts of the kernels that are compiled in the background while the server already runs.
 
-The server announces the parts that are not compiled yet. A call that needs such a part waits for it in its worker
-thread. In other programs nothing is ever pending: Numba compiles a kernel at its first call.
+The server announces the parts that are not compiled yet; a worker thread that needs one waits for it. In other programs
+no part is ever pending: Numba compiles a kernel at its first call.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _POLL_SECONDS: Final = 0.1
 _changed: Final = threading.Condition()
 _thread: Final = threading.local()
 _pending: Final[dict[str, Exception | None]] = {}
-"""Part -> None while it is compiled, or the error that ended that."""
+"""By part, None while it is being compiled, or the error of its compilation."""
 
 
 def begin(parts: tuple[str, ...]) -> None:
@@ -35,7 +35,7 @@ def finish() -> None:
 
 
 def fail(error: Exception) -> None:
-    """Announce that the pending parts could not be compiled. Calls that wait raise it anew."""
+    """Announce that the pending parts could not be compiled. Waiting calls raise a copy of the error."""
     with _changed:
         for part in _pending:
             _pending[part] = error
@@ -44,7 +44,7 @@ def fail(error: Exception) -> None:
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Let the calling thread use pending parts: it loads them."""
+    """Let the calling thread use pending parts, since it is the one that loads them."""
     _thread.is_loading = True
     try:
         yield

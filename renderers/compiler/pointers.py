@@ -1,8 +1,8 @@
 """C pointers in kernels.
 
-Array arguments of functions that are not inlined cost reference counts and negative-index arithmetic, 40 to 60 ns per
-triangle. Kernels therefore take the addresses of structs (``renderers.compiler.structs``) and work on C pointers:
-``p[i]`` reads and writes without a check. The Python caller keeps the arrays alive while a kernel runs.
+Passing arrays between functions that are not inlined costs reference counts and negative-index arithmetic, 40 to 60 ns
+per triangle. Kernels therefore take addresses of arrays and structs (``renderers.compiler.structs``) and work on C
+pointers: ``p[i]`` reads and writes without a check. The Python caller keeps the arrays alive while a kernel runs.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from numpy.typing import NDArray
 intrinsic: Any = extending.intrinsic
 
 
-def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
+def address_of(array: NDArray[Any] | None, dtype: type[np.generic] | np.dtype[Any]) -> int:
     """Return the address of a C-contiguous array's first value; 0 for None.
 
     Raises:
-        TypeError: the array has another dtype or is not C-contiguous, so that a kernel would misread it.
+        TypeError: the array has another dtype or is not C-contiguous. A kernel would misread it.
     """
     if array is None:
         return 0
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
-    address: int = array.__array_interface__["data"][0]  # a third of the time of array.ctypes.data
+    address: int = array.__array_interface__["data"][0]  # three times as fast as array.ctypes.data
     return address
 
 
@@ -69,12 +69,12 @@ u8_at = _pointer_to(types.uint8)
 
 def _cast_to(scalar: Any) -> Any:
     def cast(typing_context: Any, pointer: Any) -> tuple[Any, Callable[..., Any]]:
-        wanted: Any = types.CPointer(scalar)
+        target: Any = types.CPointer(scalar)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return builder.bitcast(args[0], context.get_value_type(wanted))
+            return builder.bitcast(args[0], context.get_value_type(target))
 
-        return wanted(pointer), generate
+        return target(pointer), generate
 
     return intrinsic(cast)
 
@@ -97,9 +97,9 @@ def address(typing_context: Any, pointer: Any) -> Any:
 
 
 def stack_array(scalar: Any, count: int) -> Any:
-    """Return a function for kernels, without arguments, that returns a pointer to uninitialised memory on the stack.
+    """Return a function for kernels: no arguments, returns a pointer to uninitialised memory on the stack.
 
-    The memory is valid until the calling device function returns. Every call within one function gets the same.
+    The memory is valid until the calling device function returns. All calls within one function return the same memory.
 
     Args:
         scalar: Numba type of the values.
@@ -111,8 +111,8 @@ def stack_array(scalar: Any, count: int) -> Any:
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             memory = ir.ArrayType(context.get_data_type(scalar), count)
-            once: Any = cgutils.alloca_once
-            return builder.bitcast(once(builder, memory), context.get_value_type(pointer))
+            alloca: Any = cgutils.alloca_once
+            return builder.bitcast(alloca(builder, memory), context.get_value_type(pointer))
 
         return pointer(), generate
 

@@ -9,9 +9,8 @@ A kernel takes the address of a struct instead of a long list of integers:
     frame = frame_at(address)
     frame.depth[frame.width] = frame.meshes[3].center[2]
 
-A field of type ``Struct`` holds the address of the first struct of an array. As in C, ``struct[k]`` is the k-th struct
-from there, by reference, and nothing is checked. An ``array_of`` field lies within the struct; its value in kernels is
-a pointer to it.
+A field of type ``Struct`` holds the address of an array of structs. As in C, ``struct[k]`` is a reference to the k-th
+struct of the array, unchecked. An ``array_of`` field lies within the struct; in kernels it is a pointer to its values.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class _InlineArray:
 
 
 def array_of(scalar: Any, count: int) -> Any:
-    """Type of a field that is ``count`` scalars."""
+    """Type of a field that consists of ``count`` scalars."""
     return _InlineArray(scalar, count)
 
 
@@ -71,7 +70,7 @@ class _StructType(types.Type):
 
 
 class Struct:
-    """A struct type. ``dtype`` is its layout for NumPy, where addresses are int64."""
+    """A struct type for kernels and, as ``dtype``, for NumPy, where addresses are int64."""
 
     def __init__(self, name: str, fields: Mapping[str, Any]) -> None:
         """
@@ -116,8 +115,8 @@ def _reference(struct: _StructType) -> Any:
 def _on_stack(struct: _StructType) -> Any:
     def allocate(typing_context: Any) -> Any:
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            once: Any = cgutils.alloca_once
-            memory = once(builder, ir.ArrayType(_I64, -(-struct.size // 8)))
+            alloca: Any = cgutils.alloca_once
+            memory = alloca(builder, ir.ArrayType(_I64, -(-struct.size // 8)))
             return builder.bitcast(memory, context.get_value_type(struct))
 
         return struct(), generate

@@ -1,4 +1,4 @@
-"""Pools of arrays. Fresh pages from the operating system cost more than drawing on them."""
+"""Pools of output arrays and working memory. Fresh pages from the operating system cost more than drawing on them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CACHE_LINE: Final = 64
 def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Return an uninitialised C-contiguous array that begins with a cache line.
 
-    NumPy's own begin 16 bytes after one, so that every second vector straddles two lines and takes twice the time.
+    NumPy's own arrays begin 16 bytes after one: every second vector would straddle two lines and take twice the time.
     """
     nbytes = math.prod(shape) * np.dtype(dtype).itemsize
     raw = np.empty(nbytes + CACHE_LINE, np.uint8)
@@ -47,7 +47,7 @@ class PooledArrays:
 
 
 class ArrayPool:
-    """Groups of arrays by shapes and dtypes. Thread-safe. Arrays that are not given back are collected."""
+    """Free arrays, in groups of the same shapes and dtypes. Thread-safe. Arrays need not be given back."""
 
     def __init__(self, max_bytes: int = POOL_BYTES) -> None:
         self._max_bytes = max_bytes
@@ -92,28 +92,28 @@ class Scratch:
 
     def take(self, name: str, count: int, dtype: type[np.generic]) -> tuple[NDArray[Any], int]:
         """Return an uninitialised flat array of at least ``count`` values, and its address."""
-        known = self._arrays.get(name)
-        if known is None or known[0].size < count:
-            if known is not None:  # before the new one is allocated: memory may be short
+        entry = self._arrays.get(name)
+        if entry is None or entry[0].size < count:
+            if entry is not None:  # before the new one is allocated: memory may be short
                 self.nbytes -= self._arrays.pop(name)[0].nbytes
-                known = None
+                entry = None
             array = aligned((math.ceil(count * 1.25),), dtype)
-            known = self._arrays[name] = array, address_of(array, dtype)
+            entry = self._arrays[name] = array, address_of(array, dtype)
             self.nbytes += array.nbytes
-        return known
+        return entry
 
     def table(self, name: str, values: int) -> Table:
         """Return at least ``values`` uninitialised int64, as from ``pointers.table``."""
-        known = self._tables.get(name)
-        if known is None or known[0] < values:
-            before = 0 if known is None else known[0]
-            known = self._tables[name] = values, table(values)
-            self.nbytes += 8 * (values - before)
-        return known[1]
+        entry = self._tables.get(name)
+        if entry is None or entry[0] < values:
+            old_values = 0 if entry is None else entry[0]
+            entry = self._tables[name] = values, table(values)
+            self.nbytes += 8 * (values - old_values)
+        return entry[1]
 
 
 class ScratchPool:
-    """Scratch for every frame in progress; idle scratch above the limit is dropped. Thread-safe."""
+    """Idle scratch, one per frame in progress. Scratch beyond the limit is dropped. Thread-safe."""
 
     def __init__(self, max_bytes: int = SCRATCH_BYTES) -> None:
         self._max_bytes = max_bytes
@@ -122,6 +122,7 @@ class ScratchPool:
         self._lock = threading.Lock()
 
     def take(self) -> Scratch:
+        """Return idle or new scratch, for one frame."""
         with self._lock:
             if not self._free:
                 return Scratch()
@@ -130,6 +131,7 @@ class ScratchPool:
             return scratch
 
     def give(self, scratch: Scratch) -> None:
+        """Take scratch back, or drop it above the limit."""
         with self._lock:
             if self._bytes + scratch.nbytes <= self._max_bytes:
                 self._bytes += scratch.nbytes

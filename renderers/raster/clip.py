@@ -1,4 +1,4 @@
-"""Clipping in the camera's frame of primitives that cross the near plane or leave the guard band."""
+"""Clipping of primitives that cross the near plane or leave the guard band, in the camera's frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _clipped_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
 
 
 @device_function
-def snap(value):
+def snap_to_grid(value):
     """Return the grid coordinate of a float32 pixel coordinate. The product is exact; ties round to even."""
     return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
@@ -60,10 +60,14 @@ def plane_distance(frame, plane, points, k):
 
 
 @device_function
-def intersect(points, inside, d_inside, outside, d_outside, out, k):
-    """Write the point of an edge on a plane to point ``k`` of ``out``.
+def interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
+    """Write the intersection of an edge and a plane to point ``k`` of ``out``.
 
     It is always computed from the inside end, so that two triangles with a common edge get the same point.
+
+    Args:
+        inside, outside: indices of the edge's ends in ``points``.
+        d_inside, d_outside: their distances from the plane.
     """
     t = d_inside / (d_inside - d_outside)
     for axis in range(3):
@@ -72,7 +76,7 @@ def intersect(points, inside, d_inside, outside, d_outside, out, k):
 
 
 @device_function
-def project(frame, points, k):
+def project_to_pixels(frame, points, k):
     """Return the pixel coordinates (float32) of point ``k``, which must not lie behind the near plane."""
     x, y, w = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
     return np.float32(frame.fx * x * w + frame.cx), np.float32(frame.fy * y * w + frame.cy)
@@ -101,6 +105,7 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
     """
     indices = draw.indices
     points, clipped = _points_array(), _clipped_array()
+    # Vertices of the mesh that the points are, or -1.
     sources, clipped_sources = _sources_array(), _clipped_sources_array()
     for k in range(3):
         index = np.int64(indices[3 * primitive + k])
@@ -112,27 +117,27 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
         return 0
     count = 3
     for plane in range(PLANES):
-        n = 0
+        clipped_count = 0
         previous = count - 1
         d_previous = plane_distance(frame, plane, points, previous) if count > 0 else 0.0
         for k in range(count):
             d = plane_distance(frame, plane, points, k)
             if d >= 0.0 and d_previous < 0.0:
-                intersect(points, k, d, previous, d_previous, clipped, n)
-                clipped_sources[n] = -1
-                n += 1
+                interpolate_at_plane(points, k, d, previous, d_previous, clipped, clipped_count)
+                clipped_sources[clipped_count] = -1
+                clipped_count += 1
             if d < 0.0 and d_previous >= 0.0:
-                intersect(points, previous, d_previous, k, d, clipped, n)
-                clipped_sources[n] = -1
-                n += 1
+                interpolate_at_plane(points, previous, d_previous, k, d, clipped, clipped_count)
+                clipped_sources[clipped_count] = -1
+                clipped_count += 1
             if d >= 0.0:
                 for axis in range(3):
-                    clipped[3 * n + axis] = points[3 * k + axis]
-                clipped_sources[n] = sources[k]
-                n += 1
+                    clipped[3 * clipped_count + axis] = points[3 * k + axis]
+                clipped_sources[clipped_count] = sources[k]
+                clipped_count += 1
             previous = k
             d_previous = d
-        count = n
+        count = clipped_count
         points, clipped = clipped, points
         sources, clipped_sources = clipped_sources, sources
     if count < 3:
@@ -142,9 +147,9 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
             vertex = 4 * (draw.first_vertex + sources[k])
             x, y = frame.vertices[vertex], frame.vertices[vertex + 1]
         else:
-            x, y = project(frame, points, k)
-        polygon[2 * k] = snap(x)
-        polygon[2 * k + 1] = snap(y)
+            x, y = project_to_pixels(frame, points, k)
+        polygon[2 * k] = snap_to_grid(x)
+        polygon[2 * k + 1] = snap_to_grid(y)
     return count
 
 
@@ -159,7 +164,7 @@ def clip_line(frame, ends):
         if d0 < 0.0 and d1 < 0.0:
             return False
         if d1 < 0.0:
-            intersect(ends, 0, d0, 1, d1, ends, 1)
+            interpolate_at_plane(ends, 0, d0, 1, d1, ends, 1)
         elif d0 < 0.0:
-            intersect(ends, 1, d1, 0, d0, ends, 0)
+            interpolate_at_plane(ends, 1, d1, 0, d0, ends, 0)
     return True

@@ -1,10 +1,10 @@
 """Closed meshes whose back faces are hidden from every point outside: spheres, boxes, cylinders, capsules.
 
-A closed surface covers every pixel centre by as many front as back faces: coverage is exact on snapped corners, and
-each edge counts once in each direction. If all triangles also face away from one point within, a ray leaves the mesh
-through front faces only, so that what it meets first from outside is a front face. The back faces of such a mesh need
-not be drawn for a camera outside its bounding box. The image is the same, and so are the depths, except where snapping
-moves a silhouette over a pixel centre or where front and back are closer than float32 can tell: there the front shows.
+A closed surface covers every pixel centre by as many front faces as back faces, because coverage is exact on snapped
+corners and each edge occurs once in each direction. If all triangles also face away from one inner point, a ray from
+outside meets a front face first. A camera outside the bounding box of such a mesh needs no back faces. The image and
+its depths are the same, except where snapping moves a silhouette over a pixel centre, or where front and back are
+closer than float32 can tell: there the front shows.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_
 from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
-"""Relative to the mesh's extent: smaller coordinates count as 0. Generators leave sin and cos of whole turns, 2e-16
-apart, where seams meet."""
+"""Coordinates below this times the mesh's extent count as 0. Where seams meet, mesh generators write the sine of a
+whole turn, which is 2e-16 instead of 0."""
 
 _BLOCK: Final = 1 << 16
 """Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
@@ -42,15 +42,15 @@ def _hash(value):
 def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_at, out_at, stop_at):
     """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
 
-    An edge from a to b counts A(a) B(b) - A(b) B(a), modulo 2^64, where A and B are two hashes of a position. The sum
-    over all edges is 0 if each occurs as often in the other direction; otherwise with a probability of about 2^-60.
+    Each edge from a to b adds A(a) B(b) - A(b) B(a), modulo 2^64, where A and B are two hashes of a position. If each
+    edge occurs as often in the other direction, the sum is 0; otherwise it is 0 with a probability of about 2^-60.
 
     Args:
         positions_at, count, indices_at, triangles: the mesh, float32 and uint32.
         cleaned_at: address of (count, 3) float32; gets the positions with values near zero set to zero.
         hashes_at: address of (count, 2) uint64 of scratch.
-        out_at: address of 8 float64: 1 if so, else 0; 1 if the cleaned positions differ; centre and half sides of
-            the bounding box.
+        out_at: address of 8 float64: 1 if it is closed and faces away, else 0; 1 if the cleaned positions differ, else
+            0; centre and half extents of the bounding box.
         stop_at: address of a ``StopFlag``; the result means nothing if it was set.
     """
     positions, cleaned, out = f32_at(positions_at), f32_at(cleaned_at), f64_at(out_at)
@@ -81,36 +81,36 @@ def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_
         volume = ax * (by * dz - bz * dy) + ay * (bz * dx - bx * dz) + az * (bx * dy - by * dx)
         if not volume > 0.0:
             # Degenerate triangles, as at the poles of a sphere, are never visible.
-            tiny = 4.0 * NEAR_ZERO * extent
-            same = (abs(ax - bx) <= tiny) & (abs(ay - by) <= tiny) & (abs(az - bz) <= tiny)
-            same |= (abs(bx - dx) <= tiny) & (abs(by - dy) <= tiny) & (abs(bz - dz) <= tiny)
-            same |= (abs(dx - ax) <= tiny) & (abs(dy - ay) <= tiny) & (abs(dz - az) <= tiny)
-            if not same:
+            tolerance = 4.0 * NEAR_ZERO * extent
+            coincide = (abs(ax - bx) <= tolerance) & (abs(ay - by) <= tolerance) & (abs(az - bz) <= tolerance)
+            coincide |= (abs(bx - dx) <= tolerance) & (abs(by - dy) <= tolerance) & (abs(bz - dz) <= tolerance)
+            coincide |= (abs(dx - ax) <= tolerance) & (abs(dy - ay) <= tolerance) & (abs(dz - az) <= tolerance)
+            if not coincide:
                 return
-    tiny32 = np.float32(NEAR_ZERO * extent)
+    near_zero = np.float32(NEAR_ZERO * extent)
     changed = False
     for k in range(count):
         if k % _BLOCK == 0 and is_set(stop_at):
             return
         for axis in range(3):
             value = positions[3 * k + axis]
-            near = abs(value) <= tiny32
-            changed = changed | (near & (value != np.float32(0.0)))
-            cleaned[3 * k + axis] = np.float32(0.0) if near else value
-        first = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
-        mixed = _hash(_hash(first + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(bits[3 * k + 2]))
-        hashes[2 * k] = np.int64(mixed)
-        hashes[2 * k + 1] = np.int64(_hash(mixed + np.uint64(0x9E3779B97F4A7C15)))
-    total = np.int64(0)
+            is_zero = abs(value) <= near_zero
+            changed = changed | (is_zero & (value != np.float32(0.0)))
+            cleaned[3 * k + axis] = np.float32(0.0) if is_zero else value
+        xy_bits = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
+        first_hash = _hash(_hash(xy_bits + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(bits[3 * k + 2]))
+        hashes[2 * k] = np.int64(first_hash)
+        hashes[2 * k + 1] = np.int64(_hash(first_hash + np.uint64(0x9E3779B97F4A7C15)))
+    edge_sum = np.int64(0)
     for t in range(triangles):
         if t % _BLOCK == 0 and is_set(stop_at):
             return
         a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
-        # The counts of its three edges, combined.
-        total += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1]) - (hashes[c] - hashes[a]) * (
+        # Of its three edges.
+        edge_sum += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1]) - (hashes[c] - hashes[a]) * (
             hashes[b + 1] - hashes[a + 1]
         )
-    out[0] = 1.0 if total == 0 and triangles > 0 else 0.0
+    out[0] = 1.0 if edge_sum == 0 and triangles > 0 else 0.0
     out[1] = 1.0 if changed else 0.0
 
 
@@ -124,8 +124,8 @@ def convex_bounds(
         indices: (M, 3) uint32, C-contiguous, below N.
 
     Returns:
-        Centre and half sides of the box, and the positions to draw the mesh with: vertices that differ by rounding only
-        are equal in it.
+        Centre and half extents of the box, and the positions to draw the mesh with, in which vertices that differ by
+        rounding only are equal.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
@@ -145,5 +145,5 @@ def convex_bounds(
     stop.check()
     if out[0] == 0.0:
         return None
-    x, y, z, w, h, d = out[2:].tolist()
-    return (x, y, z, w, h, d), cleaned if out[1] != 0.0 else positions
+    x, y, z, half_x, half_y, half_z = out[2:].tolist()
+    return (x, y, z, half_x, half_y, half_z), cleaned if out[1] != 0.0 else positions

@@ -1,4 +1,4 @@
-"""Rasterization of a band with one sample per pixel: coverage and depth test of what setup has binned."""
+"""Rasterization of a band with one sample per pixel: coverage and depth test of the binned primitives."""
 
 from __future__ import annotations
 
@@ -10,245 +10,233 @@ from numba import types
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import call_kernel, is_set
-from renderers.compiler.pointers import (
-    address,
-    allocate,
-    as_f32,
-    as_i32,
-    f32_at,
-    i32_at,
-    release,
-    stack_array,
-    u16_at,
-)
+from renderers.compiler.pointers import address, allocate, as_f32, as_i32, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
+from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
-from renderers.raster.fill import filler
+from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
     BINNED_BYTES,
-    CHUNK,
-    DEFERRED,
     DEFERRED_SETUP,
-    HALF,
+    HALF_PIXEL,
+    KIND_DEFERRED,
+    KIND_SMALL,
     LAYER,
-    MAX_BINS,
     SETUP_MEMORY,
-    SMALL,
     SUBPIXEL,
-    TINY,
-    TINY_PIXELS,
-    TINY_ROOM,
+    TINY_SIDE,
+    TINY_STRIDE,
     binned_at,
-    small_at,
+    small_triangle_at,
 )
-from renderers.raster.small_triangles import PREPARED_VALUES, box_of, draw_small, prepare_small
+from renderers.raster.small_triangles import PREPARED, box_of, draw_small, prepare_small
 from renderers.visibility_buffer import BAND_ROWS
 
-BAND: Final = Struct("Band", {"layer": LAYER, "prepared": I64, "free": I64})
-"""What a band is drawn into, and addresses of two arrays of PREPARED_VALUES int32: a small triangle that waits to be
-drawn, and room for the next one."""
-new_band: Final = BAND.local
-_prepared_array = stack_array(types.int32, 2 * PREPARED_VALUES)
-_starts_array = stack_array(types.float32, vec.LANES)
-_columns_array = stack_array(types.int32, 2 * vec.LANES)
-_layer_at = LAYER.at
+_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED, "next_prepared": PREPARED})
+"""The layer that primitives are drawn into and its depth rule; a prepared small triangle that waits to be drawn, and
+memory for the next one."""
+_new_target: Final = _TARGET.local
+_new_prepared = PREPARED.local
+_inv_z_array = stack_array(types.float32, vec.LANES)
+_span_array = stack_array(types.int32, 2 * vec.LANES)
 
 
 @inlined
-def _points(frame, row):
+def _sample_points(frame, row):
     """Return the centres of eight rows."""
     lane = vec.to_f64(vec.iota())
-    return vec.f64(0.0), (vec.f64(row) + lane) * vec.f64(float(SUBPIXEL)) + vec.f64(float(HALF))
+    return vec.f64(0.0), (vec.f64(row) + lane) * vec.f64(float(SUBPIXEL)) + vec.f64(float(HALF_PIXEL))
 
 
 @inlined
-def _draw_span_by(frame, band, rule, primitive, row, start, stop, box_x, box_y):
+def _draw_span_by(frame, layer, depth_rule, primitive, row, start, stop, base_x, base_y):
     """``_draw_span`` for any rule, or for a constant one."""
-    layer = band.layer
-    slope = primitive.dx
-    base = primitive.base + primitive.dy * np.float64(row - box_y)
-    low, high = vec.f32(primitive.low), vec.f32(primitive.high)
+    slope = primitive.inv_z_dx
+    row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(row - base_y)
+    inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids = vec.i32(primitive.id)
     lane = vec.iota()
-    rising = vec.f32(slope) * vec.to_f32(lane)
-    first, last, eight = vec.i32(start), vec.i32(stop), vec.i32(vec.LANES)
-    every = lane == lane
-    starts = _starts_array()
-    blocks = vec.to_f64(lane * eight)
+    lane_inv_z = vec.f32(slope) * vec.to_f32(lane)
+    first, end, lanes = vec.i32(start), vec.i32(stop), vec.i32(vec.LANES)
+    all_covered = lane == lane
+    vector_inv_z = _inv_z_array()
+    vector_columns = vec.to_f64(lane * lanes)
     begin = start & ~np.int64(vec.LANES - 1)
     pixel = row * frame.stride + begin
     for column in range(begin, stop, vec.LANES * vec.LANES):
-        at = vec.f64(column - box_x) + blocks
-        vec.store(starts, 0, vec.to_f32(vec.f64(base) + vec.f64(slope) * at))
+        columns_from_base = vec.f64(column - base_x) + vector_columns
+        vec.store(vector_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(slope) * columns_from_base))
         if column >= start and column + vec.LANES * vec.LANES <= stop:
             for k in range(vec.LANES):
-                w = vec.minimum(vec.maximum(vec.f32(starts[k]) + rising, low), high)
-                depth_test(frame, layer, rule, pixel + vec.LANES * k, w, every, ids)
+                inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
+                depth_test(frame, layer, depth_rule, pixel + vec.LANES * k, inv_z, all_covered, ids)
             pixel += vec.LANES * vec.LANES
         else:
-            here = vec.i32(column) + lane
+            columns = vec.i32(column) + lane
             for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
-                w = vec.minimum(vec.maximum(vec.f32(starts[k]) + rising, low), high)
-                depth_test(frame, layer, rule, pixel, w, (here >= first) & (here < last), ids)
-                here = here + eight
+                inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
+                depth_test(frame, layer, depth_rule, pixel, inv_z, (columns >= first) & (columns < end), ids)
+                columns = columns + lanes
                 pixel += vec.LANES
 
 
 @device_function
-def _draw_span(frame, band, rule, primitive, row, start, stop, box_x, box_y):
-    """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that ``primitive.base`` belongs to.
+def _draw_span(frame, target, primitive, row, start, stop, base_x, base_y):
+    """Draw the pixels ``start .. stop`` of a row; ``base_x, base_y``: the pixel that ``inv_z_base`` belongs to.
 
     1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
     """
-    if rule == IN_ORDER:
-        _draw_span_by(frame, band, IN_ORDER, primitive, row, start, stop, box_x, box_y)
+    if target.depth_rule == IN_ORDER:
+        _draw_span_by(frame, target.layer, IN_ORDER, primitive, row, start, stop, base_x, base_y)
     else:
-        _draw_span_by(frame, band, rule, primitive, row, start, stop, box_x, box_y)
+        _draw_span_by(frame, target.layer, target.depth_rule, primitive, row, start, stop, base_x, base_y)
 
 
 @inlined
-def _draw_spans(frame, band, rule, primitive, row, count, start, stop, box_x, box_y):
-    """Draw ``count`` rows from ``row`` on, one per lane."""
-    columns = _columns_array()
-    vec.store(columns, 0, start)
-    vec.store(columns, vec.LANES, stop)
+def _draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y):
+    """Draw ``count`` rows from ``row`` on, one per lane of ``start`` and ``stop``."""
+    spans = _span_array()
+    vec.store(spans, 0, start)
+    vec.store(spans, vec.LANES, stop)
     for k in range(count):
-        begin, end = np.int64(columns[k]), np.int64(columns[vec.LANES + k])
-        if begin < end:
-            _draw_span(frame, band, rule, primitive, row + k, begin, end, box_x, box_y)
+        first, end = np.int64(spans[k]), np.int64(spans[vec.LANES + k])
+        if first < end:
+            _draw_span(frame, target, primitive, row + k, first, end, base_x, base_y)
 
 
 @inlined
-def _draw_point(frame, band, rule, primitive, first_row, last_row):
-    """Draw a POINT."""
+def _draw_point(frame, target, primitive, first_row, end_row):
+    """Draw a KIND_POINT."""
     xy = primitive.xy
     left, top, right, bottom = np.int64(xy[0]), np.int64(xy[1]), np.int64(xy[2]), np.int64(xy[3])
-    for row in range(max(top, first_row), min(bottom, last_row)):
-        _draw_span(frame, band, rule, primitive, row, left, right, left, top)
+    for row in range(max(top, first_row), min(bottom, end_row)):
+        _draw_span(frame, target, primitive, row, left, right, left, top)
 
 
-_fill = filler(vec.LANES, _points, _draw_spans, _draw_point)
+_fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 
 @device_function
-def _draw(frame, band, rule, place, first_row, last_row):
-    """Draw the part of a binned primitive, at address ``place``, that lies in the rows ``first_row .. last_row``."""
-    primitive = binned_at(place)
-    if primitive.kind == SMALL:
-        free = i32_at(band.free)
-        prepare_small(frame, small_at(place), first_row, last_row, free)
-        draw_small(frame, band.layer, rule, free)
+def _draw_primitive(frame, target, primitive_address, first_row, end_row):
+    """Draw some rows of a binned primitive other than a KIND_DEFERRED."""
+    primitive = binned_at(primitive_address)
+    if primitive.kind == KIND_SMALL:
+        prepared = target.next_prepared
+        prepare_small(frame, small_triangle_at(primitive_address), first_row, end_row, prepared)
+        draw_small(frame, target.layer, target.depth_rule, prepared)
     elif not is_set(frame.stop):  # a large one may take longer than hundreds of small ones
-        _fill(frame, band, rule, primitive, first_row, last_row)
+        _fill(frame, target, primitive, first_row, end_row)
 
 
 @device_function
-def clear_rows(frame, layer, first_row, last_row):
+def clear_rows(frame, layer, first_row, end_row):
     """Clear a layer's rows."""
     stride = frame.stride
     # Nothing at or beyond this 1/z passes the depth test: the far plane needs no test of its own.
-    empty = vec.f32(np.nextafter(np.float32(1.0 / frame.far), np.float32(-1.0)))
+    empty_inv_z = vec.f32(np.nextafter(np.float32(1.0 / frame.far), np.float32(-1.0)))
     no_id = vec.i32(-1)
     # One array after the other: consecutive stores to a cache line are combined.
-    for pixel in range(first_row * stride, last_row * stride, vec.LANES):
+    for pixel in range(first_row * stride, end_row * stride, vec.LANES):
         vec.store(layer.ids, pixel, no_id)
-    for pixel in range(first_row * stride, last_row * stride, vec.LANES):
-        vec.store(layer.inv_z, pixel, empty)
+    for pixel in range(first_row * stride, end_row * stride, vec.LANES):
+        vec.store(layer.inv_z, pixel, empty_inv_z)
 
 
 TILE_ROWS: Final = 8
 
 
 @device_function
-def _build_depth_tiles(frame, layer, first_row, last_row, tiles):
-    """Write the least 1/z of every tile, TILE_ROWS rows of eight columns: what lies farther is hidden there.
+def _build_depth_tiles(frame, layer, first_row, end_row, tiles):
+    """Write the least 1/z of every tile, TILE_ROWS rows of eight columns. Primitives with less are hidden there.
 
     Args:
-        tiles: a row of ``stride`` float32 per row of tiles, of which the first of every eight is the result.
+        tiles: pointer to a row of ``stride`` float32 per row of tiles, of which the first of every eight is the result.
     """
     stride = frame.stride
     bits = as_i32(tiles)
-    for top in range(first_row, last_row, TILE_ROWS):
-        out = (top - first_row) // TILE_ROWS * stride
-        bottom = min(top + TILE_ROWS, last_row)
+    for top in range(first_row, end_row, TILE_ROWS):
+        tile_row = (top - first_row) // TILE_ROWS * stride
+        bottom = min(top + TILE_ROWS, end_row)
         for column in range(0, stride, vec.LANES):
-            least = vec.load(layer.inv_z, top * stride + column)
+            inv_z_min = vec.load(layer.inv_z, top * stride + column)
             for row in range(top + 1, bottom):
-                least = vec.minimum(least, vec.load(layer.inv_z, row * stride + column))
+                inv_z_min = vec.minimum(inv_z_min, vec.load(layer.inv_z, row * stride + column))
             # Bits are ordered as the values are: none is negative but that of empty pixels.
-            bits[out + column] = vec.minimum_of(vec.float_bits(least))
+            bits[tile_row + column] = vec.minimum_of(vec.float_bits(inv_z_min))
 
 
 @device_function
-def _is_hidden(frame, place, tiles, first_row, last_row):
-    """Return whether a SMALL or DEFERRED primitive lies behind everything in the tiles around its box."""
-    primitive = small_at(place)
-    if primitive.kind != SMALL and primitive.kind != DEFERRED:
+def _is_hidden(frame, primitive_address, tiles, first_row, end_row):
+    """Return whether a KIND_SMALL or KIND_DEFERRED lies behind everything in the tiles around its box."""
+    primitive = small_triangle_at(primitive_address)
+    if primitive.kind != KIND_SMALL and primitive.kind != KIND_DEFERRED:
         return False
     left, box_top, columns, rows = box_of(primitive)
     right = min(left + columns, frame.width)
-    top, bottom = max(box_top, first_row) - first_row, min(box_top + rows, last_row) - first_row
+    top, bottom = max(box_top, first_row) - first_row, min(box_top + rows, end_row) - first_row
     begin = (max(left, 0) >> 3) << 3
-    high = primitive.high
+    inv_z_max = primitive.inv_z_max
     hidden = True
     for tile in range(top // TILE_ROWS, (bottom + TILE_ROWS - 1) // TILE_ROWS):
-        row = tile * frame.stride
-        for column in range(row + begin, row + right, vec.LANES):
-            hidden = hidden & (high < tiles[column])
+        tile_row = tile * frame.stride
+        for column in range(tile_row + begin, tile_row + right, vec.LANES):
+            hidden = hidden & (inv_z_max < tiles[column])
     return hidden
 
 
-_request = DEFERRED_SETUP.local
-_setup_memory = SETUP_MEMORY.local
+_new_request = DEFERRED_SETUP.local
+_new_setup_memory = SETUP_MEMORY.local
 _group_binned_array = stack_array(types.int64, vec.LANES * BINNED_BYTES // 8)
 _group_ranges_array = stack_array(types.int32, 2 * vec.LANES)
 _group_columns_array = stack_array(types.int32, 16 * vec.LANES)
-_group_pixels_array = stack_array(types.int32, 4 * vec.LANES * TINY * TINY)
+_group_pixels_array = stack_array(types.int32, 4 * vec.LANES * TINY_SIDE * TINY_SIDE)
 
 
 @device_function
-def _draw_deferred(frame, band, rule, place, bin_index, first_row, last_row, tiny):
-    """Set up a group of deferred back faces and draw the part of it that lies in the band.
+def _draw_deferred(frame, target, group_address, bin_index, first_row, end_row, tiny_pixels):
+    """Set up a DEFERRED_GROUP and draw the rows of it that lie in the band.
 
     Args:
-        bin_index: the band's bin of back faces. tiny: 4 * TINY_ROOM int32 of scratch.
+        bin_index: the band's bin of back faces.
+        tiny_pixels: pointer to 4 * TINY_STRIDE int32 of scratch.
     """
-    request, memory = _request(), _setup_memory()
+    request, memory = _new_request(), _new_setup_memory()
     memory.binned = address(_group_binned_array())
-    memory.bin_ranges, memory.columns, memory.tiny = _group_ranges_array(), _group_columns_array(), tiny
-    request.group = place
+    memory.bin_ranges, memory.columns, memory.tiny_pixels = _group_ranges_array(), _group_columns_array(), tiny_pixels
+    request.group = group_address
     request.memory = memory
     request.pixels = _group_pixels_array()
     call_kernel(frame.setup_kernel, (address(frame), np.int64(-1), address(request)))
-    for k in range(request.count):
-        _draw(frame, band, rule, memory.binned + k * BINNED_BYTES, first_row, last_row)
+    for k in range(memory.count):
+        _draw_primitive(frame, target, memory.binned + k * BINNED_BYTES, first_row, end_row)
     pixels = request.pixels
-    for k in range(request.pixel_count):
+    for k in range(memory.tiny_count):
         if pixels[4 * k + 3] == bin_index:
-            _draw_pixels_in_rows(frame, band.layer, rule, pixels, k, k + 1, first_row, last_row)
+            _draw_pixels_in_rows(frame, target, pixels, k, k + 1, first_row, end_row)
 
 
 @device_function
-def _draw_pixels(frame, layer, rule, pixels, begin, end):
+def _draw_pixels(frame, target, pixels, begin, end):
     """Draw the pixels ``begin .. end`` of tiny triangles."""
-    inverse = as_f32(pixels)
+    inv_z = as_f32(pixels)
+    layer, depth_rule = target.layer, target.depth_rule
     for k in range(begin, end):
-        depth_test_pixel(frame, layer, rule, np.int64(pixels[4 * k]), inverse[4 * k + 1], pixels[4 * k + 2])
+        depth_test_pixel(frame, layer, depth_rule, np.int64(pixels[4 * k]), inv_z[4 * k + 1], pixels[4 * k + 2])
 
 
 @device_function
-def _draw_pixels_in_rows(frame, layer, rule, pixels, begin, end, first_row, last_row):
+def _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row):
     """``_draw_pixels``, of those in some rows."""
-    first, last = first_row * frame.stride, last_row * frame.stride
+    first_pixel, end_pixel = first_row * frame.stride, end_row * frame.stride
     for k in range(begin, end):
-        if pixels[4 * k] >= first and pixels[4 * k] < last:
-            _draw_pixels(frame, layer, rule, pixels, k, k + 1)
+        if pixels[4 * k] >= first_pixel and pixels[4 * k] < end_pixel:
+            _draw_pixels(frame, target, pixels, k, k + 1)
 
 
-_PRIMITIVES_AHEAD: Final = 6
-"""Binned primitives that are prefetched."""
-_LINES_AHEAD: Final = 4
-"""Cache lines of pixels of tiny triangles that are prefetched; hardware goes on by itself."""
+_PREFETCHED_PRIMITIVES: Final = 6
+"""Number of binned primitives that are prefetched."""
+_PREFETCHED_LINES: Final = 4
+"""Number of cache lines of pixels of tiny triangles that are prefetched; hardware goes on by itself."""
 
 
 @inlined
@@ -259,79 +247,74 @@ def _prefetch_chunk(frame, chunk, bin_index, step):
     """
     chunk = min(chunk, frame.chunk_count - 1)
     bin_count = frame.bin_count
-    starts = i32_at(address(frame.bin_starts) + 4 * chunk * (2 * bin_count + 4))
+    starts, bins = bin_starts_of(frame, chunk), bins_of(frame, chunk)
     if step == 0:
         vec.prefetch(starts, bin_index)
         vec.prefetch(starts, bin_count + 1 + bin_index)
         vec.prefetch(starts, 2 * bin_count + 2)
         return
     begin = np.int64(starts[bin_index])
-    bins = u16_at(address(frame.bins) + 2 * chunk * CHUNK * MAX_BINS)
     if step == 1:
         vec.prefetch(bins, begin)
-        pixels = i32_at(address(frame.tiny_pixels) + 16 * chunk * TINY_PIXELS * CHUNK)
+        pixels = tiny_pixels_of(frame, chunk)
         first = 4 * np.int64(starts[bin_count + 1 + bin_index])
-        for cache_line in range(_LINES_AHEAD):
+        for cache_line in range(_PREFETCHED_LINES):
             vec.prefetch(pixels, first + 16 * cache_line)
         return
-    primitives = i32_at(frame.binned + chunk * CHUNK * BINNED_BYTES)
+    primitives = i32_at(primitives_of(frame, chunk))
     last = max(np.int64(starts[bin_index + 1]) - 1, 0)
-    for k in range(_PRIMITIVES_AHEAD):
+    for k in range(_PREFETCHED_PRIMITIVES):
         vec.prefetch(primitives, BINNED_BYTES // 4 * np.int64(bins[min(begin + k, last)]))
 
 
 @inlined
-def _next_primitive(bins, k, end, tall, t, tall_end):
-    """Merge a bin and its chunk's tall primitives: return the lowest index left and the new positions in both.
+def _next_primitive(bins, k, end, tall, tall_k, tall_end):
+    """Merge a bin and its chunk's tall primitives: return the lowest index left and the new ``k`` and ``tall_k``.
 
-    Not both may be at their ends.
+    At least one of the two must have primitives left.
     """
-    if t >= tall_end or (k < end and bins[k] < tall[t]):
-        return np.int64(bins[k]), k + 1, t
-    return np.int64(tall[t]), k, t + 1
+    if tall_k >= tall_end or (k < end and bins[k] < tall[tall_k]):
+        return np.int64(bins[k]), k + 1, tall_k
+    return np.int64(tall[tall_k]), k, tall_k + 1
 
 
 @device_function
-def _has_kept_backs(frame, band_index):
-    """Return whether any chunk has kept back faces in a band."""
-    reached = False
+def _has_kept_back_faces(frame, band_index):
+    """Return whether any chunk has back faces that are kept in a band."""
+    found = False
     for chunk in range(frame.chunk_count):
-        bands = i32_at(address(frame.chunk_bands) + 16 * chunk + 8)
-        reached = reached | ((band_index >= bands[0]) & (band_index <= bands[1]))
-    return reached
+        bands = bands_of(frame, chunk)
+        found = found | ((band_index >= bands[2]) & (band_index <= bands[3]))
+    return found
 
 
 @device_function
-def draw_rows(frame, layer, first_row, last_row, back):
+def draw_rows(frame, layer, first_row, end_row, back_faces):
     """Draw everything that touches the rows of a band, or of a part of one.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
 
     Args:
-        back: draw the back faces that were kept apart, on top of the others.
+        back_faces: draw only the back faces that are kept, on top of the layer.
     """
     band_index = first_row // BAND_ROWS
-    whole = last_row - first_row == min(BAND_ROWS, frame.height - band_index * BAND_ROWS)
-    band = new_band()
-    band.layer = layer
-    band.prepared = address(_prepared_array())
-    band.free = band.prepared + 4 * PREPARED_VALUES
-    rule = IN_ORDER
-    if frame.beyond_ids != 0 or frame.before_ids != 0:
-        rule = PEELED
-    bin_count = frame.bin_count
-    bin_index = band_index
+    is_whole_band = end_row - first_row == min(BAND_ROWS, frame.height - band_index * BAND_ROWS)
+    target = _new_target()
+    target.layer = layer
+    target.prepared, target.next_prepared = _new_prepared(), _new_prepared()
+    in_order = not back_faces and frame.beyond_ids == 0 and frame.before_ids == 0
+    target.depth_rule = IN_ORDER if in_order else ANY_ORDER if back_faces else PEELED
+    bin_count, bin_index = frame.bin_count, band_index
     heap = np.int64(0)
-    if back:
-        if not _has_kept_backs(frame, band_index):
+    if back_faces:
+        if not _has_kept_back_faces(frame, band_index):
             return
-        rule = ANY_ORDER
         bin_index += frame.band_count
-        heap = allocate(16 * TINY_ROOM + 4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
-    tiny, tiles = i32_at(heap), f32_at(heap + 16 * TINY_ROOM)
-    if back:
-        _build_depth_tiles(frame, layer, first_row, last_row, tiles)
-    chunk_bands = i32_at(address(frame.chunk_bands) + (8 if back else 0))
+        heap = allocate(16 * TINY_STRIDE + 4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
+    tiny_pixels, tiles = i32_at(heap), f32_at(heap + 16 * TINY_STRIDE)
+    if back_faces:
+        _build_depth_tiles(frame, layer, first_row, end_row, tiles)
+    chunk_bands = i32_at(address(frame.chunk_bands) + (8 if back_faces else 0))
     for chunk in range(frame.chunk_count):
         if band_index < chunk_bands[4 * chunk] or band_index > chunk_bands[4 * chunk + 1]:
             continue
@@ -339,48 +322,47 @@ def draw_rows(frame, layer, first_row, last_row, back):
             break
         for step in range(3):
             _prefetch_chunk(frame, chunk + 3 - step, bin_index, step)
-        starts = i32_at(address(frame.bin_starts) + 4 * chunk * (2 * bin_count + 4))
+        starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
         k, end = np.int64(starts[bin_index]), np.int64(starts[bin_index + 1])
-        t, tall_end = np.int64(0), np.int64(starts[2 * bin_count + 2])
-        if back:
-            t, tall_end = tall_end, np.int64(starts[2 * bin_count + 3])
-        bins = u16_at(address(frame.bins) + 2 * chunk * CHUNK * MAX_BINS)
-        tall = u16_at(address(frame.tall) + 2 * chunk * CHUNK)
-        primitives = frame.binned + chunk * CHUNK * BINNED_BYTES
-        if back or rule != IN_ORDER:
-            while k < end or t < tall_end:
-                index, k, t = _next_primitive(bins, k, end, tall, t, tall_end)
-                place = primitives + index * BINNED_BYTES
-                if back and _is_hidden(frame, place, tiles, first_row, last_row):
+        tall_k, tall_end = np.int64(0), np.int64(starts[2 * bin_count + 2])
+        if back_faces:
+            tall_k, tall_end = tall_end, np.int64(starts[2 * bin_count + 3])
+        primitives = primitives_of(frame, chunk)
+        if not in_order:
+            while k < end or tall_k < tall_end:
+                index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
+                primitive_address = primitives + index * BINNED_BYTES
+                if back_faces and _is_hidden(frame, primitive_address, tiles, first_row, end_row):
                     continue
-                if binned_at(place).kind == DEFERRED:
-                    _draw_deferred(frame, band, rule, place, bin_index, first_row, last_row, tiny)
+                if binned_at(primitive_address).kind == KIND_DEFERRED:
+                    _draw_deferred(frame, target, primitive_address, bin_index, first_row, end_row, tiny_pixels)
                 else:
-                    _draw(frame, band, rule, place, first_row, last_row)
+                    _draw_primitive(frame, target, primitive_address, first_row, end_row)
         else:
             # A small triangle is prepared before the previous one is drawn: their loops' lengths are known early.
-            ready = False
-            while ready or k < end or t < tall_end:
-                place, is_small, was_ready = np.int64(0), False, ready
-                if k < end or t < tall_end:
-                    index, k, t = _next_primitive(bins, k, end, tall, t, tall_end)
-                    later = np.int64(bins[max(min(k + _PRIMITIVES_AHEAD, end - 1), 0)])
-                    vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * later)
-                    place = primitives + index * BINNED_BYTES
-                    is_small = binned_at(place).kind == SMALL
+            is_waiting = False
+            while is_waiting or k < end or tall_k < tall_end:
+                primitive_address, is_small, was_waiting = np.int64(0), False, is_waiting
+                if k < end or tall_k < tall_end:
+                    index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
+                    ahead = np.int64(bins[max(min(k + _PREFETCHED_PRIMITIVES, end - 1), 0)])
+                    vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * ahead)
+                    primitive_address = primitives + index * BINNED_BYTES
+                    is_small = binned_at(primitive_address).kind == KIND_SMALL
                     if is_small:
-                        prepare_small(frame, small_at(place), first_row, last_row, i32_at(band.free))
-                if was_ready:
-                    draw_small(frame, layer, IN_ORDER, i32_at(band.prepared))
-                if place != 0 and not is_small:
-                    _draw(frame, band, rule, place, first_row, last_row)
-                ready = is_small
-                band.free, band.prepared = band.prepared, band.free
-        pixels = i32_at(address(frame.tiny_pixels) + 16 * chunk * TINY_PIXELS * CHUNK)
+                        triangle = small_triangle_at(primitive_address)
+                        prepare_small(frame, triangle, first_row, end_row, target.next_prepared)
+                if was_waiting:
+                    draw_small(frame, layer, IN_ORDER, target.prepared)
+                if primitive_address != 0 and not is_small:
+                    _draw_primitive(frame, target, primitive_address, first_row, end_row)
+                is_waiting = is_small
+                target.next_prepared, target.prepared = target.prepared, target.next_prepared
+        pixels = tiny_pixels_of(frame, chunk)
         begin, end = np.int64(starts[bin_count + 1 + bin_index]), np.int64(starts[bin_count + 2 + bin_index])
-        if whole:
-            _draw_pixels(frame, layer, rule, pixels, begin, end)
+        if is_whole_band:
+            _draw_pixels(frame, target, pixels, begin, end)
         else:
-            _draw_pixels_in_rows(frame, layer, rule, pixels, begin, end, first_row, last_row)
-    if back:
+            _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row)
+    if back_faces:
         release(heap)

@@ -11,64 +11,66 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at
 
 IN_ORDER: Final = 0
-"""Primitives are drawn in the order of their ids: of two at the same depth the first stays."""
+"""For primitives drawn in the order of their ids: of two at the same depth the first stays."""
 PEELED: Final = 1
-"""As IN_ORDER, and only what lies between the frame's layers."""
+"""As IN_ORDER, and only between the frame's layers ``beyond`` and ``before``."""
 ANY_ORDER: Final = 2
-"""Of two primitives at the same depth, the one with the lower id wins."""
+"""For primitives drawn in any order: of two at the same depth, the one with the lower id wins."""
 
 
 @device_function
-def _between(frame, pixel, w, ids):
-    """Return the lanes strictly beyond one and before the other of the frame's layers, by depth, then id."""
+def _is_between(frame, pixel, inv_z, ids):
+    """Return m8: pixels strictly beyond one and before the other of the frame's layers, by depth, then id."""
     zero = vec.i32(0)
-    accepted = zero == zero
+    passed = zero == zero
     if frame.beyond_ids != 0:
-        other = vec.load(i32_at(frame.beyond_ids), pixel)
-        limit = vec.load(f32_at(frame.beyond_inv_z), pixel)
-        accepted = accepted & (other >= zero) & ((w < limit) | ((w == limit) & (ids > other)))
+        layer_ids = vec.load(i32_at(frame.beyond_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.beyond_inv_z), pixel)
+        is_beyond = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids > layer_ids))
+        passed = passed & (layer_ids >= zero) & is_beyond
     if frame.before_ids != 0:
-        other = vec.load(i32_at(frame.before_ids), pixel)
-        limit = vec.load(f32_at(frame.before_inv_z), pixel)
-        accepted = accepted & ((other < zero) | (w > limit) | ((w == limit) & (ids < other)))
-    return accepted
+        layer_ids = vec.load(i32_at(frame.before_ids), pixel)
+        layer_inv_z = vec.load(f32_at(frame.before_inv_z), pixel)
+        is_before = (inv_z > layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
+        passed = passed & ((layer_ids < zero) | is_before)
+    return passed
 
 
 @inlined
-def depth_test(frame, layer, rule, pixel, w, covered, ids):
-    """Write those of the covered lanes that are nearer than the layer.
+def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
+    """Write those of eight pixels that are covered and nearer than the layer.
 
     Args:
-        rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
-        w, covered, ids: f32x8, m8, i32x8: 1/z, coverage and primitive id of the pixels from index ``pixel`` on.
+        depth_rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
+        pixel: index of the first one.
+        inv_z, covered, ids: f32x8, m8, i32x8: 1/z, coverage mask and primitive id.
     """
-    old = vec.load_volatile(layer.inv_z, pixel)
-    if rule == ANY_ORDER:
-        covered = covered & ((w > old) | ((w == old) & (ids < vec.load(layer.ids, pixel))))
-    else:
-        covered = covered & (w > old)
-    if rule == PEELED:
-        covered = covered & _between(frame, pixel, w, ids)
-    vec.store(layer.inv_z, pixel, vec.select(covered, w, old))
-    vec.store_where(layer.ids, pixel, covered, ids)
+    old_inv_z = vec.load_volatile(layer.inv_z, pixel)
+    passed = covered & (inv_z > old_inv_z)
+    if depth_rule == ANY_ORDER:
+        passed = passed | (covered & (inv_z == old_inv_z) & (ids < vec.load(layer.ids, pixel)))
+    if depth_rule == PEELED:
+        passed = passed & _is_between(frame, pixel, inv_z, ids)
+    vec.store(layer.inv_z, pixel, vec.select(passed, inv_z, old_inv_z))
+    vec.store_where(layer.ids, pixel, passed, ids)
 
 
 @device_function
-def depth_test_pixel(frame, layer, rule, pixel, w, primitive_id):
-    """``depth_test`` of one covered pixel, for primitives in any order."""
-    old = layer.inv_z[pixel]
-    other = layer.ids[pixel]
+def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
+    """``depth_test`` of one covered pixel, in any order of primitives whatever the rule."""
+    old_inv_z = layer.inv_z[pixel]
+    old_id = layer.ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.
-    accepted = (w > old) | ((w == old) & (primitive_id < other))
-    if rule == PEELED:
-        accepted = accepted & (vec.movemask(_pixel_between(frame, pixel, w, primitive_id)) != 0)
-    layer.inv_z[pixel] = w if accepted else old
-    layer.ids[pixel] = primitive_id if accepted else other
+    passed = (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (primitive_id < old_id))
+    if depth_rule == PEELED:
+        passed = passed & (vec.movemask(_is_pixel_between(frame, pixel, inv_z, primitive_id)) != 0)
+    layer.inv_z[pixel] = inv_z if passed else old_inv_z
+    layer.ids[pixel] = primitive_id if passed else old_id
 
 
 @device_function
-def _pixel_between(frame, pixel, w, primitive_id):
-    """``_between`` of one pixel. The layers are read from the start of its eight pixels, not past the image."""
+def _is_pixel_between(frame, pixel, inv_z, primitive_id):
+    """``_is_between`` of one pixel. The layers are read from the start of its eight pixels, so not past the image."""
     start = pixel & ~np.int64(vec.LANES - 1)
     lane = vec.iota() == vec.i32(pixel - start)
-    return lane & _between(frame, start, vec.f32(w), vec.i32(primitive_id))
+    return lane & _is_between(frame, start, vec.f32(inv_z), vec.i32(primitive_id))

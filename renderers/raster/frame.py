@@ -1,4 +1,4 @@
-"""One rasterization: fills a FRAME for the kernels and makes the task that threads share."""
+"""One rasterization: fills a FRAME and its TASK for the kernels, and makes the task that threads share."""
 
 from __future__ import annotations
 
@@ -17,17 +17,9 @@ from renderers.compiler.simd import LANES
 from renderers.interface import Frame
 from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
 from renderers.raster.buffer_pool import Scratch
-from renderers.raster.frame_phases import work
+from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import (
-    BINNED_BYTES,
-    CHUNK,
-    DRAW,
-    FRAME,
-    MAX_BINS,
-    TASK,
-    TINY_PIXELS,
-)
+from renderers.raster.layout import BINNED_BYTES, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
 from renderers.raster.resolve import LAYER_GAP, draw_band, resolve_normals, row_stride
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
@@ -36,11 +28,11 @@ from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.stop import current_stop
 from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
 
-_NO_POSE: Final = (0.0,) * 16
+_FRAME_FIELDS: Final = FRAME.dtype.names or ()
 
 
 class FrameJob:
-    """Binds a prepared scene, a camera and arrays together for the kernels; lives as long as they run."""
+    """A prepared scene, a camera and output arrays, bound together for the kernels. Must outlive their calls."""
 
     def __init__(
         self,
@@ -51,60 +43,87 @@ class FrameJob:
         *,
         select: int = 0,
         cull_back: int = 0,
-        keep_backs: bool = False,
+        keep_back_faces: bool = False,
         opaque: bool = False,
         samples: int = 1,
-        kept: bool = False,
+        whole_layer: bool = False,
     ) -> None:
         """
         Args:
             threads: maximum number of threads that work on it together. Results do not depend on it.
             select, cull_back: addresses of arrays as in ``Rasterizer.visibility``; 0: None.
-            keep_backs: culled faces appear in the outputs, but not in what is shaded.
+            keep_back_faces: culled faces appear in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, so that hidden back faces need not be drawn.
             samples: 1, 4 or 8 per pixel; several are for ``sampled_task``.
-            kept: ``layers`` will be called.
+            whole_layer: ``layers`` will be called.
         """
         width, height = camera.width, camera.height
         instances = prepared.instances
         count, vertices, primitives = instances.counts
-        # Of fresh memory: helper threads that are late read the task when others already use the scratch.
-        task = np.zeros(TASK.size // 8, np.int64)
-        self._task, self._task_address = task.view(TASK.dtype), address_of(task, np.int64)
-        self.stride = row_stride(width) if samples == 1 and not kept else -(-width // LANES) * LANES
+        self.stride = row_stride(width) if samples == 1 and not whole_layer else -(-width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
         self.threads = threads
         self._scratch = scratch
-        self._keep: list[object] = [prepared]
-        poses = scratch.take("poses", 16 * count, np.float64)
-        self._poses = poses[0][: 16 * count]
-        self.poses_address = poses[1]
+        # The task and what its kernels read must outlive them.
+        self._keep: list[object] = [prepared, camera]
+        poses, self.poses_address = scratch.take("poses", 16 * count, np.float64)
         """Address of ``X_camera_mesh``."""
-        draws = scratch.take("draws", (count + 1) * DRAW.size // 8, np.int64)[1]
-        frame, self._address = scratch.take("frame", FRAME.size // 8, np.int64)
+        self._poses = poses[: 16 * count]
+        self._task, self._task_address = self._new_task(height)
+        frame, address = scratch.take("frame", FRAME.size // 8, np.int64)
         self._frame = frame[: FRAME.size // 8].view(FRAME.dtype)
-        transforming, setting_up, _, _ = kernel_addresses()
         reach, offsets, lanes = _sample_tables(samples)[:3] if samples > 1 else (0, 0, 0)
-        self._frame[0] = (
-            *(width, height, self.stride, samples, threads),
-            *(camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far),
-            *(count, instances.instances_at, instances.first_ids_at, instances.labels_at, instances.instance_ids_at),
-            *(select, cull_back, opaque, keep_backs),
-            *(prepared.X_world_mesh_at, camera.X_world_camera.ravel(), self.poses_address, 0),
-            *(self._task_address, current_stop().address, draws),
-            *_work_buffers(scratch, vertices, -(-primitives // CHUNK), band_count(height)),
-            *(transforming, setting_up, 0, YIELD_ADDRESS),
-            *(0,) * 12,
-            *(reach, offsets, lanes),
-            *(0,) * 6,
-        )
-        useful: int = set_up_frame(self._address)
-        if useful == 0:
+        values: dict[str, Any] = {
+            "width": width,
+            "height": height,
+            "stride": self.stride,
+            "samples": samples,
+            "max_threads": threads,
+            "fx": camera.fx,
+            "fy": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "near": camera.near,
+            "far": camera.far,
+            "instance_count": count,
+            "instances": instances.instances_at,
+            "first_ids": instances.first_ids_at,
+            "labels": instances.labels_at,
+            "instance_ids": instances.instance_ids_at,
+            "select": select,
+            "cull_back": cull_back,
+            "skip_hidden_back_faces": opaque,
+            "keep_back_faces": keep_back_faces,
+            "X_world_mesh": prepared.X_world_mesh_at,
+            "X_world_camera": camera.X_world_camera.ravel(),
+            "X_camera_mesh": self.poses_address,
+            "task": self._task_address,
+            "stop": current_stop().address,
+            "draws": scratch.take("draws", (count + 1) * DRAW.size // 8, np.int64)[1],
+            "setup_kernel": kernel_addresses()[1],
+            "sample_reach": reach,
+            "sample_offsets": offsets,
+            "lane_lists": lanes,
+            **_work_buffers(scratch, vertices, -(-primitives // CHUNK), band_count(height)),
+        }
+        self._frame[0] = tuple([values.get(name, 0) for name in _FRAME_FIELDS])
+        self._task["frame"] = address
+        useful_threads: int = set_up_frame(address)
+        if useful_threads == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
             self._frame["poses_ready"] = 1
-            useful = set_up_frame(self._address)
-        self._useful = useful
+            useful_threads = set_up_frame(address)
+        self._useful_threads = useful_threads
+
+    def _new_task(self, height: int) -> tuple[NDArray[np.void], int]:
+        """Return a TASK and its address, in fresh memory: late helper threads read it when scratch is in use again."""
+        memory = np.zeros(TASK.size // 8, np.int64)
+        task = memory.view(TASK.dtype)
+        task["height"], task["stride"] = height, self.stride
+        task["stop"], task["yield_function"] = current_stop().address, YIELD_ADDRESS
+        task["transform_kernel"], task["setup_kernel"] = kernel_addresses()[:2]
+        return task, address_of(memory, np.int64)
 
     @property
     def X_camera_mesh(self) -> NDArray[np.float64]:
@@ -144,19 +163,20 @@ class FrameJob:
         self._keep.append(array)
         return array
 
-    def outputs(self, frame: Frame, addresses: Sequence[int]) -> None:
+    def outputs(self, images: Frame, addresses: Sequence[int]) -> None:
         """Set the outputs that are written after a band is rasterized.
 
         Args:
+            images: must outlive the job's tasks.
             addresses: of depth, label, instance and normal; 0: not wanted.
         """
-        own = self._frame
-        own["depth"], own["label"], own["instance"], own["normal"] = addresses
+        frame = self._frame
+        frame["depth"], frame["label"], frame["instance"], frame["normal"] = addresses
         if addresses[3]:
             wait_until_compiled("normals")
-            own["normals_kernel"] = _normals_address()
+            frame["normals_kernel"] = _normals_address()
         self._task["has_outputs"] = any(addresses)
-        self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
+        self._keep.append(images)
 
     def task(self, shade_job: int = 0) -> Task:
         """Return the work for threads to share.
@@ -168,25 +188,26 @@ class FrameJob:
         if self._frame["layer_ids"][0] == 0:
             values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
             memory = self._scratch.take("layers", self.threads * values, np.int32)[1]
-        _, _, drawing, shading = kernel_addresses()
-        return self._with_kernels(drawing, 0, shading if shade_job else 0, shade_job, memory, 4 * values)
+        _, _, draw_kernel, shade_kernel = kernel_addresses()
+        task = self._task
+        task["draw_kernel"] = draw_kernel
+        task["shade_kernel"], task["shade_job"] = shade_kernel if shade_job else 0, shade_job
+        task["band_memory"], task["band_memory_bytes"] = memory, 4 * values
+        return Task(task, self._task_address, self._useful_threads)
 
-    def sampled_task(self, draw: int, find: int, memory: int, shader: SampledShader) -> Task:
+    def sampled_task(self, draw_kernel: int, edges_kernel: int, memory: int, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.
 
         Args:
-            draw, find: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
+            draw_kernel, edges_kernel: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
             memory: address of a SAMPLE_BAND for each thread; lives as long as the scratch.
         """
         self._keep.append(shader)
-        return self._with_kernels(draw, find, shader.kernel, shader.job, memory, SAMPLE_BAND.size)
-
-    def _with_kernels(self, draw: int, edges: int, shade: int, shade_job: int, memory: int, nbytes: int) -> Task:
         task = self._task
-        task["draw_kernel"], task["edges_kernel"] = draw, edges
-        task["shade_kernel"], task["shade_job"] = shade, shade_job
-        task["band_memory"], task["band_memory_bytes"] = memory, nbytes
-        return Task(task, self._task_address, self._useful)
+        task["draw_kernel"], task["edges_kernel"] = draw_kernel, edges_kernel
+        task["shade_kernel"], task["shade_job"] = shader.kernel, shader.job
+        task["band_memory"], task["band_memory_bytes"] = memory, SAMPLE_BAND.size
+        return Task(task, self._task_address, self._useful_threads)
 
 
 class Task:
@@ -199,7 +220,7 @@ class Task:
         """
         Args:
             task: a TASK, at ``address``.
-            threads: number of threads that may be of use.
+            threads: maximum number of threads that can share the work.
         """
         self._task = task
         self._address = address
@@ -207,11 +228,11 @@ class Task:
 
     def __call__(self) -> None:
         """Take part until the frame is finished."""
-        work(self._address, True)
+        run_phases(self._address, True)
 
     def help(self) -> None:
-        """Take part until there is nothing left to do."""
-        work(self._address, False)
+        """Take part until no unit of work is left to take."""
+        run_phases(self._address, False)
 
 
 @cache
@@ -232,16 +253,16 @@ def _normals_address() -> int:
     return kernel_address(resolve_normals)
 
 
-def _work_buffers(scratch: Scratch, vertices: int, chunks: int, bands: int) -> tuple[int, ...]:
-    """Return the addresses of FRAME's ``vertices`` to ``tiny_pixels``."""
-    padded = chunks * CHUNK
+def _work_buffers(scratch: Scratch, vertices: int, chunks: int, bands: int) -> dict[str, int]:
+    """Return the addresses of the memory that FRAME's kernels fill, by field."""
+    primitives = chunks * CHUNK
     sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
         ("vertices", 4 * vertices, np.float32),
-        ("binned", padded * BINNED_BYTES // 8, np.float64),
-        ("bins", padded * MAX_BINS, np.uint16),
-        ("tall", padded, np.uint16),
+        ("binned", primitives * BINNED_BYTES // 8, np.float64),
+        ("bins", primitives * MAX_BINS, np.uint16),
+        ("tall", primitives, np.uint16),
         ("bin_starts", chunks * (4 * bands + 4), np.int32),
         ("chunk_bands", 4 * chunks, np.int32),
-        ("tiny_pixels", padded * TINY_PIXELS * 4, np.int32),
+        ("tiny_pixels", chunks * MAX_TINY_PIXELS * 4, np.int32),
     )
-    return tuple([scratch.take(*each)[1] for each in sizes])
+    return {name: scratch.take(name, count, dtype)[1] for name, count, dtype in sizes}

@@ -1,4 +1,4 @@
-"""The beginning of a frame: everything that its phases read, computed from the parameters that Python has set."""
+"""Setup of a frame: poses, draws and units of work, computed from the parameters that FrameJob has set."""
 
 from __future__ import annotations
 
@@ -19,33 +19,31 @@ SMALL_WORK: Final = 60_000
 
 @kernel("int64(int64)", releases_gil=False)
 def set_up_frame(frame_address):
-    """Compute poses, draws, counts and units of work of a frame, in FRAME and in its TASK.
+    """Compute the last fields of a FRAME and of its TASK.
 
     Returns:
-        Number of threads that may be of use; 0 if the camera's pose is not affine or has no inverse: then the caller
-        has to fill ``X_camera_mesh`` and set ``poses_ready``, and call again.
+        Maximum number of threads that can share the frame; 0 if the camera's pose is not affine or has no inverse. Then
+        the caller has to fill ``X_camera_mesh`` and set ``poses_ready``, and call again.
     """
     frame = frame_at(frame_address)
     task = task_at(frame.task)
     if frame.poses_ready == 0 and not compute_camera_poses(frame):
         return 0
-    culling = collect_draws(frame)
-    keeps_backs = frame.keep_backs != 0 and culling > 0
+    culling_draws = collect_draws(frame)
+    keeps_back_faces = frame.keep_back_faces != 0 and culling_draws > 0
     bands = (frame.height + BAND_ROWS - 1) // BAND_ROWS
     chunks = (frame.primitive_count + CHUNK - 1) // CHUNK
-    frame.band_count, frame.bin_count, frame.chunk_count = bands, 2 * bands if keeps_backs else bands, chunks
+    frame.band_count, frame.bin_count, frame.chunk_count = bands, 2 * bands if keeps_back_faces else bands, chunks
 
     threads, vertices = frame.max_threads, frame.vertex_count
-    units = UNITS_PER_THREAD * threads if threads > 1 else 1
-    vertices_per_unit = max((vertices + units - 1) // units, MIN_VERTICES)
-    chunks_per_unit = max((chunks + units - 1) // units, 1)
-    task.frame, task.stop, task.yield_function = frame_address, frame.stop, frame.yield_function
-    task.transform_kernel, task.setup_kernel = frame.transform_kernel, frame.setup_kernel
-    task.vertex_count, task.vertices_per_unit = vertices, vertices_per_unit
-    task.chunk_count, task.chunks_per_unit = chunks, chunks_per_unit
-    task.height, task.stride, task.keeps_backs = frame.height, frame.stride, keeps_backs
+    max_units = UNITS_PER_THREAD * threads if threads > 1 else 1
+    vertices_per_unit = max((vertices + max_units - 1) // max_units, MIN_VERTICES)
+    chunks_per_unit = max((chunks + max_units - 1) // max_units, 1)
     transform_units = (vertices + vertices_per_unit - 1) // vertices_per_unit
     setup_units = (chunks + chunks_per_unit - 1) // chunks_per_unit
+    task.vertex_count, task.vertices_per_unit = vertices, vertices_per_unit
+    task.chunk_count, task.chunks_per_unit = chunks, chunks_per_unit
+    task.keeps_back_faces = keeps_back_faces
     task.units[0], task.units[1], task.units[2] = transform_units, setup_units, bands
     if frame.samples * frame.width * frame.height + 4 * frame.primitive_count < SMALL_WORK:
         return 1

@@ -9,9 +9,8 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
 from typing import Protocol
@@ -24,20 +23,12 @@ _processor: Callable[[], int] = ctypes.PyDLL(None).sched_getcpu if sys.platform 
 """Return the number of the processor that the caller runs on; negative if unknown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Phase:
-    """Independent units of work: ``work(0) .. work(units - 1)``, in any order, from any thread."""
-
-    units: int
-    work: Work
-
-
 class Task(Protocol):
     """Work that its callers share; a call returns when all of it is done and never raises."""
 
     @property
     def threads(self) -> int:
-        """Number of threads that may be of use."""
+        """Maximum number of threads that can share the work."""
         ...
 
     def __call__(self) -> object: ...
@@ -48,46 +39,46 @@ class Task(Protocol):
 
 
 class _Job:
-    """Phases one after the other; every thread that calls ``run`` takes units until none are left."""
+    """``work(0) .. work(units - 1)``. Every thread that calls ``run`` takes units until none are left."""
 
-    def __init__(self, phases: Sequence[Phase]) -> None:
-        self._phases = phases
+    def __init__(self, units: int, work: Work) -> None:
+        self._units = units
+        self._work = work
         # next() of itertools.count is atomic.
-        self._taken = [itertools.count() for _ in phases]
-        self._ended = [itertools.count(1) for _ in phases]
-        self._finished = [phase.units == 0 for phase in phases]
+        self._taken = itertools.count()
+        self._done = itertools.count(1)
+        self._finished = units == 0
         self.error: BaseException | None = None
         self._stop = current_stop()
 
     def run(self) -> None:
-        for index, phase in enumerate(self._phases):
-            for unit in self._taken[index]:
-                if unit >= phase.units:
-                    break
-                try:
-                    if self.error is None:
-                        self._stop.check()
-                        self._stop.run(partial(phase.work, unit))
-                except BaseException as error:  # noqa: BLE001  raised again in the caller's thread
-                    self.error = error
-                finally:
-                    if next(self._ended[index]) == phase.units:
-                        self._finished[index] = True
-            while not self._finished[index]:
-                time.sleep(0)  # other threads work on the last units
+        for unit in self._taken:
+            if unit >= self._units:
+                break
+            try:
+                if self.error is None:
+                    self._stop.check()
+                    self._stop.run(partial(self._work, unit))
+            except BaseException as error:  # noqa: BLE001  raised again in the caller's thread
+                self.error = error
+            finally:
+                if next(self._done) == self._units:
+                    self._finished = True
+        while not self._finished:
+            time.sleep(0)  # other threads work on the last units
 
 
 class FrameThreads:
     """A caller's thread and up to ``threads - 1`` helper threads.
 
-    The caller always works itself. If helpers are late or busy with other callers' jobs, it does everything, so that a
-    job never waits for a free thread.
+    The calling thread always takes part. While helpers are late or busy with other callers' jobs, it does all of the
+    work, so that no job waits for a free thread.
     """
 
     def __init__(self, threads: int, spare: Callable[[], int] | None = None) -> None:
         """
         Args:
-            spare: returns the number of processors that are idle now; None: unknown.
+            spare: returns the number of idle processors, beyond which no helpers are used; None: no such limit.
         """
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
@@ -111,13 +102,13 @@ class FrameThreads:
         with self._lock:
             self._callers -= 1
 
-    def run(self, phases: Sequence[Phase]) -> None:
-        """Do the phases one after the other, each in parallel, under the caller's ``StopFlag``.
+    def run(self, units: int, work: Work) -> None:
+        """Call ``work(0) .. work(units - 1)`` in parallel, in any order, under the caller's ``StopFlag``.
 
-        Raises the first error of a unit.
+        The first error of a unit is raised after all calls have ended; units that have not begun are skipped.
         """
-        job = _Job(phases)
-        self._share(job.run, job.run, max((p.units for p in phases), default=0))
+        job = _Job(units, work)
+        self._share(job.run, job.run, units)
         if job.error is not None:
             raise job.error
 
@@ -130,8 +121,8 @@ class FrameThreads:
         self._share(task, task.help, task.threads)
         current_stop().check()
 
-    def _share(self, work: Callable[[], object], help_it: Callable[[], object], threads: int) -> None:
-        """Call ``work`` here and ``help_it`` in up to ``threads - 1`` helpers, in which it must not raise."""
+    def _share(self, work: Callable[[], object], help_work: Callable[[], object], threads: int) -> None:
+        """Call ``work`` here and ``help_work`` in up to ``threads - 1`` helpers, in which it must not raise."""
         helpers = min(self.threads - max(1, self._callers), threads - 1)
         if helpers > 0 and self._spare is not None:
             helpers = min(helpers, self._spare())  # sharing costs more than it gains when all processors are busy
@@ -141,7 +132,7 @@ class FrameThreads:
                     self._start()
                 self._pin_helpers()
                 for _ in range(helpers):
-                    self._jobs.put(help_it)
+                    self._jobs.put(help_work)
         finally:  # also when interrupted: a helper's work must live until it is done
             work()
 
@@ -160,12 +151,12 @@ class FrameThreads:
         Linux wakes a thread where it ran last. On processors that share no cache, as in small virtual machines, a
         helper that once ran on the caller's processor waits there for milliseconds while another one is idle.
         """
-        here = _processor()
-        if here == self._pinned_off or here < 0:
+        processor = _processor()
+        if processor == self._pinned_off or processor < 0:
             return
-        self._pinned_off = here
+        self._pinned_off = processor
         with suppress(OSError):  # a sandbox may forbid it
-            others = os.sched_getaffinity(0) - {here}
+            others = os.sched_getaffinity(0) - {processor}
             for helper in self._helpers:
                 if others and helper.native_id is not None:
                     os.sched_setaffinity(helper.native_id, others)

@@ -1,4 +1,4 @@
-"""Poses of a frame's instances, and which of them are drawn."""
+"""Transforms of a frame's instances into the camera's frame, and the list of draws."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ from renderers.raster.layout import GUARD_BAND
 
 
 @device_function
-def _is_inside(frame, m, instance):
-    """Return whether a convex mesh's box lies beyond the near plane and within the guard band: nothing is clipped."""
+def _is_unclipped_convex(frame, m, instance):
+    """Return whether a mesh is convex and its box lies beyond the near plane and within the guard band.
+
+    Args:
+        m: pointer to the instance's ``X_camera_mesh``, (4, 4) float64.
+    """
     center, half = instance.box_center, instance.box_half
-    far_x, far_y, z = abs(m[3]), abs(m[7]), m[11]
-    size = abs(m[11])
+    max_x, max_y, min_z = abs(m[3]), abs(m[7]), m[11]
+    max_z_terms = abs(m[11])
     for axis in range(3):
         extent = abs(center[axis]) + half[axis]
-        far_x += abs(m[axis]) * extent
-        far_y += abs(m[4 + axis]) * extent
-        z += m[8 + axis] * center[axis] - abs(m[8 + axis]) * half[axis]
-        size += abs(m[8 + axis]) * extent
-    z -= 1e-9 * size  # rounding
+        max_x += abs(m[axis]) * extent
+        max_y += abs(m[4 + axis]) * extent
+        min_z += m[8 + axis] * center[axis] - abs(m[8 + axis]) * half[axis]
+        max_z_terms += abs(m[8 + axis]) * extent
+    min_z -= 1e-9 * max_z_terms  # rounding
     limit = GUARD_BAND - 1.0
     return (
         half[0] >= 0.0
-        and z > frame.near
-        and frame.fx * far_x <= (limit - abs(frame.cx)) * z
-        and frame.fy * far_y <= (limit - abs(frame.cy)) * z
+        and min_z > frame.near
+        and frame.fx * max_x <= (limit - abs(frame.cx)) * min_z
+        and frame.fy * max_y <= (limit - abs(frame.cy)) * min_z
     )
 
 
@@ -44,6 +48,7 @@ def compute_camera_poses(frame):
     Returns:
         False, with nothing filled, if the camera's pose is not affine or has no inverse.
     """
+    # c: X_world_camera, (4, 4). (a, b, d): a row of the inverse of its rotation and scale.
     c, world, out, count = frame.X_world_camera, frame.X_world_mesh, frame.X_camera_mesh, frame.instance_count
     determinant = _determinant(c)
     if not (c[12] == 0.0 and c[13] == 0.0 and c[14] == 0.0 and c[15] == 1.0 and abs(determinant) > 0.0):
@@ -58,10 +63,10 @@ def compute_camera_poses(frame):
         for k in range(count):
             m = 16 * k
             for column in range(4):
-                last = world[m + 12 + column]
-                x = world[m + column] - c[3] * last
-                y = world[m + 4 + column] - c[7] * last
-                z = world[m + 8 + column] - c[11] * last
+                bottom = world[m + 12 + column]
+                x = world[m + column] - c[3] * bottom
+                y = world[m + 4 + column] - c[7] * bottom
+                z = world[m + 8 + column] - c[11] * bottom
                 out[m + 4 * row + column] = a * x + b * y + d * z
     for k in range(count):
         for column in range(12, 16):
@@ -74,28 +79,28 @@ def collect_draws(frame):
     """Fill ``draws`` and the counts of draws, vertices and primitives from the selected instances.
 
     Returns:
-        Number of draws whose back faces are culled and not hidden anyway.
+        Number of draws whose back faces are culled, without those whose back faces are hidden anyway.
     """
-    selected, culled = u8_at(frame.selected), u8_at(frame.culled)
-    culling = draw_count = vertices = primitives = 0
+    select, cull_back = u8_at(frame.select), u8_at(frame.cull_back)
+    culling_draws = draw_count = vertices = primitives = 0
     for k in range(frame.instance_count):
-        if frame.selected != 0 and selected[k] == 0:
+        if frame.select != 0 and select[k] == 0:
             continue
         instance, draw = frame.instances[k], frame.draws[draw_count]
         m = f64_at(address(frame.X_camera_mesh) + 128 * k)
         for value in range(12):
             draw.X_camera_mesh[value] = m[value]
-        side = hidden = 0
-        is_culled = frame.culled != 0 and culled[k] != 0
-        is_convex = frame.skip_hidden != 0 and _is_inside(frame, m, instance)
+        culled_sign = hidden_sign = 0
+        is_culled = frame.cull_back != 0 and cull_back[k] != 0
+        is_convex = frame.skip_hidden_back_faces != 0 and _is_unclipped_convex(frame, m, instance)
         if is_culled or is_convex:
             # In the camera's frame, y down, counter-clockwise triangles have a negative area on screen; a pose that
-            # mirrors turns that round.
+            # mirrors swaps the sign.
             determinant = _determinant(m)
-            side = -1 if determinant < 0.0 else 1
-            hidden = side if is_convex and determinant != 0.0 else 0
-            side = side if is_culled else 0
-            culling += side != 0 and hidden == 0
+            back_sign = -1 if determinant < 0.0 else 1
+            hidden_sign = back_sign if is_convex and determinant != 0.0 else 0
+            culled_sign = back_sign if is_culled else 0
+            culling_draws += culled_sign != 0 and hidden_sign == 0
         draw.first_vertex = vertices
         draw.first_primitive = primitives
         draw.positions = instance.positions
@@ -104,14 +109,14 @@ def collect_draws(frame):
         draw.clusters = instance.clusters
         draw.size = instance.size
         draw.first_id = instance.first_primitive
-        draw.culled = side
-        draw.hidden = hidden
-        following = frame.instances[k + 1]
-        vertices += following.first_vertex - instance.first_vertex
-        primitives += following.first_primitive - instance.first_primitive
+        draw.culled_sign = culled_sign
+        draw.hidden_sign = hidden_sign
+        next_instance = frame.instances[k + 1]
+        vertices += next_instance.first_vertex - instance.first_vertex
+        primitives += next_instance.first_primitive - instance.first_primitive
         draw_count += 1
     total = frame.draws[draw_count]
     total.first_vertex = vertices
     total.first_primitive = primitives
     frame.vertex_count, frame.primitive_count, frame.draw_count = vertices, primitives, draw_count
-    return culling
+    return culling_draws

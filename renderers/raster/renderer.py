@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,9 +16,9 @@ from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
 from renderers.interface import Frame, Look, LookName, Output
-from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, PooledArrays, Scratch, ScratchPool
-from renderers.raster.frame import FrameJob, Task
-from renderers.raster.frame_threads import FrameThreads, Phase
+from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, PooledArrays, ScratchPool
+from renderers.raster.frame import FrameJob
+from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import allocate_sample_bands, edge_kernels, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
@@ -34,8 +35,8 @@ _OUTPUTS: Final = (
     (Output.INSTANCE.value, False, np.int32),
     (Output.NORMAL.value, True, np.float32),
 )
-"""A frame's outputs in their order: flag, whether values are vectors, dtype. All but colour show all geometry: both
-sides, opaque whatever the material says."""
+"""A frame's outputs in their order: flag, whether values are vectors, dtype. All but colour show both sides of all
+surfaces, and translucent ones as if they were opaque."""
 
 
 def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple[int, ...]]:
@@ -50,8 +51,7 @@ def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple
 
 
 MAX_SHADING_BYTES: Final = 1 << 30
-"""Limit of the tables for shading of scenes that are alive. Scenes share textures and attributes, which count for each,
-so that this is an upper limit."""
+"""Maximum bytes of shading tables of live scenes. Textures and attributes that scenes share are counted for each."""
 
 _shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache(MAX_SHADING_BYTES, weak=True)
 _shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache(
@@ -71,13 +71,16 @@ def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScen
 
 
 def _shading_of_meshes(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
-    """Return tables from the last draw list with the same meshes and materials: a live scene in which things move."""
+    """Return shading tables, from the last draw list with the same meshes and materials if there is one.
+
+    A live scene in which only poses change finds its tables here.
+    """
     meshes = tuple([instance.mesh for instance in scene.instances])
     materials = tuple([instance.material for instance in scene.instances])
     looks = (_shadings_of_meshes.get(meshes) if meshes else None) or {}
-    found = looks.get(look)
-    if found is not None and all(a is b or a == b for a, b in zip(found[1], materials, strict=True)):
-        return found[0]
+    cached = looks.get(look)
+    if cached is not None and all(a is b or a == b for a, b in zip(cached[1], materials, strict=True)):
+        return cached[0]
     tables = prepare_shading(scene.instances, look, parallel)
     check_stop()
     if meshes:
@@ -86,10 +89,23 @@ def _shading_of_meshes(scene: DrawList, look: LookName, parallel: Parallel) -> S
     return tables
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Call:
+    """Arguments and images of one call of ``CpuRenderer.render``."""
+
+    scene: DrawList
+    prepared: PreparedScene
+    camera: Camera
+    look: Look
+    frame: Frame
+    addresses: tuple[int, ...]
+    """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
+
+
 class CpuRenderer:
     """Renders on the CPU. Thread-safe. The output is bit-identical for any number of threads.
 
-    It is also the ``Rasterizer`` that shading uses for further layers and for threads.
+    It is also the ``Rasterizer`` from which shading gets further layers and threads.
     """
 
     def __init__(self, threads: int | None = None, spare: Callable[[], int] | None = None) -> None:
@@ -123,17 +139,17 @@ class CpuRenderer:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
         shapes, order = _layout_of(outputs.value, camera.height, camera.width)
-        taken = self._pool.take(shapes)
-        arrays, addresses = (*taken.arrays, None), (*taken.addresses, 0)
-        output_addresses = [addresses[at] for at in order]
+        pooled = self._pool.take(shapes)
+        arrays, addresses = (*pooled.arrays, None), (*pooled.addresses, 0)
         color, depth, label, instance, normal = [arrays[at] for at in order]
-        frame = Frame(color, depth, label, instance, normal, self._releaser(taken))
+        frame = Frame(color, depth, label, instance, normal, self._releaser(pooled))
+        call = _Call(scene, prepared, camera, look, frame, tuple([addresses[at] for at in order]))
         try:
             with self._threads:
-                if frame.color is None:
-                    self._geometry(prepared, camera, frame, output_addresses)
+                if color is None:
+                    self._draw_geometry(call)
                 else:
-                    self._color(prepared, scene, camera, look, frame, frame.color, output_addresses)
+                    self._draw_color(call, color)
         except BaseException:
             frame.close()
             raise
@@ -150,20 +166,41 @@ class CpuRenderer:
         before: Visibility | None = None,
     ) -> Visibility:
         """As ``Rasterizer.visibility``."""
-        return self._visibility(
-            prepare(scene), camera, select=select, cull_back=cull_back, beyond=beyond, before=before
-        )
+        prepared = prepare(scene)
+        shape = (camera.height, camera.width)
+        pooled = self._pool.take(((shape, np.int32), (shape, np.float32)))
+        ids, inv_z = pooled.arrays
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(
+                prepared,
+                camera,
+                scratch,
+                self._threads.threads,
+                select=address_of(select, np.bool_),
+                cull_back=address_of(cull_back, np.bool_),
+                whole_layer=True,
+            )
+            job.layers(ids, inv_z, beyond, before)
+            self._threads.share(job.task())
+            poses = job.X_camera_mesh.copy()
+        except BaseException:
+            self._pool.give(pooled)
+            raise
+        finally:
+            self._scratch.give(scratch)
+        return Visibility(ids, inv_z, prepared.instances.first_ids, poses, self._releaser(pooled))
 
-    def sampled(
+    def shade_samples(
         self,
         scene: DrawList,
         camera: Camera,
         samples: int,
-        begin: Callable[[SampledView], SampledShader],
+        make_shader: Callable[[SampledView], SampledShader],
         *,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
-        """As ``Rasterizer.sampled``."""
+        """As ``Rasterizer.shade_samples``."""
         prepared = prepare(scene)
         scratch = self._scratch.take()
         try:
@@ -171,143 +208,83 @@ class CpuRenderer:
             threads = self._threads.threads
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=samples)
             memory = allocate_sample_bands(scratch, threads, camera, samples, job.stride)
-            shader = begin(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
+            shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
             self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
-        self._threads.run((Phase(units, work),))
+        self._threads.run(units, work)
 
-    def _releaser(self, taken: PooledArrays) -> Callable[[], None]:
-        return lambda: self._pool.give(taken)
+    def _releaser(self, pooled: PooledArrays) -> Callable[[], None]:
+        return lambda: self._pool.give(pooled)
 
-    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, addresses: Sequence[int]) -> None:
-        """Fill the frame's geometry outputs; the layer itself is not kept.
-
-        Args:
-            addresses: of the frame's outputs, in the order of ``_OUTPUTS``.
-        """
+    def _draw_geometry(self, call: _Call) -> None:
+        """Fill the geometry outputs; the visibility layer itself is not kept."""
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, self._threads.threads, opaque=True)
-            job.outputs(frame, addresses[1:])
+            job = FrameJob(call.prepared, call.camera, scratch, self._threads.threads, opaque=True)
+            job.outputs(call.frame, call.addresses[1:])
             self._threads.share(job.task())
         finally:
             self._scratch.give(scratch)
 
-    def _color(
-        self,
-        prepared: PreparedScene,
-        scene: DrawList,
-        camera: Camera,
-        look: Look,
-        frame: Frame,
-        color: NDArray[np.uint8],
-        addresses: Sequence[int],
-    ) -> None:
-        """Fill all outputs of a frame with colour.
+    def _draw_color(self, call: _Call, color: NDArray[np.uint8]) -> None:
+        """Fill all outputs, colour included.
 
-        One rasterization serves all outputs: a band is shaded while it is in the cache, before the back faces that only
-        geometry shows are drawn on top. Translucent scenes, several samples and the studio look take further ones.
-
-        Args:
-            addresses: as for ``_geometry``.
+        Opaque scenes with one sample per pixel are rasterized once for all outputs. Translucent scenes, several samples
+        and the studio look need further rasterizations.
         """
+        scene, camera, look = call.scene, call.camera, call.look
         if look.name == "studio":
             wait_until_compiled("studio")
         if look.samples != 1:
             wait_until_compiled("antialiasing")
-        with_geometry = any(addresses[1:])
-        if with_geometry and (look.name == "studio" or look.samples != 1):
-            self._geometry(prepared, camera, frame, addresses)
-        if look.name == "studio":
-            shading = _shading(scene, look.name, self.parallel)
-            paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
-            return
+        has_geometry = any(call.addresses[1:])
+        if has_geometry and (look.name == "studio" or look.samples != 1):
+            self._draw_geometry(call)
         shading = _shading(scene, look.name, self.parallel)
-        if shading.has_transparency:
-            if look.samples != 1:
-                paint_each_sample(self, scene, shading, camera, look, color)
-                return
-            if with_geometry:
-                self._geometry(prepared, camera, frame, addresses)
-            paint(self, scene, shading, camera, look, color)
-            return
-        scratch = self._scratch.take()
-        try:
-            self._threads.share(
-                self._task(prepared, shading, camera, look, frame, color, addresses, scratch, with_geometry)
-            )
-        finally:
-            self._scratch.give(scratch)
-
-    def _task(
-        self,
-        prepared: PreparedScene,
-        shading: ShadingScene,
-        camera: Camera,
-        look: Look,
-        frame: Frame,
-        color: NDArray[np.uint8],
-        addresses: Sequence[int],
-        scratch: Scratch,
-        with_geometry: bool,
-    ) -> Task:
-        """Return the work of an opaque frame; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
-        culled, threads = shading.cull_at if shading.culls else 0, self._threads.threads
-        if look.samples == 1:
-            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True)
-            job.outputs(frame, addresses[1:])
+        if look.name == "studio":
+            paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
+        elif not shading.has_transparency:
+            self._draw_opaque(call, shading, has_geometry)
+        elif look.samples != 1:
+            paint_each_sample(self, scene, shading, camera, look, color)
         else:
-            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
-        painter = Painter(
-            shading,
-            (prepared.instances.first_ids_at, job.poses_address, addresses[0], job.stride),
-            camera,
-            look,
-            table=lambda values: scratch.table("painter", values),
-            keep=(job, color),
-        )
-        if look.samples != 1:
-            memory = allocate_sample_bands(scratch, threads, camera, look.samples, job.stride)
-            shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
-            return job.sampled_task(*edge_kernels(), memory, shader)
-        return job.task(painter.job)
+            if has_geometry:
+                self._draw_geometry(call)
+            paint(self, scene, shading, camera, look, color)
 
-    def _visibility(
-        self,
-        prepared: PreparedScene,
-        camera: Camera,
-        *,
-        select: NDArray[np.bool_] | None = None,
-        cull_back: NDArray[np.bool_] | None = None,
-        beyond: Visibility | None = None,
-        before: Visibility | None = None,
-    ) -> Visibility:
-        """Rasterize one layer."""
-        shape = (camera.height, camera.width)
-        taken = self._pool.take(((shape, np.int32), (shape, np.float32)))
-        ids, inv_z = taken.arrays
+    def _draw_opaque(self, call: _Call, shading: ShadingScene, has_geometry: bool) -> None:
+        """Fill the colour output of an opaque scene and, with one sample per pixel, the geometry outputs.
+
+        A band is shaded while it is in the cache, before the back faces that only geometry shows are drawn on top.
+        """
+        prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
+        culled = shading.cull_at if shading.culls else 0
         scratch = self._scratch.take()
         try:
-            selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
-            job = FrameJob(
-                prepared, camera, scratch, self._threads.threads, select=selected, cull_back=culled, kept=True
+            if look.samples == 1:
+                job = FrameJob(
+                    prepared, camera, scratch, threads, cull_back=culled, keep_back_faces=has_geometry, opaque=True
+                )
+                job.outputs(call.frame, call.addresses[1:])
+            else:
+                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
+            painter = Painter(
+                shading,
+                (prepared.instances.first_ids_at, job.poses_address, call.addresses[0], job.stride),
+                camera,
+                look,
+                table=lambda values: scratch.table("painter", values),
+                keep=(job, call.frame),
             )
-            job.layers(ids, inv_z, beyond, before)
-            self._threads.share(job.task())
-            poses = job.X_camera_mesh.copy()
-        except BaseException:
-            self._pool.give(taken)
-            raise
+            if look.samples == 1:
+                self._threads.share(job.task(painter.job))
+            else:
+                memory = allocate_sample_bands(scratch, threads, camera, look.samples, job.stride)
+                shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
+                self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
-        return Visibility(
-            ids=ids,
-            inv_z=inv_z,
-            first_record=prepared.instances.first_ids,
-            X_camera_mesh=poses,
-            _release=self._releaser(taken),
-        )

@@ -1,4 +1,4 @@
-"""From a band's visibility layer to its outputs: depth, label, instance and normal."""
+"""The kernel that draws a band, and its outputs: depth, label, instance and normal from the visibility layer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from renderers.compiler.pointers import address, f32_at, f64_at, i32_at, stack_a
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
 from renderers.raster.coverage import clear_rows, draw_rows
-from renderers.raster.layout import LAYER, TRIANGLES, frame_at
+from renderers.raster.layout import LAYER, TOPOLOGY_TRIANGLES, frame_at
 from renderers.visibility_buffer import BAND_ROWS
 
 _new_layer = LAYER.local
@@ -23,7 +23,7 @@ _layer_at = LAYER.at
 _corner_array = stack_array(types.float64, 9)
 _inverse_array = stack_array(types.float64, 9)
 _normal_array = stack_array(types.float64, 9)
-_name_array = stack_array(types.int64, 9)
+_instance_cache_array = stack_array(types.int64, 9)
 _block_array = stack_array(types.int32, 2 * vec.LANES)
 
 
@@ -32,7 +32,7 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     """Write the normals of the pixels ``start .. stop`` of a row, which all see one primitive."""
     out = f32_at(frame.normal + 12 * row * frame.width)
     instance = frame.instances[instance_index]
-    if instance.topology != TRIANGLES:
+    if instance.topology != TOPOLOGY_TRIANGLES:
         for column in range(start, stop):
             out[3 * column] = 0.0
             out[3 * column + 1] = 0.0
@@ -41,19 +41,21 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     m = f64_at(address(frame.X_camera_mesh) + 8 * 16 * instance_index)
     corner = 3 * (primitive_id - instance.first_primitive)
     indices, positions = instance.mesh_indices, instance.mesh_positions
+    # Columns of p: corners in the camera's frame; of n: their normals. Rows of b: p's inverse times its determinant,
+    # whose product with a pixel's ray is proportional to the barycentric coordinates.
     p, b, n = _corner_array(), _inverse_array(), _normal_array()
     for k in range(3):
         v = 3 * np.int64(indices[corner + k])
         x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
         for axis in range(3):
             p[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
-    # Rows of the inverse of [p0 p1 p2] times its determinant: cross products of the columns.
+    # Cross products of p's columns.
     for k in range(3):
         i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
         b[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
         b[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
         b[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
-    # Their sum is (p1 - p0) x (p2 - p0).
+    # Their sum is the geometric normal, (p1 - p0) x (p2 - p0).
     gx, gy, gz = b[0] + b[3] + b[6], b[1] + b[4] + b[7], b[2] + b[5] + b[8]
     determinant = b[0] * p[0] + b[1] * p[1] + b[2] * p[2]
     length = np.sqrt(gx * gx + gy * gy + gz * gz)
@@ -62,8 +64,8 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
         gx, gy, gz = gx * scale, gy * scale, gz * scale
     else:
         gx, gy, gz = 0.0, 0.0, -1.0
-    smooth = instance.mesh_normals != 0
-    if smooth:
+    is_smooth = instance.mesh_normals != 0
+    if is_smooth:
         normals = f32_at(instance.mesh_normals)
         for k in range(3):
             v = 3 * np.int64(indices[corner + k])
@@ -79,7 +81,7 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     for column in range(start, stop):
         ray_x = (column + 0.5 - frame.cx) / frame.fx
         nx, ny, nz = gx, gy, gz
-        if smooth:
+        if is_smooth:
             b0 = b[0] * ray_x + b[1] * ray_y + b[2]
             b1 = b[3] * ray_x + b[4] * ray_y + b[5]
             b2 = b[6] * ray_x + b[7] * ray_y + b[8]
@@ -88,7 +90,7 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
             sz = b0 * n[2] + b1 * n[5] + b2 * n[8]
             length = np.sqrt(sx * sx + sy * sy + sz * sz)
             if length > 0.0 and length < np.inf:
-                # Towards the visible side; b and n may both have the sign of a mirrored frame.
+                # Facing the camera, as the geometric normal does; b and n may be negated by a mirrored frame.
                 scale = 1.0 / length if sx * gx + sy * gy + sz * gz >= 0.0 else -1.0 / length
                 nx, ny, nz = sx * scale, sy * scale, sz * scale
         out[3 * column] = nx
@@ -97,15 +99,15 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
 
 
 @kernel("void(int64, int64, int64, int64)")
-def resolve_normals(frame_address, layer_address, row_begin, row_end):
+def resolve_normals(frame_address, layer_address, first_row, end_row):
     """Write the normals of some rows, by spans of pixels that see one primitive.
 
-    A kernel of its own, which is compiled after the server is ready: few images have normals.
+    Few images have normals. A separate kernel, since it is compiled only after the server is ready.
     """
     frame, layer = frame_at(frame_address), _layer_at(layer_address)
     width = frame.width
     instance = np.int64(0)
-    for row in range(row_begin, row_end):
+    for row in range(first_row, end_row):
         ids = i32_at(address(layer.ids) + 4 * row * frame.stride)
         start = 0
         while start < width:
@@ -123,94 +125,95 @@ def resolve_normals(frame_address, layer_address, row_begin, row_end):
             start = stop
 
 
-# The two instances seen last, since pixels at an edge alternate between two: first primitive id, end of the ids, label
-# and instance id of each. Then the index of the last one found.
-_FIRST: Final = 0
-_END: Final = 1
+# Cache of two instances, since pixels at an edge alternate between two: first primitive id, the one after the last,
+# label and instance id of each; then the index of the one looked up last.
+_FIRST_ID: Final = 0
+_END_ID: Final = 1
 _LABEL: Final = 2
 _INSTANCE_ID: Final = 3
-_OTHER: Final = 4
+_SECOND: Final = 4
 _INDEX: Final = 8
 _BACKGROUND: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
 
 
 @device_function
-def _look_up_names(frame, ids, column, names, block):
-    """Write labels and instance ids of eight pixels to ``block`` and update ``names``."""
+def _look_up_block(frame, ids, column, cache, block):
+    """Write labels and instance ids of eight pixels to ``block`` and update the ``cache``."""
     first_ids = frame.first_ids
-    eight = vec.load(ids, column)
+    block_ids = vec.load(ids, column)
     labels = instance_ids = vec.i32(0)
     missing = 255
     while missing != 0:
         primitive_id = np.int64(ids[column + vec.lowest_bit(missing)])
-        for k in range(_OTHER):
-            names[k], names[_OTHER + k] = names[_OTHER + k], names[k]
-        if primitive_id < names[_FIRST] or primitive_id >= names[_END]:
+        for k in range(_SECOND):
+            cache[k], cache[_SECOND + k] = cache[_SECOND + k], cache[k]
+        if primitive_id < cache[_FIRST_ID] or primitive_id >= cache[_END_ID]:
             if primitive_id < 0:
-                names[_FIRST], names[_END], names[_LABEL], names[_INSTANCE_ID] = _BACKGROUND
+                cache[_FIRST_ID], cache[_END_ID], cache[_LABEL], cache[_INSTANCE_ID] = _BACKGROUND
             else:
-                index = instance_of(first_ids, frame.instance_count, primitive_id, names[_INDEX])
-                names[_INDEX] = index
-                names[_FIRST], names[_END] = first_ids[index], first_ids[index + 1]
-                names[_LABEL] = frame.labels[index]
-                names[_INSTANCE_ID] = frame.instance_ids[index]
-        same = (eight >= vec.i32(names[_FIRST])) & (eight < vec.i32(names[_END]))
-        labels = vec.select(same, vec.i32(names[_LABEL]), labels)
-        instance_ids = vec.select(same, vec.i32(names[_INSTANCE_ID]), instance_ids)
+                index = instance_of(first_ids, frame.instance_count, primitive_id, cache[_INDEX])
+                cache[_INDEX] = index
+                cache[_FIRST_ID], cache[_END_ID] = first_ids[index], first_ids[index + 1]
+                cache[_LABEL] = frame.labels[index]
+                cache[_INSTANCE_ID] = frame.instance_ids[index]
+        same = (block_ids >= vec.i32(cache[_FIRST_ID])) & (block_ids < vec.i32(cache[_END_ID]))
+        labels = vec.select(same, vec.i32(cache[_LABEL]), labels)
+        instance_ids = vec.select(same, vec.i32(cache[_INSTANCE_ID]), instance_ids)
         missing &= ~vec.movemask(same)
     vec.store(block, 0, labels)
     vec.store(block, vec.LANES, instance_ids)
 
 
-_AHEAD: Final = 1024
-"""Pixels of an output that are prefetched before they are written."""
+_PREFETCH_DISTANCE: Final = 1024
+"""Pixels from the one that is written to the one that is prefetched."""
 
 
 @device_function
 def _resolve_depth_row(inv_z, ids, out, width):
-    """Write the depth of one row. Apart from its labels: consecutive stores to a cache line are combined."""
-    one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
+    """Write the depth of one row. Labels are written later, since consecutive stores to a cache line are combined."""
+    one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
-        vec.prefetch(out, column + _AHEAD)
+        vec.prefetch(out, column + _PREFETCH_DISTANCE)
         visible = vec.load(ids, column) >= zero
-        vec.store(out, column, vec.select(visible, one / vec.load(inv_z, column), none))
+        vec.store(out, column, vec.select(visible, one / vec.load(inv_z, column), no_depth))
     for column in range(whole, width):
         out[column] = np.float32(1.0) / inv_z[column] if ids[column] >= 0 else np.float32(np.inf)
 
 
 @device_function
-def _resolve_name_row(frame, ids, labels, instance_ids, names, block):
+def _resolve_label_row(frame, ids, labels, instance_ids, cache, block):
     """Write label and instance id of one row, eight pixels at once where they see one instance or nothing.
 
     Args:
         ids: pointer to the row's primitive ids, whole vectors of them.
         labels, instance_ids: pointers to the row's outputs; only what the frame wants is written.
-        names: nine int64, as the row before left them. block: 2 x 8 int32 of scratch.
+        cache: nine int64, as the previous row left them; see _FIRST_ID.
+        block: 2 x 8 int32 of scratch.
     """
     width = frame.width
     has_label, has_instance = frame.label != 0, frame.instance != 0
-    first, end = vec.i32(names[_FIRST]), vec.i32(names[_END])
-    label, instance_id = vec.i32(names[_LABEL]), vec.i32(names[_INSTANCE_ID])
+    first_id, end_id = vec.i32(cache[_FIRST_ID]), vec.i32(cache[_END_ID])
+    label, instance_id = vec.i32(cache[_LABEL]), vec.i32(cache[_INSTANCE_ID])
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
-        eight = vec.load(ids, column)
-        if vec.movemask((eight >= first) & (eight < end)) == 255:
+        block_ids = vec.load(ids, column)
+        if vec.movemask((block_ids >= first_id) & (block_ids < end_id)) == 255:
             if has_label:
-                vec.prefetch(labels, column + _AHEAD)
+                vec.prefetch(labels, column + _PREFETCH_DISTANCE)
                 vec.store(labels, column, label)
             if has_instance:
                 vec.store(instance_ids, column, instance_id)
         else:
-            _look_up_names(frame, ids, column, names, block)
+            _look_up_block(frame, ids, column, cache, block)
             if has_label:
                 vec.store(labels, column, vec.load(block, 0))
             if has_instance:
                 vec.store(instance_ids, column, vec.load(block, vec.LANES))
-            first, end = vec.i32(names[_FIRST]), vec.i32(names[_END])
-            label, instance_id = vec.i32(names[_LABEL]), vec.i32(names[_INSTANCE_ID])
+            first_id, end_id = vec.i32(cache[_FIRST_ID]), vec.i32(cache[_END_ID])
+            label, instance_id = vec.i32(cache[_LABEL]), vec.i32(cache[_INSTANCE_ID])
     if whole < width:
-        _look_up_names(frame, ids, whole, names, block)
+        _look_up_block(frame, ids, whole, cache, block)
         for k in range(width - whole):
             if has_label:
                 labels[whole + k] = block[k]
@@ -219,14 +222,14 @@ def _resolve_name_row(frame, ids, labels, instance_ids, names, block):
 
 
 @device_function
-def _resolve_rows(frame, layer, first_row, last_row):
+def _resolve_rows(frame, layer, first_row, end_row):
     """Write the wanted outputs of some rows."""
     width = frame.width
     stride = frame.stride
-    names, block = _name_array(), _block_array()
+    cache, block = _instance_cache_array(), _block_array()
     for k in range(9):
-        names[k] = 0
-    for row in range(first_row, last_row):
+        cache[k] = 0
+    for row in range(first_row, end_row):
         ids = i32_at(address(layer.ids) + 4 * row * stride)
         inv_z = f32_at(address(layer.inv_z) + 4 * row * stride)
         if frame.unpadded_ids != 0:
@@ -240,9 +243,9 @@ def _resolve_rows(frame, layer, first_row, last_row):
         if frame.label != 0 or frame.instance != 0:
             labels = i32_at(frame.label + 4 * row * width)
             instance_ids = i32_at(frame.instance + 4 * row * width)
-            _resolve_name_row(frame, ids, labels, instance_ids, names, block)
+            _resolve_label_row(frame, ids, labels, instance_ids, cache, block)
     if frame.normal != 0:
-        call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, last_row))
+        call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, end_row))
 
 
 LAYER_GAP: Final = 1040
@@ -260,32 +263,33 @@ def row_stride(width: int) -> int:
     return (-(-width // _CACHE_LINE) | 1) * _CACHE_LINE
 
 
-ALL: Final = 0
-FRONTS: Final = 1
-BACKS: Final = 2
+ALL_FACES: Final = 0
+FRONT_FACES: Final = 1
+"""Without the back faces that are kept; nothing is resolved."""
+BACK_FACES: Final = 2
+"""Those that are kept, on top of the layer that FRONT_FACES has left; then resolve."""
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
-def draw_band(frame_address, row_begin, row_end, band_memory, part):
+def draw_band(frame_address, first_row, end_row, band_memory, faces):
     """Rasterize and resolve a band of the image, or a part of one, while it is in the cache.
 
     Args:
-        row_begin, row_end: rows of the image, all of one band.
+        first_row, end_row: rows of the image, all of one band.
         band_memory: address of a band's layer: BAND_ROWS x stride int32, LAYER_GAP values and as many float32; 0: the
             frame has a layer of the whole image.
-        part: ALL; FRONTS: without the back faces that are kept apart, and nothing is resolved; BACKS: these, on top of
-            the layer that FRONTS has left, and resolve.
+        faces: ALL_FACES, FRONT_FACES or BACK_FACES.
     """
     frame = frame_at(frame_address)
     layer = _new_layer()
     if band_memory == 0:
         layer.ids, layer.inv_z = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z)
     else:
-        before = 4 * row_begin * frame.stride
-        layer.ids = i32_at(band_memory - before)
-        layer.inv_z = f32_at(band_memory + 4 * (BAND_ROWS * frame.stride + LAYER_GAP) - before)
-    if part != BACKS:
-        clear_rows(frame, layer, row_begin, row_end)
-    draw_rows(frame, layer, row_begin, row_end, part == BACKS)
-    if part != FRONTS:
-        _resolve_rows(frame, layer, row_begin, row_end)
+        offset = 4 * first_row * frame.stride
+        layer.ids = i32_at(band_memory - offset)
+        layer.inv_z = f32_at(band_memory + 4 * (BAND_ROWS * frame.stride + LAYER_GAP) - offset)
+    if faces != BACK_FACES:
+        clear_rows(frame, layer, first_row, end_row)
+    draw_rows(frame, layer, first_row, end_row, faces == BACK_FACES)
+    if faces != FRONT_FACES:
+        _resolve_rows(frame, layer, first_row, end_row)

@@ -1,4 +1,4 @@
-"""A draw list as tables of addresses and numbers, independent of the camera."""
+"""Tables of a draw list for the kernels, independent of the camera, and the caches of them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
 from renderers.raster.cluster_culling import MIN_TRIANGLES, bound_clusters, cluster_values
 from renderers.raster.convex_culling import convex_bounds
-from renderers.raster.layout import INSTANCE, MAX_POINT
+from renderers.raster.layout import INSTANCE, MAX_POINT_SIZE
 from renderers.stop import check_stop, current_stop
 
 MAX_PRIMITIVES: Final = 2**31 - 1
 """Primitive ids are int32."""
 MAX_TABLE_BYTES: Final = 64 << 20
-"""Limit of the tables of scenes whose meshes are alive: 400,000 instances."""
+"""Maximum bytes of the tables of live scenes: 400,000 instances."""
 MAX_MESH_BYTES: Final = 1 << 30
-"""Limit of what is derived from meshes that are alive."""
+"""Maximum bytes of the arrays derived from live meshes."""
 NOT_CONVEX: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
-"""Instead of a convex mesh's bounding box."""
+"""Bounding box of meshes that are not convex."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +33,13 @@ class PreparedMesh:
     """Addresses and counts of a mesh."""
 
     counts: tuple[int, int, int]
-    """Vertices to transform, primitives, topology."""
+    """Number of vertices to transform, number of primitives, and topology."""
     addresses: tuple[int, int, int]
-    """Of these vertices, of the indices into them, and of the clusters (0: none)."""
+    """Addresses of the vertices to transform, of the indices into them, and of the clusters (0: none)."""
     mesh_addresses: tuple[int, int, int]
-    """Of the mesh's own positions, indices and normals (0: none)."""
+    """Addresses of the mesh's own positions, indices and normals (0: none)."""
     box: tuple[float, float, float, float, float, float] = NOT_CONVEX
-    """Centre and half sides."""
+    """Centre and half extents."""
     keep: tuple[NDArray[Any], ...] = ()
     """Arrays that the addresses point to, apart from the mesh's own."""
 
@@ -51,26 +51,26 @@ class PreparedMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Structure:
-    """What does not depend on poses, labels and instance ids."""
+    """Tables that depend on meshes, point sizes and line widths only."""
 
     instances: NDArray[np.void]
     """(I + 1,) INSTANCE."""
     first_ids: NDArray[np.int64]
     """(I + 1,): first primitive id of every instance, and the number of primitives."""
     materials: tuple[Any, ...]
-    """(I,): point sizes and line widths are theirs."""
+    """(I,) Material, from which the sizes were taken."""
     keep: tuple[PreparedMesh, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedInstances:
-    """I instances in any pose. It does not keep the meshes."""
+    """Tables of I instances in any pose. They do not keep the meshes alive."""
 
     structure: _Structure
     counts: tuple[int, int, int]
-    """Instances, vertices, primitives."""
+    """Numbers of instances, vertices and primitives."""
     instances_at: int
-    """Addresses for FRAME: of the instances, of ``first_ids``, of labels and of instance ids."""
+    """Address of ``structure.instances``, as the following addresses for FRAME."""
     first_ids_at: int
     labels_at: int
     instance_ids_at: int
@@ -85,7 +85,7 @@ class PreparedInstances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
-    """I instances and their poses."""
+    """Tables of I instances and their poses."""
 
     instances: PreparedInstances
     X_world_mesh: NDArray[np.float64]
@@ -126,30 +126,30 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         address_of(elements, np.uint32),
         address_of(normals, np.float32),
     )
-    own_positions, own_indices = positions, elements
+    drawn_positions, drawn_indices = positions, elements
     if count > max(64, elements.size):
         # Many glTF primitives share one long vertex array: transform only the vertices that this one uses.
-        used, own_indices = used_vertices(elements, count)
-        own_positions = np.ascontiguousarray(positions[used])
+        used, drawn_indices = used_vertices(elements, count)
+        drawn_positions = np.ascontiguousarray(positions[used])
     box = NOT_CONVEX
     if topology == Topology.TRIANGLES:
-        convex = convex_bounds(own_positions, own_indices)
+        convex = convex_bounds(drawn_positions, drawn_indices)
         if convex is not None:
-            box, own_positions = convex
-    own_addresses = address_of(own_positions, np.float32), address_of(own_indices, np.uint32)
+            box, drawn_positions = convex
+    drawn_addresses = address_of(drawn_positions, np.float32), address_of(drawn_indices, np.uint32)
     clusters = None
     if topology == Topology.TRIANGLES and len(elements) >= MIN_TRIANGLES:
         clusters = np.zeros(cluster_values(len(elements)), np.float32)
         stop = current_stop()
-        bound_clusters(*own_addresses, len(elements), address_of(clusters, np.float32), stop.address)
+        bound_clusters(*drawn_addresses, len(elements), address_of(clusters, np.float32), stop.address)
         stop.check()
-    derived = (own_positions, own_indices, clusters)
+    arrays = (drawn_positions, drawn_indices, clusters)
     return PreparedMesh(
-        (len(own_positions), len(elements), int(topology)),
-        (*own_addresses, address_of(clusters, np.float32)),
+        (len(drawn_positions), len(elements), int(topology)),
+        (*drawn_addresses, address_of(clusters, np.float32)),
         mesh_addresses,
         box,
-        tuple([each for each in derived if each is not None and each is not positions and each is not elements]),
+        tuple([array for array in arrays if array is not None and array is not positions and array is not elements]),
     )
 
 
@@ -172,11 +172,11 @@ def prepare(scene: DrawList) -> PreparedScene:
         return prepared
     instances = scene.instances
     if isinstance(instances, PosedInstances):
-        own, X_world_mesh = _prepared_set(instances), instances.X_world_mesh
+        tables, X_world_mesh = _prepared_set(instances), instances.X_world_mesh
     else:
-        own = _prepare_instances(instances)
+        tables = _prepare_instances(instances)
         X_world_mesh = np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(len(instances), 4, 4)
-    prepared = PreparedScene(own, X_world_mesh, address_of(X_world_mesh, np.float64), instances)
+    prepared = PreparedScene(tables, X_world_mesh, address_of(X_world_mesh, np.float64), instances)
     _scenes.put(scene, prepared, X_world_mesh.nbytes)
     return prepared
 
@@ -246,11 +246,11 @@ def _build_structure(instances: Sequence[Instance]) -> _Structure:
     if first_ids[-1] > MAX_PRIMITIVES:
         raise ValueError(f"the scene has {first_ids[-1]} primitives, more than {MAX_PRIMITIVES} can be drawn")
     materials = tuple([instance.material for instance in instances])
-    sizes = [
+    sizes = [  # pixels
         material.line_width if numbers[k, 2] == Topology.LINES else material.point_size
         for k, material in enumerate(materials)
     ]
-    table["size"][:-1] = [min(max(s, 1.0), MAX_POINT) if math.isfinite(s) else 1.0 for s in sizes]
+    table["size"][:-1] = [min(max(size, 1.0), MAX_POINT_SIZE) if math.isfinite(size) else 1.0 for size in sizes]
     boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
     table["box_center"][:-1], table["box_half"][:-1] = boxes[:, :3], boxes[:, 3:]
     return _Structure(table, first_ids, materials, keep=tuple(by_mesh.values()))

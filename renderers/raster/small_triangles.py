@@ -1,12 +1,12 @@
-"""Coverage of small triangles: find each row's span of columns, then draw its blocks.
+"""Coverage of small triangles: find each row's span of covered columns, then draw its blocks.
 
-A block has eight columns and four rows; it is drawn if any of its pixels is covered.
+A block has eight columns and four rows. It is drawn if any of its pixels is covered.
 
 A pixel is covered where all edge functions are at least 0. They are linear, so that an edge limits a row's columns by a
 quotient. Divided by 256 and rounded down, which keeps their sign, the functions are integers below 2^23 and their
 steps integers of at most 2^15: exact in float32, also with a half added to the functions, which keeps the sign. Then no
-quotient is nearer to a column than half of 2^-15, and none within SMALL_WIDTH, as the product of a value and a
-reciprocal, is farther from its float32 than 72 x 2^-23, which is less: a column is on the same side of both.
+quotient is nearer to a column than half of 2^-15. Within MAX_SMALL_WIDTH, the product of a value and a reciprocal
+differs from the quotient by at most 72 x 2^-23, which is less, so that both are on the same side of every column.
 
 The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the set
 bits of a mask of blocks. About half of a box is never tested.
@@ -21,67 +21,71 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.compiler.pointers import address, as_f32, as_i64, f32_at, i32_at
+from renderers.compiler.pointers import address, f32_at, i32_at
+from renderers.compiler.structs import F32, I32, I64, Struct, array_of
 from renderers.raster.depth_test import depth_test
-from renderers.raster.layout import SMALL_WIDTH
+from renderers.raster.layout import MAX_SMALL_WIDTH
 from renderers.visibility_buffer import BAND_ROWS
 
-_ROWS_OF_BLOCK: Final = 4
+_BLOCK_ROWS: Final = 4
+_MAX_ROWS: Final = BAND_ROWS + vec.LANES
 
-# Layout of a prepared triangle, int32 or float32. For each row: 1/z at the box's first column; its first column in the
-# box and the number of columns. Two int64 masks of blocks with any covered column: for each four rows, the first eight
-# blocks; the ninth block. Number of rows within the band, number of prepared rows; the first block's column, and that
-# relative to the box; the first row; the primitive id; the last eight values of the SMALL_TRIANGLE.
-_START: Final = 0
-_FIRST: Final = _START + BAND_ROWS + vec.LANES
-_COLUMNS: Final = _FIRST + BAND_ROWS + vec.LANES
-_MASKS: Final = _COLUMNS + BAND_ROWS + vec.LANES
-_ROWS: Final = _MASKS + 4
-_PREPARED_ROWS: Final = _ROWS + 1
-_BEGIN: Final = _ROWS + 2
-_ACROSS: Final = _ROWS + 3
-_TOP: Final = _ROWS + 4
-_ID: Final = _ROWS + 5
-_PLANE: Final = _ROWS + 8
-PREPARED_VALUES: Final = _PLANE + vec.LANES
-_DX: Final = _PLANE + 4
-_LOW: Final = _PLANE + 6
-_HIGH: Final = _PLANE + 7
-assert SMALL_WIDTH // vec.LANES < 16
-assert _MASKS % 2 == 0
+PREPARED: Final = Struct(
+    "PreparedTriangle",
+    {
+        "row_inv_z": array_of(F32, _MAX_ROWS),  # 1/z at the box's first column
+        "row_first_column": array_of(I32, _MAX_ROWS),  # first covered column, counted from the box's first
+        "row_column_count": array_of(I32, _MAX_ROWS),  # number of covered columns
+        "blocks": I64,  # mask of blocks with any covered column: for each four rows, the first eight blocks
+        "ninth_blocks": I64,  # the same of the ninth block
+        "first_row": I64,
+        "rows": I64,  # within the band
+        "prepared_rows": I64,  # a multiple of eight
+        "first_column": I64,  # of the first block
+        "first_column_in_box": I64,  # the same, counted from the box's first column
+        "id": I64,
+        "plane": array_of(F32, vec.LANES),  # the last eight values of the SMALL_TRIANGLE
+    },
+)
+"""A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
+# Indices into the last eight values of a SMALL_TRIANGLE.
+_INV_Z_DX: Final = 4
+_INV_Z_MIN: Final = 6
+_INV_Z_MAX: Final = 7
+assert MAX_SMALL_WIDTH // vec.LANES < 16
 
 
 @inlined
 def box_of(triangle):
     """Return first column, first row, columns and rows of a SMALL_TRIANGLE's box."""
-    box, size = np.int64(triangle.box), np.int64(triangle.size)
-    return ((box & 0xFFFF) ^ 0x8000) - 0x8000, box >> 16, size & 0xFFFF, size >> 16
+    corner, size = np.int64(triangle.box_corner), np.int64(triangle.box_size)
+    return ((corner & 0xFFFF) ^ 0x8000) - 0x8000, corner >> 16, size & 0xFFFF, size >> 16
 
 
 @inlined
-def _limit(lower, upper, edge, down, row, begins, ends):
-    """Narrow the spans of eight rows to one edge.
+def _limit_by_edge(lower, upper, edge, edge_dy, row, lower_scale, upper_scale):
+    """Narrow the column limits of eight rows to the inner side of one edge; all f32x8.
 
     Args:
-        edge, down: the edge function at row and column 0 plus a half, and its change per row; in all lanes.
-        begins, ends: -1 over the change per column, where the edge limits columns below or above; else NaN, which
-            limits nothing.
+        edge, edge_dy: the edge function at row and column 0 plus a half, and its change per row; in all lanes.
+        lower_scale, upper_scale: -1 over the edge function's change per column, or NaN, which limits nothing: one of
+            them, since an edge limits columns either below or above.
     """
-    value = edge + down * row
-    return vec.maximum(value * begins, lower), vec.minimum(value * ends, upper)
+    value = edge + edge_dy * row
+    return vec.maximum(value * lower_scale, lower), vec.minimum(value * upper_scale, upper)
 
 
 @inlined
-def _block_masks(first, columns):
+def _block_masks(first_column, column_count):
     """Return the blocks of eight rows in which any column is covered, eight bits for each four rows, and the same of
     the ninth block; int64.
 
     Args:
-        first, columns: i32x8: the rows' first columns, relative to the first block, and their number.
+        first_column, column_count: i32x8: the rows' first columns, counted from the first block's, and their number.
     """
-    one = vec.i32(1)
-    blocks = (one << ((first + columns + vec.i32(vec.LANES - 1)) >> vec.i32(3))) - (one << (first >> vec.i32(3)))
-    blocks = vec.select(columns > vec.i32(0), blocks, vec.i32(0))
+    one, end = vec.i32(1), first_column + column_count + vec.i32(vec.LANES - 1)
+    blocks = (one << (end >> vec.i32(3))) - (one << (first_column >> vec.i32(3)))
+    blocks = vec.select(column_count > vec.i32(0), blocks, vec.i32(0))
     blocks = blocks | vec.swapped(blocks)
     blocks = blocks | vec.swapped_pairs(blocks)
     upper, lower = np.int64(vec.lane0(blocks)), np.int64(vec.lane4(blocks))
@@ -89,115 +93,115 @@ def _block_masks(first, columns):
 
 
 @inlined
-def prepare_small(frame, triangle, first_row, last_row, prepared):
-    """Find the spans and blocks of a small triangle in the rows ``first_row .. last_row``, for ``draw_small``.
+def prepare_small(frame, triangle, first_row, end_row, prepared):
+    """Find the spans and blocks of a small triangle in some rows, for ``draw_small``.
 
     Args:
         triangle: a SMALL_TRIANGLE.
-        prepared: pointer to PREPARED_VALUES int32.
+        prepared: a PREPARED.
     """
-    starts = as_f32(prepared)
     box_x, box_y, box_columns, box_rows = box_of(triangle)
     top = max(box_y, first_row)
-    rows = min(box_y + box_rows, last_row) - top
+    rows = min(box_y + box_rows, end_row) - top
     left = max(box_x, np.int64(0))
     right = min(box_x + box_columns, frame.width)
     # Blocks begin where vectors do: a load gets all of what a neighbour has just stored, from one cache line.
-    begin = left & ~np.int64(vec.LANES - 1)
+    block_x = left & ~np.int64(vec.LANES - 1)
+    block_x_in_box = block_x - box_x
     groups = (rows + vec.LANES - 1) >> 3
-    origin = max(min(top, last_row - vec.LANES * groups), first_row)
+    prepared_top = max(min(top, end_row - vec.LANES * groups), first_row)
 
     # All fields by two loads: a third of the instructions of one for each.
-    whole = i32_at(address(triangle))
-    edges = vec.to_f32(vec.load(whole, 0) >> vec.i32(8))
-    half, none, nothing = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
-    e0, e1, e2 = vec.broadcast_lane0(edges) + half, vec.broadcast_lane1(edges) + half, vec.broadcast_lane2(edges) + half
-    r0, r1, d0 = vec.broadcast_lane3(edges), vec.broadcast_lane4(edges), vec.broadcast_lane5(edges)
-    d1 = vec.broadcast_lane0(vec.to_f32(vec.load(whole, vec.LANES) >> vec.i32(8)))
-    r2, d2 = none - r0 - r1, none - d0 - d1
+    values = i32_at(address(triangle))
+    fields = vec.to_f32(vec.load(values, 0) >> vec.i32(8))
+    half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
+    e0, e1, e2 = (
+        vec.broadcast_lane0(fields) + half,
+        vec.broadcast_lane1(fields) + half,
+        vec.broadcast_lane2(fields) + half,
+    )
+    e0_dx, e1_dx, e0_dy = vec.broadcast_lane3(fields), vec.broadcast_lane4(fields), vec.broadcast_lane5(fields)
+    e1_dy = vec.broadcast_lane0(vec.to_f32(vec.load(values, vec.LANES) >> vec.i32(8)))
+    e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
     # Lanes 0 to 2: the changes per column.
-    rights = vec.select(vec.iota() == vec.i32(0), r0, vec.select(vec.iota() == vec.i32(1), r1, r2))
-    columns = vec.f32(-1.0) / rights
-    # A level edge holds for all of a row or for nothing: an infinite lower limit.
-    begins = vec.select(rights >= none, columns, nothing)
-    ends = vec.select(rights >= none, nothing, columns)
+    lane = vec.iota()
+    edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
+    scale = vec.f32(-1.0) / edge_dx
+    # A horizontal edge holds for all of a row or for nothing: an infinite lower limit.
+    lower_scale = vec.select(edge_dx >= zero, scale, no_limit)
+    upper_scale = vec.select(edge_dx >= zero, no_limit, scale)
+    lower0, upper0 = vec.broadcast_lane0(lower_scale), vec.broadcast_lane0(upper_scale)
+    lower1, upper1 = vec.broadcast_lane1(lower_scale), vec.broadcast_lane1(upper_scale)
+    lower2, upper2 = vec.broadcast_lane2(lower_scale), vec.broadcast_lane2(upper_scale)
     plane = vec.load(f32_at(address(triangle)), vec.LANES)
-    base, rise = vec.broadcast_lane3(plane), vec.broadcast_lane5(plane)
-    row = vec.to_f32(vec.i32(origin - box_y) + vec.iota())
-    across = begin - box_x
-    one, most_left, most_right = vec.f32(1.0), vec.f32(left - box_x) - half, vec.f32(right - box_x) - half
-    blocks, ninth = np.int64(0), np.int64(0)
+    inv_z_base, inv_z_dy = vec.broadcast_lane3(plane), vec.broadcast_lane5(plane)
+    row = vec.to_f32(vec.i32(prepared_top - box_y) + lane)
+    one, box_lower, box_upper = vec.f32(1.0), vec.f32(left - box_x) - half, vec.f32(right - box_x) - half
+    blocks, ninth_blocks = np.int64(0), np.int64(0)
     for group in range(groups):
-        lower, upper = most_left, most_right
-        lower, upper = _limit(lower, upper, e0, d0, row, vec.broadcast_lane0(begins), vec.broadcast_lane0(ends))
-        lower, upper = _limit(lower, upper, e1, d1, row, vec.broadcast_lane1(begins), vec.broadcast_lane1(ends))
-        lower, upper = _limit(lower, upper, e2, d2, row, vec.broadcast_lane2(begins), vec.broadcast_lane2(ends))
-        # A nearly level edge may limit a row anywhere. No limit is an integer, nor (see above) nearer to one than 6e-6
-        # where it counts; a sum below 128 is at most 4e-6 off.
-        first = vec.to_i32(vec.minimum(lower, most_right) + one)
-        wide = vec.maximum(vec.to_i32(vec.maximum(upper + one, none)) - first, vec.i32(0))
-        vec.store(prepared, _FIRST + vec.LANES * group, first)
-        vec.store(prepared, _COLUMNS + vec.LANES * group, wide)
-        eight, last = _block_masks(first - vec.i32(across), wide)
-        blocks |= eight << (16 * group)
-        ninth |= last << (16 * group)
-        vec.store(starts, _START + vec.LANES * group, base + rise * row)
+        lower, upper = _limit_by_edge(box_lower, box_upper, e0, e0_dy, row, lower0, upper0)
+        lower, upper = _limit_by_edge(lower, upper, e1, e1_dy, row, lower1, upper1)
+        lower, upper = _limit_by_edge(lower, upper, e2, e2_dy, row, lower2, upper2)
+        # A nearly horizontal edge may limit a row anywhere. No limit is an integer, nor (see above) nearer to one than
+        # 6e-6 where it counts; a sum below 128 is at most 4e-6 off.
+        first_column = vec.to_i32(vec.minimum(lower, box_upper) + one)
+        end_column = vec.to_i32(vec.maximum(upper + one, zero))
+        column_count = vec.maximum(end_column - first_column, vec.i32(0))
+        vec.store(prepared.row_first_column, vec.LANES * group, first_column)
+        vec.store(prepared.row_column_count, vec.LANES * group, column_count)
+        group_blocks, group_ninth = _block_masks(first_column - vec.i32(block_x_in_box), column_count)
+        blocks |= group_blocks << (16 * group)
+        ninth_blocks |= group_ninth << (16 * group)
+        vec.store(prepared.row_inv_z, vec.LANES * group, inv_z_base + inv_z_dy * row)
         row = row + vec.f32(float(vec.LANES))
 
-    masks = as_i64(prepared)
-    masks[_MASKS // 2] = blocks
-    masks[_MASKS // 2 + 1] = ninth
-    prepared[_ROWS] = min(last_row - origin, vec.LANES * groups)
-    prepared[_PREPARED_ROWS] = vec.LANES * groups
-    prepared[_BEGIN] = begin
-    prepared[_ACROSS] = across
-    prepared[_TOP] = origin
-    prepared[_ID] = triangle.id
-    vec.store(starts, _PLANE, plane)
+    prepared.blocks, prepared.ninth_blocks = blocks, ninth_blocks
+    prepared.first_row = prepared_top
+    prepared.rows = min(end_row - prepared_top, vec.LANES * groups)
+    prepared.prepared_rows = vec.LANES * groups
+    prepared.first_column, prepared.first_column_in_box = block_x, block_x_in_box
+    prepared.id = triangle.id
+    vec.store(prepared.plane, 0, plane)
 
 
 @inlined
-def _draw_row(frame, layer, rule, prepared, row, pixel, columns, rising, low, high, ids):
-    """Draw eight columns of a row."""
-    w = vec.minimum(vec.maximum(vec.f32(as_f32(prepared)[_START + row]) + rising, low), high)
-    # One comparison of unsigned numbers tells whether a column is in the span.
-    covered = vec.less_unsigned(columns - vec.i32(prepared[_FIRST + row]), vec.i32(prepared[_COLUMNS + row]))
-    depth_test(frame, layer, rule, pixel, w, covered, ids)
+def _draw_block(frame, layer, depth_rule, prepared, first_row, row_count, block_x):
+    """Draw the first ``row_count`` rows of a block.
+
+    Args:
+        first_row: counted from the first prepared row.
+        block_x: the block's first column, counted from the first block's.
+    """
+    plane, ids = prepared.plane, vec.i32(prepared.id)
+    inv_z_min, inv_z_max = vec.f32(plane[_INV_Z_MIN]), vec.f32(plane[_INV_Z_MAX])
+    columns = vec.i32(prepared.first_column_in_box + block_x) + vec.iota()
+    column_inv_z = vec.f32(plane[_INV_Z_DX]) * vec.to_f32(columns)
+    pixel = (prepared.first_row + first_row) * frame.stride + prepared.first_column + block_x
+    for k in range(row_count):
+        row = first_row + k
+        inv_z = vec.f32(prepared.row_inv_z[row]) + column_inv_z
+        inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
+        # One comparison of unsigned numbers tells whether a column is in the span.
+        column_in_span = columns - vec.i32(prepared.row_first_column[row])
+        covered = vec.less_unsigned(column_in_span, vec.i32(prepared.row_column_count[row]))
+        depth_test(frame, layer, depth_rule, pixel + k * frame.stride, inv_z, covered, ids)
 
 
 @inlined
-def draw_small(frame, layer, rule, prepared):
-    """Draw a triangle that ``prepare_small`` has prepared; ``rule`` as for ``depth_test``."""
-    fractions = as_f32(prepared)
-    stride = frame.stride
-    ids = vec.i32(prepared[_ID])
-    slope = vec.f32(fractions[_DX])
-    low, high = vec.f32(fractions[_LOW]), vec.f32(fractions[_HIGH])
-    begin = np.int64(prepared[_TOP]) * stride + np.int64(prepared[_BEGIN])
-    across = vec.i32(prepared[_ACROSS]) + vec.iota()
-    masks = as_i64(prepared)
-    mask, ninth = masks[_MASKS // 2], masks[_MASKS // 2 + 1]
-    rows = np.int64(prepared[_ROWS])
-    enough = rows == prepared[_PREPARED_ROWS]
-    for _ in range(1 if ninth == 0 else 2):
-        while mask != 0:
-            bit = vec.lowest_bit(mask)
-            mask &= mask - 1
-            row = (bit >> 3) * _ROWS_OF_BLOCK
-            right = (bit & 7) * vec.LANES
-            pixel = begin + row * stride + right
-            columns = across + vec.i32(right)
-            rising = slope * vec.to_f32(columns)
-            if enough:  # a constant number of rows, which LLVM unrolls
-                for k in range(_ROWS_OF_BLOCK):
-                    _draw_row(
-                        frame, layer, rule, prepared, row + k, pixel + k * stride, columns, rising, low, high, ids
-                    )
+def draw_small(frame, layer, depth_rule, prepared):
+    """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``."""
+    blocks, rows = prepared.blocks, prepared.rows
+    has_whole_blocks = rows == prepared.prepared_rows
+    first_block_x = 0
+    for _ in range(1 if prepared.ninth_blocks == 0 else 2):
+        while blocks != 0:
+            bit = vec.lowest_bit(blocks)
+            blocks &= blocks - 1
+            row = (bit >> 3) * _BLOCK_ROWS
+            block_x = first_block_x + (bit & 7) * vec.LANES
+            if has_whole_blocks:  # a constant number of rows, which LLVM unrolls
+                _draw_block(frame, layer, depth_rule, prepared, row, _BLOCK_ROWS, block_x)
             else:  # in a band of few rows
-                for k in range(min(rows - row, _ROWS_OF_BLOCK)):
-                    _draw_row(
-                        frame, layer, rule, prepared, row + k, pixel + k * stride, columns, rising, low, high, ids
-                    )
-        mask = ninth
-        begin += vec.LANES * vec.LANES
-        across = across + vec.i32(vec.LANES * vec.LANES)
+                _draw_block(frame, layer, depth_rule, prepared, row, min(rows - row, _BLOCK_ROWS), block_x)
+        blocks = prepared.ninth_blocks
+        first_block_x = vec.LANES * vec.LANES

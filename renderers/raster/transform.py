@@ -1,4 +1,4 @@
-"""Vertices from a mesh's frame to pixels."""
+"""Transformation of vertices from a mesh's frame to pixels: the first phase of a frame."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address, f32_at
 from renderers.raster.layout import GUARD_BAND, frame_at
 
-BLOCK: Final = 1 << 18
+_BLOCK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
 BEHIND: Final = -2.0
-"""Instead of 1/z: the vertex is nearer than the near plane, or not a number."""
+"""Replaces 1/z of a vertex that is nearer than the near plane, or not a number."""
 OUTSIDE: Final = -1.0
-"""Instead of 1/z: the vertex is outside the guard band."""
+"""Replaces 1/z of a vertex that is outside the guard band."""
 
 
 @device_function
-def draw_of_vertex(frame, vertex):
+def _draw_of_vertex(frame, vertex):
     """Return the index of the draw that a drawn vertex belongs to."""
     low = 0
     high = frame.draw_count
@@ -37,7 +37,13 @@ def draw_of_vertex(frame, vertex):
 
 @device_function
 def _transform(frame, matrix, positions, count, out):
-    """Transform ``count`` vertices, eight at a time and the last few one by one with the same arithmetic."""
+    """Transform vertices, eight at a time and the last few one by one with the same arithmetic.
+
+    Args:
+        matrix: pointer to the first three rows of ``X_camera_mesh``, float64.
+        positions: pointer to (count, 3) float32.
+        out: pointer to (count, 4) float32: x, y, 1/z, unused.
+    """
     fx, fy, cx, cy, near = frame.fx, frame.fy, frame.cx, frame.cy, frame.near
     m00, m01, m02, m03 = matrix[0], matrix[1], matrix[2], matrix[3]
     m10, m11, m12, m13 = matrix[4], matrix[5], matrix[6], matrix[7]
@@ -50,39 +56,42 @@ def _transform(frame, matrix, positions, count, out):
         pz = vec.to_f64(vec.load_third(positions, 3 * k, 2))
         z = vec.f64(m20) * px + vec.f64(m21) * py + vec.f64(m22) * pz + vec.f64(m23)
         in_front = z >= vec.f64(near)
-        w = vec.select(in_front, one / z, one)
-        x = vec.f64(fx) * (vec.f64(m00) * px + vec.f64(m01) * py + vec.f64(m02) * pz + vec.f64(m03)) * w + vec.f64(cx)
-        y = vec.f64(fy) * (vec.f64(m10) * px + vec.f64(m11) * py + vec.f64(m12) * pz + vec.f64(m13)) * w + vec.f64(cy)
+        inv_z = vec.select(in_front, one / z, one)
+        x = vec.f64(fx) * (vec.f64(m00) * px + vec.f64(m01) * py + vec.f64(m02) * pz + vec.f64(m03)) * inv_z + vec.f64(
+            cx
+        )
+        y = vec.f64(fy) * (vec.f64(m10) * px + vec.f64(m11) * py + vec.f64(m12) * pz + vec.f64(m13)) * inv_z + vec.f64(
+            cy
+        )
         inside = (vec.absolute(x) <= guard) & (vec.absolute(y) <= guard)
-        w = vec.select(inside, w, vec.f64(OUTSIDE))
-        w = vec.select(in_front, w, vec.f64(BEHIND))
-        vec.store_vertices(out, 4 * k, vec.to_f32(x), vec.to_f32(y), vec.to_f32(w))
+        inv_z = vec.select(inside, inv_z, vec.f64(OUTSIDE))
+        inv_z = vec.select(in_front, inv_z, vec.f64(BEHIND))
+        vec.store_vertices(out, 4 * k, vec.to_f32(x), vec.to_f32(y), vec.to_f32(inv_z))
     for k in range(whole, count):
-        sx = np.float64(positions[3 * k])
-        sy = np.float64(positions[3 * k + 1])
-        sz = np.float64(positions[3 * k + 2])
-        depth = m20 * sx + m21 * sy + m22 * sz + m23
-        inverse = 1.0 / depth if depth >= near else 1.0
-        column = fx * (m00 * sx + m01 * sy + m02 * sz + m03) * inverse + cx
-        row = fy * (m10 * sx + m11 * sy + m12 * sz + m13) * inverse + cy
-        reached = abs(column) <= GUARD_BAND and abs(row) <= GUARD_BAND
-        inverse = inverse if reached else OUTSIDE
+        px = np.float64(positions[3 * k])
+        py = np.float64(positions[3 * k + 1])
+        pz = np.float64(positions[3 * k + 2])
+        depth = m20 * px + m21 * py + m22 * pz + m23
+        scale = 1.0 / depth if depth >= near else 1.0
+        column = fx * (m00 * px + m01 * py + m02 * pz + m03) * scale + cx
+        row = fy * (m10 * px + m11 * py + m12 * pz + m13) * scale + cy
+        is_inside = abs(column) <= GUARD_BAND and abs(row) <= GUARD_BAND
         out[4 * k] = column
         out[4 * k + 1] = row
-        out[4 * k + 2] = inverse if depth >= near else BEHIND
+        out[4 * k + 2] = BEHIND if not depth >= near else scale if is_inside else OUTSIDE
 
 
 @kernel("void(int64, int64, int64)")
 def transform(frame_address, begin, end):
     """Compute pixel coordinates and 1/z of the drawn vertices ``begin .. end``."""
     frame = frame_at(frame_address)
-    index = draw_of_vertex(frame, begin)
+    draw_index = _draw_of_vertex(frame, begin)
     while begin < end and not is_set(frame.stop):
-        draw = frame.draws[index]
-        last = frame.draws[index + 1].first_vertex
-        stop = min(end, last, begin + BLOCK)
+        draw = frame.draws[draw_index]
+        draw_end = frame.draws[draw_index + 1].first_vertex
+        stop = min(end, draw_end, begin + _BLOCK)
         offset = begin - draw.first_vertex
         positions, out = f32_at(address(draw.positions) + 12 * offset), f32_at(address(frame.vertices) + 16 * begin)
         _transform(frame, draw.X_camera_mesh, positions, stop - begin, out)
         begin = max(begin, stop)
-        index += begin >= last
+        draw_index += begin >= draw_end

@@ -65,6 +65,8 @@ def put_base_color(job, segment, begin, end, alpha):
         factor = vec.f32(mf[MF_BASE + k])
         if k < 3 and colored and rule == COLORS_REPLACE:
             factor = vec.f32(1.0)
+        if textured and not colored and mf[MF_BASE + k] == 1.0:
+            continue
         decoded = k < 3 and rule != COLORS_MULTIPLY
         for x in range(begin, end, vec.LANES):
             value = factor

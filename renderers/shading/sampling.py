@@ -121,13 +121,18 @@ def _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j):
 
 
 @inlined
-def _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v):
-    """RGBA interpolated between the four texels whose centres surround (u, v)."""
+def _locate(u, v, width, height, wrap_s, wrap_t):
+    """Return column and row, before wrapping, of the upper left of the four texels around (u, v), and the weights of
+    the right and the lower ones."""
     half = vec.f32(0.5)
     x, y = _texel_position(u, wrap_s, width) - half, _texel_position(v, wrap_t, height) - half
     x0, y0 = vec.floor(x), vec.floor(y)
-    fx, fy = x - x0, y - y0
-    i, j = vec.to_i32(x0), vec.to_i32(y0)
+    return vec.to_i32(x0), vec.to_i32(y0), x - x0, y - y0
+
+
+@inlined
+def _mix(texels, stride, width, height, wrap_s, wrap_t, srgb, values, i, j, fx, fy):
+    """Return RGBA between four texels, from the result of ``_locate``."""
     zero, last, lowest = vec.i32(0), vec.i32(width - 1), vec.i32(height - 1)
     if vec.movemask((i >= zero) & (j >= zero) & (i < last) & (j < lowest)) == 255:  # nearly always
         a, b, c, d = vec.gather_squares(texels, j * vec.i32(stride) + i, stride)
@@ -152,7 +157,8 @@ def _sample_level(integers, values, level, linear, u, v):
     stride = integers[TI_LEVEL + 4 * level + 3]
     wrap_s, wrap_t, srgb = integers[TI_WRAP_S], integers[TI_WRAP_T], integers[TI_SRGB] != 0
     if linear:
-        return _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
+        i, j, fx, fy = _locate(u, v, width, height, wrap_s, wrap_t)
+        return _mix(texels, stride, width, height, wrap_s, wrap_t, srgb, values, i, j, fx, fy)
     return _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
 
 
@@ -258,7 +264,7 @@ def _footprint(floats, pixels, at, width, height):
 
 @device_function
 def sample(job, segment, row, begin, end, out, alpha):
-    """Write a texture's RGB and, if ``alpha``, alpha, 0 .. 1, to the rows from A_ row ``out`` on.
+    """Write a texture's RGB and, if ``alpha``, alpha, 0 .. 1, to the four rows from A_ row ``out`` on.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels need the rows of gradients.
 
@@ -278,23 +284,36 @@ def sample(job, segment, row, begin, end, out, alpha):
     wrap_s, wrap_t, srgb = integers[TI_WRAP_S], integers[TI_WRAP_T], integers[TI_SRGB] != 0
     linear = integers[TI_MAG_LINEAR] != 0
     mipmapped = integers[TI_MIPS] != MIPS_NONE or integers[TI_MAG_LINEAR] != integers[TI_MIN_LINEAR]
-    if width * height > _LARGE and not mipmapped:
+    integer_pixels, at = i32_at(segment[G_PIXELS]), out * STRIDE
+    if linear and not mipmapped:
+        # Two passes: a processor waits less for texels that were prefetched many pixels before they are read.
+        prefetches = width * height > _LARGE
         for x in range(begin, end, vec.LANES):
             u, v = vec.load(pixels, coordinates + x), vec.load(pixels, coordinates + STRIDE + x)
             u, v = a * u + b * v + c, d * u + e * v + f
-            i = _wrap(vec.to_i32(_texel_position(u, wrap_s, width)), wrap_s, width)
-            j = _wrap(vec.to_i32(_texel_position(v, wrap_t, height)), wrap_t, height)
-            vec.prefetch_more_rows(texels, j * vec.i32(stride) + i, stride)
+            i, j, fx, fy = _locate(u, v, width, height, wrap_s, wrap_t)
+            vec.store(integer_pixels, at + x, i)
+            vec.store(integer_pixels, at + STRIDE + x, j)
+            vec.store(pixels, at + 2 * STRIDE + x, fx)
+            vec.store(pixels, at + 3 * STRIDE + x, fy)
+            if prefetches:
+                vec.prefetch_more_rows(texels, j * vec.i32(stride) + i, stride)
+        for x in range(begin, end, vec.LANES):
+            i, j = vec.load(integer_pixels, at + x), vec.load(integer_pixels, at + STRIDE + x)
+            fx, fy = vec.load(pixels, at + 2 * STRIDE + x), vec.load(pixels, at + 3 * STRIDE + x)
+            rgba = _mix(texels, stride, width, height, wrap_s, wrap_t, srgb, values, i, j, fx, fy)
+            store3(pixels, at + x, STRIDE, rgba)
+            if alpha:
+                vec.store(pixels, at + 3 * STRIDE + x, rgba[3])
+        return
     for x in range(begin, end, vec.LANES):
         u, v = vec.load(pixels, coordinates + x), vec.load(pixels, coordinates + STRIDE + x)
         u, v = a * u + b * v + c, d * u + e * v + f
         if mipmapped:
             footprint = _footprint(floats, pixels, gradients + x, width, height)
             rgba = _sample_mipmapped(integers, values, u, v, footprint)
-        elif linear:
-            rgba = _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
         else:
             rgba = _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
-        store3(pixels, out * STRIDE + x, STRIDE, rgba)
+        store3(pixels, at + x, STRIDE, rgba)
         if alpha:
-            vec.store(pixels, (out + 3) * STRIDE + x, rgba[3])
+            vec.store(pixels, at + 3 * STRIDE + x, rgba[3])

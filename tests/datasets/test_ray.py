@@ -81,6 +81,7 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
 
 
 @pytest.mark.ray
+@pytest.mark.slow
 def test_a_killed_worker_is_not_to_be_seen(
     cluster: dict[str, Any], folders: tuple[Path, Path], tmp_path: Path, draw: Draw
 ) -> None:
@@ -92,6 +93,7 @@ def test_a_killed_worker_is_not_to_be_seen(
 
 
 @pytest.mark.ray
+@pytest.mark.slow
 def test_the_command_goes_on_on_a_cluster(
     python: str, cluster: dict[str, Any], folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -114,6 +116,7 @@ def test_the_command_goes_on_on_a_cluster(
 
 
 @pytest.mark.ray
+@pytest.mark.slow
 def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], tmp_path: Path) -> None:
     (port,) = free_ports(1)
     command = [python, str(ROOT / "examples" / "ray_serve.py"), "--address", cluster["address"], "--port", str(port)]

@@ -9,17 +9,15 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.conftest import DemoGateway
 from tests.docs.pages import PAGES, Block, blocks, commands
-from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
-from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
 PYTHON = [block for page in PAGES for block in blocks(page) if block.language == "python"]
@@ -32,25 +30,13 @@ CURL = {
 
 
 @pytest.fixture(scope="module")
-def addresses() -> Iterator[dict[str, str]]:
-    """Addresses of a gateway by the default address in the pages."""
-    grpc_port, tcpq_port = free_ports(2)
-    flags = (
-        "--demo",
-        "--stereo-faults",
-        "--grpc-port",
-        str(grpc_port),
-        "--tcpq-port",
-        str(tcpq_port),
-        "--lcm-url",
-        "off",
-    )
-    with gateway_process(*flags) as (_, url):
-        yield {
-            "http://127.0.0.1:8000": url,
-            "127.0.0.1:50051": f"127.0.0.1:{grpc_port}",
-            "127.0.0.1:7700": f"127.0.0.1:{tcpq_port}",
-        }
+def addresses(demo_gateway: DemoGateway) -> dict[str, str]:
+    """Return addresses of a gateway by the default address in the pages."""
+    return {
+        "http://127.0.0.1:8000": demo_gateway.url,
+        "127.0.0.1:50051": demo_gateway.grpc,
+        "127.0.0.1:7700": demo_gateway.tcpq,
+    }
 
 
 def placed(code: str, addresses: dict[str, str]) -> str:

@@ -82,4 +82,4 @@ def test_a_picture_that_takes_too_long_is_explained_in_drakes_exception(python: 
     with gateway_process("--only", "render", "--render-seconds", "0.5") as (_, url):
         error = printed(start(python, url, "slow"))
     assert "HTTP Code:       503" in error
-    assert "the image was not finished: it took longer than --render-seconds = 0.5 s" in error
+    assert "rendering was stopped: it took longer than --render-seconds = 0.5 s" in error

@@ -69,7 +69,7 @@ def test_slow_renders_end_at_the_limit_and_others_are_served(flags: tuple[str, .
     arguments = ("--only", "render", "--threads", "2", "--render-seconds", "1", *flags)
     with gateway_process(*arguments) as (process, url), posted(url, slow_body(), 4) as slow:
         assert [one.result() for one in slow] == [
-            (503, "the image was not finished: it took longer than --render-seconds = 1 s", None)
+            (503, "rendering was stopped: it took longer than --render-seconds = 1 s", None)
         ] * 4
         assert post(url, one_pixel_body())[0] == 200
         text = get(url, "/metrics")[1]

@@ -15,25 +15,20 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from tests.conftest import DemoGateway
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
 from tests.support.waiting import SECONDS
 
 
-@pytest.fixture(scope="module")
-def gateway() -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process("--demo", "--only", "render,scene") as started:
-        yield started
-
-
-def test_everything_is_ready(gateway: tuple[GatewayProcess, str]) -> None:
-    ready = clients.get(f"{gateway[1]}/readyz")
+def test_everything_is_ready(demo_gateway: DemoGateway) -> None:
+    ready = clients.get(f"{demo_gateway.url}/readyz")
     assert ready.status_code == 200
     assert ready.json()["status"] == "ready"
 
 
-def test_docs_work_offline(gateway: tuple[GatewayProcess, str]) -> None:
-    _, url = gateway
+def test_docs_work_offline(demo_gateway: DemoGateway) -> None:
+    url = demo_gateway.url
     docs = clients.get(f"{url}/docs")
     assert docs.status_code == 200
     assert not re.search(r"""(?:src|href)=["'](?:https?:)?//""", docs.text)
@@ -42,9 +37,9 @@ def test_docs_work_offline(gateway: tuple[GatewayProcess, str]) -> None:
     assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
-def test_renders_a_posted_scene(gateway: tuple[GatewayProcess, str]) -> None:
+def test_renders_a_posted_scene(demo_gateway: DemoGateway) -> None:
     answer = clients.post(
-        f"{gateway[1]}/render",
+        f"{demo_gateway.url}/render",
         content=forms.body(forms.gltf(), forms.drake_fields("label")),
         headers={"Content-Type": forms.CONTENT_TYPE},
     )
@@ -84,6 +79,15 @@ def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[Ga
     links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
     assert links
     assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
+
+
+def test_a_signal_before_the_server_runs_is_exit_code_0() -> None:
+    process = GatewayProcess("--http-port", "0", "--only", "render")
+    try:
+        process.wait_for("Scenegate listens")
+        assert process.stop() == 0
+    finally:
+        process.kill()
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_every_model_is_drawn_or_a_gltf_error() -> None:
             refused.append(str(error))
             continue
         scene = replace(flatten(file.root), lights=file.lights)
-        camera = resolve_camera(parse_camera("fit"), Node(), 64, 48, drawn=scene)
+        camera = resolve_camera(parse_camera("fit"), Node(), 64, 48, draw_list=scene)
         with renderer.render(scene, camera, Output.COLOR | Output.DEPTH, Look("studio")) as frame:
             assert frame.color is not None
             assert frame.depth is not None

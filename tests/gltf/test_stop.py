@@ -59,32 +59,32 @@ def sparse_accessors(count: int = 1000, values: int = 300_000) -> bytes:
     return document(primitives, accessors, np.arange(values, dtype=np.uint32).tobytes(), bytes(12 * values))
 
 
-def primitives_one_by_one(count: int = 20_000) -> bytes:
+def primitives_one_by_one(count: int = 5_000) -> bytes:
     """Lines, each with an accessor of its own on one buffer."""
     accessors = [accessor(0, "VEC3", 4, byteOffset=12 * number) for number in range(count)]
     return document([{"attributes": {"POSITION": k}, "mode": 1} for k in range(count)], accessors, POINTS.tobytes())
 
 
-def materials_one_by_one(count: int = 20_000) -> bytes:
+def materials_one_by_one(count: int = 5_000) -> bytes:
     primitives = [{"attributes": {"POSITION": 0}, "material": number} for number in range(count)]
     materials = [{"emissiveFactor": [0, 0, number / count]} for number in range(count)]
     return document(primitives, [accessor(0, "VEC3", 3)], POINTS.tobytes(), materials=materials)
 
 
 def vertices_of_nothing() -> bytes:
-    """Zeros, without a buffer: a few hundred bytes, hundreds of megabytes of arrays, whose tangents have no length."""
+    """Zeros, without a buffer: a few hundred bytes, a hundred megabytes of arrays, whose tangents have no length."""
     shapes = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2", "COLOR_0": "VEC4", "TANGENT": "VEC4"}
-    accessors = [accessor(None, shape, 3_000_000) for shape in shapes.values()]
+    accessors = [accessor(None, shape, 1_000_000) for shape in shapes.values()]
     return document([{"attributes": dict(zip(shapes, range(len(shapes)), strict=True))}], accessors)
 
 
 def numbers_that_are_no_json() -> bytes:
     """NaN: read by a slower parser, which checks the flag at every number."""
     text = document([{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes())
-    return text[:-1] + b', "extras": [NaN' + b",1.5" * 1_000_000 + b"]}"
+    return text[:-1] + b', "extras": [NaN' + b",1.5" * 200_000 + b"]}"
 
 
-def deep_nodes(chains: int = 400, depth: int = 240) -> bytes:
+def deep_nodes(chains: int = 80, depth: int = 240) -> bytes:
     nodes: list[Document] = []
     for chain in range(chains):
         nodes += [{"children": [chain * depth + k + 1], "rotation": [0, 0, 0.1, 0.99]} for k in range(depth - 1)]

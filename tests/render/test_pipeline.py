@@ -37,7 +37,9 @@ def test_scene_cache_is_least_recently_used() -> None:
     assert store.get(scenes[0]) is first
     assert store.get(scenes[1]) is not second
     assert (store.scenes.hits, store.scenes.misses) == (2, 4)
-    assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
+    assert (
+        first.draw_list.instances[0].mesh is second.draw_list.instances[0].mesh
+    )  # geometry is shared, whatever the colours
 
 
 def test_scene_cache_is_limited_in_bytes() -> None:
@@ -62,7 +64,7 @@ def test_wrong_scene_hash_is_refused() -> None:
     reader = FormReader(CONTENT_TYPE, RenderConfig())
     reader.feed(body(data, drake_fields(scene_sha256=wrong)))
     with pytest.raises(RequestError, match="scene_sha256 does not match") as caught:
-        Pipeline(renderer, RenderConfig()).picture(read_form(reader.form(), RenderConfig()))
+        Pipeline(renderer, RenderConfig()).render(read_form(reader.form(), RenderConfig()))
     renderer.close()
     assert wrong in str(caught.value)
     assert hashlib.sha256(data).hexdigest() in str(caught.value)
@@ -84,8 +86,8 @@ def test_fxaa_can_be_turned_off() -> None:
         for kind in ("color", "label"):
             reader = FormReader(CONTENT_TYPE, config)
             reader.feed(body(gltf(), drake_fields(kind)))
-            picture = pipeline.picture(read_form(reader.form(), config))
-            shades[antialias, kind] = len(np.unique(_pixels(picture.body), axis=0))
+            image = pipeline.render(read_form(reader.form(), config))
+            shades[antialias, kind] = len(np.unique(_pixels(image.body), axis=0))
     renderer.close()
     assert shades["none", "color"] == shades["none", "label"] == shades["fxaa", "label"] == 2
     assert shades["fxaa", "color"] > 5

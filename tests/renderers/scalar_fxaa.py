@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.fxaa import HARD_CONTRAST, RELATIVE_CONTRAST, SEARCH, SUBPIXEL_BLEND, SUBPIXEL_CONTRAST
+from renderers.fxaa import HARD_CONTRAST, MAX_SEARCH, RELATIVE_CONTRAST, SUBPIXEL_BLEND, SUBPIXEL_CONTRAST
 
 
 def fxaa(color: NDArray[np.uint8]) -> None:
@@ -104,7 +104,7 @@ def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):
     """
     height, width = luma.shape
     distance, here = 1, c
-    for _ in range(SEARCH):
+    for _ in range(MAX_SEARCH):
         here = luma[min(max(y + distance * dy, 0), height - 1), min(max(x + distance * dx, 0), width - 1)]
         there = luma[min(max(oy + distance * dy, 0), height - 1), min(max(ox + distance * dx, 0), width - 1)]
         if abs(there - over) > abs(there - c) or abs(here - c) > abs(here - over):

@@ -54,7 +54,7 @@ def test_arbitrary_numbers_do_not_crash(
         assert frame.instance is not None
         assert frame.normal is not None
         hit = seen.ids >= 0
-        assert seen.ids.max() < seen.first_record[-1]
+        assert seen.ids.max() < seen.first_ids[-1]
         assert np.array_equal(frame.label == 5, hit)
         assert np.isin(frame.instance, (-1, 0, 1, 2)).all()
         assert np.array_equal(frame.instance >= 0, hit)

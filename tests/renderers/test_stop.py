@@ -17,7 +17,7 @@ from renderers.fxaa import fxaa
 from renderers.images import decode_image
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
-from renderers.raster.frame_threads import FrameThreads, Phase
+from renderers.raster.frame_threads import FrameThreads
 from renderers.shading.mikktspace import corner_tangents
 from renderers.shading.mipmaps import make_chain
 from renderers.stop import StopFlag, check_stop, current_stop, run_within
@@ -176,11 +176,11 @@ def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:
         seen.add(current_stop())
         meeting.wait(SECONDS)
 
-    flag.run(lambda: crew.run((Phase(3, work),)))
+    flag.run(lambda: crew.run(3, work))
     assert seen == {flag}
     flag.set(Enough())
     with pytest.raises(Enough):
-        flag.run(lambda: crew.run((Phase(3, work),)))
+        flag.run(lambda: crew.run(3, work))
     crew.close()
 
 

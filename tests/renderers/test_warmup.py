@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from tests.support.waiting import SECONDS
 
 PROGRAM = """
@@ -55,6 +57,7 @@ def _run(program: str = PROGRAM) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_after_warmup() -> None:
     assert _run()[0] == "0 compilations"
     # The first process has filled the cache.

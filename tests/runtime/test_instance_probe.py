@@ -43,7 +43,7 @@ def test_probe_ignores_other_programs(body: bytes) -> None:
 
 @pytest.mark.parametrize("head", [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n"])
 def test_probe_has_a_time_limit(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.runtime.instance_probe.WHOLE_SECONDS", 0.1)
+    monkeypatch.setattr("gateway.runtime.instance_probe.TOTAL_SECONDS", 0.1)
     ended: list[bool] = []
 
     def drip(listener: socket.socket) -> None:
@@ -79,7 +79,7 @@ def test_check_names_the_gateway_at_all_its_ports() -> None:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
         with answering(lambda _: (200, json.dumps(health).encode())) as port:
             ports = {"HTTP": port, "gRPC": grpc.getsockname()[1]}
-            found = {finding.what: finding for finding in findings("127.0.0.1", ports, 1)}
+            found = {finding.subject: finding for finding in findings("127.0.0.1", ports, 1, ())}
     for name, number in ports.items():
         finding = found[f"port {number}"]
         assert finding.verdict is Verdict.NOTE

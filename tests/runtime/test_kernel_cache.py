@@ -1,4 +1,4 @@
-"""The kernel cache: where it is, when it counts as complete, what becomes of old ones."""
+"""The kernel cache: its folder, when it is complete, and when old folders are removed."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ KERNEL = "renderers.fxaa.smooth_rows"
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("SCENEGATE_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # configure() writes it; monkeypatch takes it back
-    forget()
+    clear_memory()
     yield tmp_path
-    forget()
+    clear_memory()
 
 
-def forget() -> None:
-    """Let the next look at the cache be as in a new process."""
+def clear_memory() -> None:
+    """Clear what the process remembers about the cache, as in a new process."""
     cache_folder.root.cache_clear()
     cache_folder._platform_digest.cache_clear()  # noqa: SLF001 - its results live as long as the process
 
 
-def fill() -> Path:
+def write_kernel() -> Path:
     """Write the files of a part with one kernel and the manifest of them; return the kernel's folder."""
     folder = kernels.configure() / KERNEL
     folder.mkdir(parents=True)
@@ -46,21 +46,21 @@ def fill() -> Path:
     return folder
 
 
-def test_the_folder_is_below_the_cache_and_given_to_numba(cache: Path) -> None:
+def test_the_folder_is_in_the_cache_and_passed_to_numba(cache: Path) -> None:
     folder = kernels.configure()
     assert folder.parent == cache / "kernels"
     assert os.environ["NUMBA_CACHE_DIR"] == str(folder.parent)
     assert cache_folder.sources_digest() in folder.name
 
 
-def test_a_folder_that_the_user_named_is_used(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_folder_of_numba_cache_dir_is_used(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache / "mine"))
     assert kernels.configure().parent == cache / "mine"
 
 
-def test_complete_when_every_file_is_as_it_was_written(cache: Path) -> None:
+def test_complete_while_no_file_changes(cache: Path) -> None:
     assert not kernels.are_cached()
-    folder = fill()
+    folder = write_kernel()
     assert kernels.are_cached()
     assert cache_folder.count() == 1
     os.utime(folder / "fxaa.smooth_rows-1.py311.nbi", (0, 0))  # times do not matter
@@ -70,7 +70,7 @@ def test_complete_when_every_file_is_as_it_was_written(cache: Path) -> None:
 @pytest.mark.parametrize("suffix", ["nbi", "1.nbc"])
 @pytest.mark.parametrize("change", ["remove", "truncate"])
 def test_not_complete_when_a_file_is_missing_or_changed(cache: Path, suffix: str, change: str) -> None:
-    file = fill() / f"fxaa.smooth_rows-1.py311.{suffix}"
+    file = write_kernel() / f"fxaa.smooth_rows-1.py311.{suffix}"
     file.unlink() if change == "remove" else file.write_bytes(file.read_bytes()[:-1])
     assert not kernels.are_cached()
     expected = f"1 of 2 files are missing or changed, the first is {KERNEL}/{file.name}"
@@ -79,7 +79,7 @@ def test_not_complete_when_a_file_is_missing_or_changed(cache: Path, suffix: str
 
 def test_complete_when_an_index_lists_more(cache: Path) -> None:
     """Another program has compiled a further specialisation of the same kernel."""
-    index = fill() / "fxaa.smooth_rows-1.py311.nbi"
+    index = write_kernel() / "fxaa.smooth_rows-1.py311.nbi"
     stamp = cache_folder.sources_digest()
     pickled = pickle.dumps((stamp, {"first": "fxaa.smooth_rows-1.py311.1.nbc", "second": "another.2.nbc"}))
     index.write_bytes(pickled)
@@ -97,28 +97,28 @@ def test_a_touched_file_is_not_enough(cache: Path) -> None:
 
 
 def test_complete_for_one_kind_of_cpu(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A home directory may be of several machines, and Numba can be asked to compile for another one."""
-    fill()
+    """Several machines may share a home directory, and Numba can compile for another CPU."""
+    write_kernel()
     monkeypatch.setenv("NUMBA_CPU_NAME", "nehalem")
     assert not kernels.are_cached()
-    fill()
+    write_kernel()
     assert kernels.are_cached()
     monkeypatch.delenv("NUMBA_CPU_NAME")
     assert kernels.are_cached()
     monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "haswell")
-    forget()
+    clear_memory()
     assert not kernels.are_cached()
 
 
 @pytest.mark.parametrize("package", ["numba", "llvmlite", "numpy"])
 def test_complete_for_one_version_of_the_compiler(cache: Path, monkeypatch: pytest.MonkeyPatch, package: str) -> None:
-    fill()
+    write_kernel()
     monkeypatch.setattr(cache_folder, "version", lambda name: "0.0" if name == package else "1.0")
-    forget()
+    clear_memory()
     assert not kernels.are_cached()
 
 
-def test_the_digest_is_of_contents_and_not_of_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_digest_depends_on_contents_and_not_on_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def digest(tree: Path) -> str:
         class Spec:
             def __init__(self, package: str) -> None:
@@ -148,20 +148,20 @@ def test_the_digest_is_of_contents_and_not_of_places(tmp_path: Path, monkeypatch
         assert digest(second) != before
 
 
-def test_the_oldest_folders_go(cache: Path) -> None:
+def test_the_oldest_folders_are_removed(cache: Path) -> None:
     for age in range(7):
         old = cache / "kernels" / f"scenegate-old{age}"
         old.mkdir(parents=True)
         os.utime(old, (1e9 - age, 1e9 - age))
     (cache / "kernels" / "of_another_program").mkdir()
-    fill()
+    write_kernel()
     left = sorted(path.name for path in (cache / "kernels").glob("*old*"))
     assert left == [f"scenegate-old{age}" for age in range(4)]
     assert (cache / "kernels" / "of_another_program").is_dir()
     assert kernels.are_cached()
 
 
-def test_where_nothing_can_be_written_a_private_folder_serves(cache: Path) -> None:
+def test_a_private_folder_replaces_one_that_cannot_be_written(cache: Path) -> None:
     blocked = cache / "kernels"
     blocked.write_text("a file where a folder should be")
     folder = kernels.configure()
@@ -169,24 +169,22 @@ def test_where_nothing_can_be_written_a_private_folder_serves(cache: Path) -> No
     assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
 
 
-def test_a_complete_folder_that_cannot_be_written_serves(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = fill().parent
+def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write_kernel().parent
     monkeypatch.setattr(cache_folder, "is_writable", lambda path: False)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")
-    forget()
+    clear_memory()
     assert kernels.configure() == folder
     assert kernels.are_cached()
 
 
-async def test_a_folder_of_the_user_that_cannot_be_written_is_a_sentence(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels in /proc/kernels/.* cannot be written: "):
         await kernels.compile_missing(["shading"], Progress(1))
 
 
-async def test_a_child_that_fails_is_a_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONHOME", str(cache))  # no interpreter starts with that
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
         await kernels.compile_in_children(["shading"], Progress(1))
@@ -200,7 +198,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
         nonlocal compiled
         compiled += 1
         await until(lambda: second.waiting)
-        fill()
+        write_kernel()
 
     monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
     first, second = Progress(1), Progress(1)
@@ -211,7 +209,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
     assert not second.waiting
 
 
-async def test_an_end_while_it_waits_for_another_process(cache: Path) -> None:
+async def test_cancelled_while_waiting_for_another_process(cache: Path) -> None:
     folder = kernels.configure()
     folder.mkdir(parents=True)
     progress = Progress(1)
@@ -243,7 +241,7 @@ def _fresh() -> Any:
 
 
 def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
-    fill()
+    write_kernel()
     fresh = _fresh()
     with kernels.compiling_refused():
         with pytest.raises(
@@ -256,7 +254,7 @@ def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
     assert fresh(1) == 2
 
 
-def test_compiling_is_reported_once_by_the_name_of_what_was_called(cache: Path) -> None:
+def test_compiling_is_reported_once_with_the_called_function(cache: Path) -> None:
     compiled: list[str] = []
     with kernels.compiling_reported(compiled.append):
         assert _fresh()(1) == 2

@@ -17,7 +17,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_the_part_of_how_many_and_the_seconds() -> None:
+def test_progress_has_part_count_and_seconds() -> None:
     progress = Progress(3)
     progress.begin("shading")
     progress.begin("setup")
@@ -25,17 +25,17 @@ def test_the_part_of_how_many_and_the_seconds() -> None:
     described = progress.describe()["compiling"]
     assert described.pop("seconds") >= 0.0
     assert described == {"part": 2, "of": 3, "done": 1, "now": ["setup"]}
-    progress.wait(True)
+    progress.set_waiting(True)
     assert progress.describe()["waiting"] == "another process compiles the kernels"
 
 
-def test_a_line_for_each_part_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_line_per_part_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     lines: list[tuple[str, dict[str, Any]]] = []
     progress = Progress(2)
     with shown(progress, lambda event, **fields: lines.append((event, fields))):
-        progress.wait(True)
-        progress.wait(False)
+        progress.set_waiting(True)
+        progress.set_waiting(False)
         progress.begin("shading")
         progress.end("shading")
         progress.begin("rest")

@@ -60,7 +60,7 @@ def test_entries_below_the_level_are_not_formatted(capsys: pytest.CaptureFixture
         logging.getLogger("gateway.x").setLevel("NOTSET")
 
 
-def test_auto_is_json_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_auto_is_json_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     logs.configure("auto", "info")
     structlog.get_logger().info("hello")
     assert json.loads(capsys.readouterr().err)["event"] == "hello"

@@ -35,7 +35,8 @@ def test_receive_buffer_is_large_if_allowed(host: str) -> None:
 
 
 def test_receive_buffer_is_automatic_if_not_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_tuning, "_RECEIVE_BUFFER", 1 << 30)  # more than any system allows, and fits a C integer
+    # More than any system allows, and fits a C integer.
+    monkeypatch.setattr(process_tuning, "_RECEIVE_BUFFER_BYTES", 1 << 30)
     with process_tuning.listen("127.0.0.1", 0) as listener, socket.socket() as other:
         assert received(listener) == received(other)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gateway.runtime.service_registry import ServiceRegistry, State
+from gateway.runtime.service_registry import Entry, ServiceRegistry, State
 
 
 class FakeService:
@@ -60,3 +60,40 @@ def test_stopping_keeps_failures_visible() -> None:
     registry.stop()
     assert registry.verdict() == "stopping"
     assert [entry.state for entry in registry.entries.values()] == [State.STOPPED, State.FAILED]
+
+
+def test_without_details_only_state_and_port_are_described() -> None:
+    registry = ServiceRegistry()
+    registry.ready("stereo", where="gRPC", figures=lambda: {"port": 50051, "clients": 3})
+    registry.ready("render", where="/render", figures=lambda: {"queue": 1})
+    registry.ready("scene", where="/scene")
+    registry.fail("view", "/home/user/secret cannot be read")
+    assert registry.describe(details=False)["interfaces"] == {
+        "stereo": {"state": "ready", "port": 50051},
+        "render": {"state": "ready"},
+        "scene": {"state": "ready"},
+        "view": {"state": "failed"},
+    }
+
+
+def test_progress_is_described_while_starting_and_figures_while_ready() -> None:
+    registry = ServiceRegistry()
+    registry.expect("kernels")
+    registry.entries["kernels"].progress = lambda: {"seconds": 3}
+    registry.entries["kernels"].figures = lambda: {"count": 43}
+    assert registry.describe()["interfaces"]["kernels"] == {"state": "starting", "seconds": 3}
+    assert registry.describe(details=False)["interfaces"]["kernels"] == {"state": "starting"}
+    registry.entries["kernels"].state = State.READY
+    assert registry.describe()["interfaces"]["kernels"] == {"state": "ready", "count": 43}
+    registry.expect("kernels")  # again: nothing changes
+    assert registry.verdict() == "ready"
+
+
+def test_the_verdict_prefers_stopping_to_starting_to_degraded() -> None:
+    registry = ServiceRegistry()
+    registry.fail("stereo", "port taken")
+    assert registry.verdict() == "degraded"
+    registry.expect("view")
+    assert registry.verdict() == "starting"
+    registry.entries["render"] = Entry(State.STOPPED)
+    assert registry.verdict() == "stopping"

@@ -13,7 +13,7 @@ import weakref
 import pytest
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
-from renderers.raster.frame_threads import FrameThreads, Phase
+from renderers.raster.frame_threads import FrameThreads
 from renderers.stop import check_stop
 from tests.support.waiting import SECONDS, until
 
@@ -320,7 +320,7 @@ async def test_niceness_of_workers_and_frame_threads() -> None:
             seen.add(niceness())
             meeting.wait(SECONDS)
 
-        crew.run((Phase(2, work),))
+        crew.run(2, work)
         crew.close()
         return seen
 

@@ -156,5 +156,5 @@ def test_world_matrices_multiply_from_the_root_down() -> None:
     edit.set_matrix(("a",), tf.scaling(2, 2, 2))
     edit.set_matrix(("a", "b"), tf.translation(1, 0, 0))
     root = edit.commit()
-    np.testing.assert_array_equal(bd.world_matrix(root, ("a", "b")), tf.translation(2, 0, 10) @ tf.scaling(2, 2, 2))
-    assert bd.world_matrix(root, ("a", "c", "d")) is None
+    np.testing.assert_array_equal(root.world_matrix(("a", "b")), tf.translation(2, 0, 10) @ tf.scaling(2, 2, 2))
+    assert root.world_matrix(("a", "c", "d")) is None

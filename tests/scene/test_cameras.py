@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gateway.scene import transforms as tf
 from gateway.scene.bounds import corners_of, scene_bounds
 from gateway.scene.cameras import (
-    MAX_TEXT,
+    MAX_CAMERA_CHARACTERS,
     CameraError,
     FitCamera,
     LookAtCamera,
@@ -256,9 +256,9 @@ def test_limits_of_the_field_of_view(fovy: float, accepted: bool) -> None:
 
 
 def test_the_longest_text_is_accepted() -> None:
-    assert parse_camera("fit" + " " * (MAX_TEXT - 3)) == FitCamera()
-    with pytest.raises(CameraError, match=f"{MAX_TEXT + 1} characters"):
-        parse_camera("fit" + " " * (MAX_TEXT - 2))
+    assert parse_camera("fit" + " " * (MAX_CAMERA_CHARACTERS - 3)) == FitCamera()
+    with pytest.raises(CameraError, match=f"{MAX_CAMERA_CHARACTERS + 1} characters"):
+        parse_camera("fit" + " " * (MAX_CAMERA_CHARACTERS - 2))
 
 
 def test_the_principal_point_is_the_centre_of_the_image_in_both_directions() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gateway.scene.crease_normals import MOST_FACES, smooth_mesh, with_creases
+from gateway.scene.crease_normals import MAX_FACES_PER_VERTEX, smooth_mesh, with_creases
 from renderers import primitives
 from renderers.drawlist import Mesh
 
@@ -55,8 +55,29 @@ def test_texture_coordinates_and_colours_stay_with_their_corners() -> None:
     np.testing.assert_array_equal(mesh.colors[mesh.elements], colors[triangles])
 
 
-def test_tip_of_a_fan_of_too_many_faces_is_flat() -> None:
-    count = MOST_FACES * 4
+@pytest.mark.parametrize(("count", "is_flat"), [(MAX_FACES_PER_VERTEX, False), (MAX_FACES_PER_VERTEX + 4, True)])
+def test_corners_of_a_vertex_with_too_many_faces_are_flat(count: int, is_flat: bool) -> None:
+    """The tip of a pyramid: each of its four sides is a fan of faces that differ a little in direction."""
+    side = np.arange(count) * 4 // count
+    bend = np.arange(count) * 4 / count - side - 0.5
+    angle = (side + 0.5 + 0.02 * bend) * math.pi / 2
+    outward = np.stack((np.cos(angle), np.sin(angle), np.full(count, 0.2)), axis=1)
+    along = np.cross(outward, (0, 0, 1))
+    corners = np.stack(
+        (np.zeros((count, 3)), np.cross(outward, along) + along, np.cross(outward, along) - along), axis=1
+    )
+    positions = np.concatenate((np.zeros((1, 3)), corners[:, 1:].reshape(-1, 3))).astype(np.float32)
+    index = np.arange(count, dtype=np.uint32)
+    faces = np.stack((np.zeros_like(index), 2 * index + 1, 2 * index + 2), axis=1)
+    out_positions, _, normals = smooth_mesh(positions, faces)
+    tip_vertices = int((out_positions == 0.0).all(axis=1).sum())
+    assert (tip_vertices > 4) is is_flat
+    assert tip_vertices >= 4
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
+
+
+def test_tip_of_a_fan_of_many_faces_has_unit_normals() -> None:
+    count = MAX_FACES_PER_VERTEX * 4
     angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
     rim = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
     points = np.concatenate((rim, [(0, 0, 1)])).astype(np.float32)

@@ -219,7 +219,7 @@ def test_labels_are_dense_bounded_and_thread_safe() -> None:
     table = LabelTable(limit=100)
     with ThreadPoolExecutor(4) as pool:
         rounds = list(pool.map(lambda _: [table.label_of((k,)) for k in range(150)], range(8)))
-    given = {path: label for label, path in table.known().items()}
+    given = {path: label for label, path in table.paths_by_label().items()}
     assert sorted(given.values()) == list(range(1, 101))
     for labels in rounds:
         for k, label in enumerate(labels):

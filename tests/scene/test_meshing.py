@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, PointCloud, Shape, Sphere, Surface, Triad
-from gateway.scene.meshing import LARGEST, SLENDER, SMALLEST, meshes_of
+from gateway.scene.meshing import MAX_CAPSULE_ASPECT, MAX_EXTENT, MIN_EXTENT, meshes_of
 from renderers import primitives
 from renderers.drawlist import Material, Mesh, Topology
 
@@ -369,21 +369,23 @@ def test_no_value_raises_and_every_mesh_is_well_formed(shape: Any) -> None:
         assert mesh.normals is None or np.isfinite(mesh.normals).all()
 
 
-@pytest.mark.parametrize(("extent", "drawn"), [(SMALLEST, 1), (SMALLEST / 2, 0), (LARGEST, 1), (2 * LARGEST, 0)])
+@pytest.mark.parametrize(
+    ("extent", "drawn"), [(MIN_EXTENT, 1), (MIN_EXTENT / 2, 0), (MAX_EXTENT, 1), (2 * MAX_EXTENT, 0)]
+)
 @pytest.mark.parametrize("make", [Sphere, lambda size: Box((0, size, 0)), lambda size: Triad(-size)])
 def test_the_smallest_and_the_largest_extents_are_drawn(make: Any, extent: float, drawn: int) -> None:
     assert len(meshes_of(make(extent), MATERIAL)) == drawn
 
 
 def test_the_ends_of_slender_capsules_are_left_out() -> None:
-    ((capsule, _, _),) = meshes_of(Capsule(1.0, SLENDER), MATERIAL)
-    ((cylinder, _, _),) = meshes_of(Capsule(1.0, 1.001 * SLENDER), MATERIAL)
+    ((capsule, _, _),) = meshes_of(Capsule(1.0, MAX_CAPSULE_ASPECT), MATERIAL)
+    ((cylinder, _, _),) = meshes_of(Capsule(1.0, 1.001 * MAX_CAPSULE_ASPECT), MATERIAL)
     assert cylinder is primitives.cylinder()
     assert capsule is not cylinder
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("value", [-1e13, -2 * LARGEST, math.nan, -math.inf])
+@pytest.mark.parametrize("value", [-1e13, -2 * MAX_EXTENT, math.nan, -math.inf])
 def test_points_beyond_the_largest_extent_are_left_out(axis: int, value: float) -> None:
     points = np.ones((2, 3), np.float32)
     points[1, axis] = value

@@ -21,7 +21,7 @@ from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
-from gateway.sceneapi.query import parse_query
+from gateway.sceneapi.query import QueryError, openapi_parameters, parse_query
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
@@ -243,8 +243,8 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
         (f"{SMALL}&fovy=5e-324", "fovy='5e-324' must be at least 0.001"),
         (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
         (f"{SMALL}&near=nan", "near='nan' is not a number"),
-        (f"{SMALL}&near=-1", "near='-1' must be from 1e-09 to 1e+12 metres"),
-        (f"{SMALL}&far=1e13", "far='1e13' must be from 1e-09 to 1e+12 metres"),
+        (f"{SMALL}&near=-1", "near='-1' must be at least 1e-09 and at most 1e+12 metres"),
+        (f"{SMALL}&far=1e13", "far='1e13' must be at least 1e-09 and at most 1e+12 metres"),
         (f"{SMALL}&camera=eye%3D1e-200,0,0;target%3D0,0,0", "eye and target coincide"),
         (f"{SMALL}&near=2&far=1", "near='2' must be less than far='1'"),
         (f"{SMALL}&near=2&far=2", "near='2' must be less than far='2'"),
@@ -329,6 +329,45 @@ async def test_all_parameters_are_documented(world: World) -> None:
     document = (await world.client.get("/openapi.json")).json()
     names = [p["name"] for p in document["paths"]["/scene/render"]["get"]["parameters"]]
     assert names == ["camera", "type", "width", "height", "look", "samples", "fovy", "near", "far", "format"]
+
+
+def test_documented_defaults_and_examples_are_valid() -> None:
+    config = SceneApiConfig()
+    defaults = parse_query({}, config)
+    for parameter in openapi_parameters(config):
+        name, schema, value = parameter["name"], parameter["schema"], parameter["examples"]["example"]["value"]
+        query = parse_query({name: str(value)}, config)
+        assert not parameter["required"]
+        if name != "camera":
+            assert getattr(query, name) == value
+            assert getattr(defaults, name) == schema.get("default", getattr(defaults, name))
+        if "enum" in schema:
+            assert value in schema["enum"]
+            for choice in schema["enum"]:
+                assert getattr(parse_query({name: str(choice)}, config), name) == choice
+
+
+@pytest.mark.parametrize("name", ["width", "height", "fovy", "near", "far"])
+def test_documented_limits_are_those_of_the_parser(name: str) -> None:
+    config = SceneApiConfig(max_pixels=1 << 60)
+    schema = next(parameter["schema"] for parameter in openapi_parameters(config) if parameter["name"] == name)
+    lowest, highest = schema["minimum"], schema.get("maximum", 179.999)
+    for value in (lowest, highest):
+        assert getattr(parse_query({name: str(value)}, config), name) == value
+    too_high = schema.get("exclusiveMaximum", highest + 1)
+    for value in (lowest - 1 if name in ("width", "height") else lowest / 2, too_high):
+        with pytest.raises(QueryError, match=f"^{name}="):
+            parse_query({name: str(value)}, config)
+
+
+async def test_documented_responses_are_those_of_each_route(world: World) -> None:
+    paths = (await world.client.get("/openapi.json")).json()["paths"]
+    statuses = {path: set(paths[path]["get"]["responses"]) for path in ("/scene", "/scene.glb", "/scene/render")}
+    assert statuses == {
+        "/scene": {"200", "304", "500", "503"},
+        "/scene.glb": {"200", "304", "400", "404", "413", "500", "503"},
+        "/scene/render": {"200", "400", "404", "500", "503"},
+    }
 
 
 async def test_status_counts_images(world: World) -> None:

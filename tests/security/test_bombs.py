@@ -42,7 +42,15 @@ def png(*extra: bytes, width: int = 4, height: int = 4, rows: bytes | None = Non
     )
 
 
-GIGABYTE = zlib.compress(bytes(1 << 30), 9)
+def compressed_zeros(size: int) -> bytes:
+    """Return a zlib stream of ``size`` zeros (whole MiB): one compressed MiB, repeated."""
+    compressor = zlib.compressobj(9, wbits=-15)
+    mebibyte = compressor.compress(bytes(1 << 20)) + compressor.flush(zlib.Z_FULL_FLUSH)
+    adler32 = struct.pack(">HH", size % 65521, 1)
+    return b"\x78\xda" + mebibyte * (size >> 20) + b"\x03\x00" + adler32
+
+
+GIGABYTE = compressed_zeros(1 << 30)
 
 
 @pytest.mark.parametrize(

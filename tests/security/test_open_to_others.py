@@ -18,7 +18,7 @@ def _own_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exposed(**settings: Any) -> dict[str, str]:
-    return {name: lacks for name, _, lacks in Security.of(Settings(**settings)).exposed()}
+    return {name: lacks for name, _, lacks in Security.from_settings(Settings(**settings)).exposed()}
 
 
 @pytest.fixture
@@ -72,10 +72,10 @@ def test_unusable_files_are_reported_before_any_port_is_open(tmp_path: Path) -> 
     pem, _ = certificate(tmp_path, "one")
     _, key = certificate(tmp_path, "two")
     with pytest.raises(SettingsError, match="TLS of HTTP cannot use"):
-        Security.of(Settings(http_certificate=pem, http_key=key))
+        Security.from_settings(Settings(http_certificate=pem, http_key=key))
     with pytest.raises(SettingsError, match="No such file"):
-        Security.of(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
+        Security.from_settings(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
     with pytest.raises(SettingsError, match="cannot be read"):
-        Security.of(Settings(grpc_token_file=tmp_path / "nowhere"))
+        Security.from_settings(Settings(grpc_token_file=tmp_path / "nowhere"))
     with pytest.raises(ValueError, match="need each other"):
         Settings(http_certificate=pem)

@@ -12,7 +12,15 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from gateway.server.access import COOKIE, Access, CsrfProtection, SecurityHeaders, TrustedHosts, host_name, same_origin
+from gateway.server.access import (
+    COOKIE_NAME,
+    Access,
+    CsrfProtection,
+    SecurityHeaders,
+    TrustedHosts,
+    host_name,
+    same_origin,
+)
 from gateway.server.error_handlers import not_allowed, not_found
 from gateway.server.tokens import COOKIE_SECONDS, Tokens
 
@@ -58,7 +66,7 @@ async def test_token_in_the_query_sets_an_httponly_cookie() -> None:
         assert answer.headers["cache-control"] == "no-store"
         assert (await http.get("/view")).status_code == 200
         http.cookies.clear()
-        assert (await http.get("/view", headers={"Cookie": f"{COOKIE}={TOKEN}"})).status_code == 401
+        assert (await http.get("/view", headers={"Cookie": f"{COOKIE_NAME}={TOKEN}"})).status_code == 401
         assert (await http.get("/view?token=wrong")).status_code == 401
 
 
@@ -200,7 +208,7 @@ async def test_websocket_requires_the_token() -> None:
     access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
     await access(scope, receive, send)
-    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie(TOKEN, NOW)}".encode())]
+    cookie = [(b"cookie", f"other=1; {COOKIE_NAME}={TOKENS.cookie(TOKEN, NOW)}".encode())]
     await access({**scope, "headers": cookie}, receive, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 

@@ -1,18 +1,20 @@
-"""HEAD behind the gateway's HTTP server."""
+"""HEAD, 405 and invalid parameters behind the gateway's HTTP server."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from typing import Annotated
 
 import httpx2
 import pytest
-from fastapi import FastAPI
+from fastapi import FastAPI, Query
+from fastapi.exceptions import RequestValidationError
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, StreamingResponse
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.server.error_handlers import HeadAsGet, not_allowed
+from gateway.server.error_handlers import HeadAsGet, invalid_parameters, not_allowed
 from gateway.server.middleware import RequestContext
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
@@ -25,6 +27,7 @@ class World:
         self.methods: list[str] = []
         self.app = FastAPI()
         self.app.add_exception_handler(405, not_allowed)
+        self.app.add_exception_handler(RequestValidationError, invalid_parameters)
         self.app.add_middleware(HeadAsGet)
         self.app.add_middleware(RequestContext, metrics=self.metrics)
 
@@ -51,6 +54,10 @@ class World:
 
         @self.app.post("/only-post")
         async def only_post() -> None: ...
+
+        @self.app.get("/api/v1/log")
+        @self.app.get("/log")
+        async def log(limit: Annotated[int, Query(ge=1)], rate: Annotated[float, Query(gt=0)] = 1.0) -> None: ...
 
 
 @pytest.mark.parametrize("path", ["/thing/1", "/refused", "/nothing", "/only-post", "/openapi.json"])
@@ -90,3 +97,16 @@ async def test_head_is_counted_at_its_route() -> None:
     assert allowed == "GET, HEAD"
     text = world.metrics.exposition().decode()
     assert 'scenegate_http_requests_total{method="HEAD",route="/thing/{name}",status="200"} 1.0' in text
+
+
+async def test_invalid_parameters_are_one_sentence_with_name_limit_and_value() -> None:
+    async with listening(World().app) as port, httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
+        one = await http.get("/log", params={"limit": "-1"})
+        two = await http.get("/log", params={"limit": "x" * 1000, "rate": 0})
+        camera = await http.get("/api/v1/log", params={"limit": "-1"})
+    sentence = "limit: Input should be greater than or equal to 1, got '-1'."
+    assert (one.status_code, one.text) == (422, sentence + "\n")
+    assert one.headers["content-type"] == "text/plain; charset=utf-8"
+    assert "rate: Input should be greater than 0, got '0'." in two.text
+    assert len(two.text) < 400
+    assert (camera.status_code, camera.json()) == (422, {"message": sentence})

@@ -1,4 +1,4 @@
-"""Health with and without a token."""
+"""Health with and without a token, and readiness."""
 
 from __future__ import annotations
 
@@ -62,3 +62,40 @@ async def test_health_with_the_token_has_all_details(path: str, token: bool) -> 
             wrong = await http.get(path, headers={"Authorization": "Bearer wrong"})
             assert wrong.status_code == 200
             assert "/srv" not in wrong.text
+
+
+@pytest.mark.parametrize(
+    ("states", "started", "busy", "status", "code"),
+    [
+        ("ready", True, False, "ready", 200),
+        ("ready", True, True, "busy", 503),
+        ("ready", False, False, "starting", 503),
+        ("ready", False, True, "starting", 503),
+        ("degraded", True, False, "degraded", 200),
+        ("degraded", True, True, "degraded", 200),
+        ("degraded", False, False, "starting", 503),
+        ("starting", True, True, "starting", 503),
+        ("stopping", True, False, "stopping", 503),
+        ("failed", True, False, "failed", 503),
+        ("failed", False, True, "failed", 503),
+    ],
+)
+async def test_readiness_follows_states_start_and_queue(
+    states: str, started: bool, busy: bool, status: str, code: int
+) -> None:
+    registry = ServiceRegistry(essential=frozenset({"kernels"}))
+    registry.ready("kernels")
+    if states == "degraded":
+        registry.fail("view", "a problem")
+    elif states == "starting":
+        registry.expect("view")
+    elif states == "stopping":
+        registry.stop()
+    elif states == "failed":
+        registry.fail("kernels", "a problem")
+    app = FastAPI()
+    app.include_router(health.router(registry, Metrics(), "1.2.3", lambda: started, lambda: busy))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
+        ready, live = await http.get("/readyz"), await http.get("/healthz")
+    assert (ready.json()["status"], ready.status_code) == (status, code)
+    assert (live.json()["status"], live.status_code, live.json()["version"]) == (states, 200, "1.2.3")

@@ -9,7 +9,7 @@ from tests.server.answering import answering
 
 
 @pytest.mark.parametrize(("status", "code"), [(200, 0), (503, 1)])
-def test_the_exit_code_is_what_readyz_says(status: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_exit_code_follows_readyz(status: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
     with answering(lambda path: (status if path == "/readyz" else 404, b"")) as port:
         monkeypatch.setenv("SCENEGATE_HTTP_PORT", str(port))
         assert healthcheck.main() == code

@@ -213,6 +213,20 @@ async def test_endless_body_after_an_early_response_closes_the_connection(
 CHUNKED = b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n"
 
 
+@pytest.mark.parametrize("malformed", [b"no chunk size\r\n", b"1;" + b"e" * (http_protocol.MAX_HEAD_BYTES + 1)])
+async def test_a_malformed_body_after_its_response_gets_no_second_response(malformed: bytes) -> None:
+    async with serving() as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /full HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n1\r\nx\r\n")
+        head = await reader.readuntil(b"\r\n\r\n")
+        assert head.startswith(b"HTTP/1.1 503 ")
+        assert await reader.readexactly(4) == b"busy"
+        writer.write(malformed)
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read() == b""
+        writer.close()
+
+
 async def test_trailers_are_ignored() -> None:
     async with serving() as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)

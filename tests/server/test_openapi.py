@@ -1,4 +1,4 @@
-"""The OpenAPI description of a whole gateway, without starting one."""
+"""The OpenAPI description of a whole gateway."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.app import create_app
-from gateway.scene.cameras import PATTERN, CameraError, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, CameraError, parse_camera
 from gateway.server.openapi import SECURITY_SCHEMES
 from gateway.settings import Settings
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
+from tests.conftest import DemoGateway
 from tests.support import clients
-from tests.support.gateway_process import gateway_process
 
 
 @pytest.fixture(scope="module")
-def schema() -> Iterator[dict[str, Any]]:
-    with gateway_process("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0") as (_, url):
-        yield clients.get(f"{url}/openapi.json").json()
+def schema(demo_gateway: DemoGateway) -> Any:
+    return clients.get(f"{demo_gateway.url}/openapi.json").json()
 
 
 def operations(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -79,7 +78,7 @@ def test_token_is_described_except_for_health(tmp_path: Path) -> None:
     assert "401" not in schema["paths"]["/healthz"]["get"]["responses"]
 
 
-@given(st.from_regex(PATTERN))
+@given(st.from_regex(CAMERA_PATTERN))
 def test_the_pattern_of_cameras_is_their_grammar(text: str) -> None:
     try:
         parse_camera(text)

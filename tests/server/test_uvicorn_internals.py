@@ -22,6 +22,6 @@ DIGESTS = [
 
 
 @pytest.mark.parametrize(("extended", "digest"), DIGESTS, ids=lambda value: getattr(value, "__name__", ""))
-def test_source_is_the_one_that_was_reviewed(extended: type, digest: str) -> None:
+def test_source_is_the_reviewed_one(extended: type, digest: str) -> None:
     source = inspect.getsource(extended)
     assert hashlib.sha256(source.encode()).hexdigest()[:16] == digest

@@ -52,6 +52,31 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
         writer.close()
 
 
+@pytest.mark.parametrize(
+    ("request_head", "status"),
+    [
+        (UPGRADE.replace(b"/ws", b"/none"), 403),
+        (UPGRADE.replace(b"/ws", b"/closed"), 403),
+        (UPGRADE.replace(b"Version: 13", b"Version: 12"), 400),
+        (UPGRADE.replace(b"Sec-WebSocket-Key", b"X-Key"), 400),
+    ],
+    ids=["no route", "closed by the application", "another version", "no key"],
+)
+async def test_a_refused_handshake_closes_the_connection(request_head: bytes, status: int) -> None:
+    app = FastAPI()
+
+    @app.websocket("/closed")
+    async def closed(socket: WebSocket) -> None:
+        await socket.close()
+
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(request_head)
+        response = await reader.read()  # until the end of the connection
+        writer.close()
+    assert response.startswith(f"HTTP/1.1 {status} ".encode())
+
+
 @pytest.mark.parametrize("payload", [b"", b"x"], ids=["empty", "of a byte"])
 async def test_fragments_of_a_message_are_limited(payload: bytes) -> None:
     async with connected() as (reader, writer, got):

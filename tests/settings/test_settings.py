@@ -22,7 +22,7 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.delenv(name)
 
 
-def test_the_page_of_limits_is_what_the_classes_say() -> None:
+def test_the_page_of_limits_is_up_to_date() -> None:
     assert (ROOT / "docs" / "limits.md").read_text("utf-8") == limits.reference(), "make docs writes it anew"
 
 
@@ -32,7 +32,7 @@ def toml(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_flag_wins_over_environment_over_file_over_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flags_override_the_environment_the_file_and_defaults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = toml(tmp_path, "http_port = 1\nqueue = 2\nthreads = 3\n")
     assert load().http_port == 8000
     assert load(config=file).http_port == 1
@@ -42,7 +42,7 @@ def test_a_flag_wins_over_environment_over_file_over_default(tmp_path: Path, mon
     assert (chosen.http_port, chosen.queue, chosen.threads) == (21, 12, 3)
 
 
-def test_the_file_may_be_named_by_the_environment_and_use_hyphens(
+def test_the_environment_names_the_file_and_its_keys_may_have_hyphens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SCENEGATE_CONFIG", str(toml(tmp_path, 'http-port = 7\nonly = ["render"]\n')))
@@ -50,12 +50,12 @@ def test_the_file_may_be_named_by_the_environment_and_use_hyphens(
     assert load().only == ("render",)
 
 
-def test_an_empty_variable_is_not_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_empty_variables_are_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_HTTP_PORT", "")
     assert load().http_port == 8000
 
 
-def test_lists_are_separated_as_people_write_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_MESH_ROOT", os.pathsep.join(("/a", "/b c")))
     monkeypatch.setenv("SCENEGATE_ONLY", "render,scene")
     assert load().mesh_root == (Path("/a"), Path("/b c"))
@@ -81,7 +81,7 @@ def test_lists_are_separated_as_people_write_them(monkeypatch: pytest.MonkeyPatc
         ({}, {}, "http_port = ", "The configuration file {file} is not TOML"),
     ],
 )
-def test_what_cannot_be_used_is_a_sentence(
+def test_an_invalid_value_is_one_sentence_with_its_source(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     flags: dict[str, str],
@@ -98,7 +98,7 @@ def test_what_cannot_be_used_is_a_sentence(
     assert "\n" not in str(raised.value)
 
 
-def test_a_missing_file_is_a_sentence(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"none\.toml cannot be read: No such file or directory\."):
         load(config=tmp_path / "none.toml")
 
@@ -109,7 +109,7 @@ def test_two_faults_are_two_sentences() -> None:
     assert len(str(raised.value).splitlines()) == 2
 
 
-def test_variables_of_ours_that_are_no_settings_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_variables_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     monkeypatch.setenv("SCENEGATE_CORPUS", "/somewhere")
     assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?"]

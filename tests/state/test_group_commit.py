@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import structlog.testing
 
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
@@ -201,6 +202,19 @@ async def test_close_stores_the_last_edits(config: StateConfig) -> None:
     again = Kept(config)
     assert list(again.live.snapshot.root.children) == ["last"]
     await again.state.close()
+
+
+@pytest.mark.parametrize("is_full", [True, False])
+async def test_edits_that_close_cannot_store_are_logged(config: StateConfig, is_full: bool) -> None:
+    kept = Kept(config)
+    kept.state.start()
+    if is_full:
+        kept.sql(f"PRAGMA max_page_count = {kept.sql('PRAGMA page_count')}")
+    kept.put("cloud", (Part(PointCloud(np.ones((10_000, 3), np.float32)), Material()),))
+    with structlog.testing.capture_logs() as logs:
+        await kept.state.close()
+    lost = [entry for entry in logs if entry["event"] == "last edits could not be stored"]
+    assert [(entry["reason"], entry["path"]) for entry in lost] == [("the disk is full", str(config.path))] * is_full
 
 
 async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None:

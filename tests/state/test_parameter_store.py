@@ -80,6 +80,15 @@ def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Databas
     assert len(logs) == 3
 
 
+def test_captured_values_are_the_same_object_until_a_parameter_changes(database: Database) -> None:
+    parameters, store = kept(database)
+    captured = store.capture()
+    assert store.capture() is captured
+    parameters.set("rc_camera", [("fps", 5)])
+    assert store.capture() is not captured
+    assert (captured["rc_camera"]["fps"], store.capture()["rc_camera"]["fps"]) == (25, 5)
+
+
 def test_cameras_have_separate_parameters(database: Database) -> None:
     parameters, store = kept(database, "1")
     parameters.set("rc_camera", [("fps", 5)])

@@ -39,14 +39,14 @@ def chromium() -> Iterator[Any]:
 
 
 def new_page(browser: Any, **options: Any) -> Any:
-    """A page whose waits have the time limit of all; Playwright's own is 30 s."""
+    """A page with the time limit of all tests; Playwright's own is 30 s."""
     page = browser.new_page(**options)
     page.set_default_timeout(MILLISECONDS)
     return page
 
 
 class Watched:
-    """A page, with everything that it should not have done."""
+    """A page and the errors that it must not have."""
 
     def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800) -> None:
         self.page = new_page(browser, viewport={"width": width, "height": height})
@@ -56,7 +56,7 @@ class Watched:
         self.page.on("request", self._request)
         self._host = url.split("/")[2]
         self.expect_outage = False
-        """While the gateway is meant to be away, failed connections are no fault."""
+        """Ignore failed connections while the gateway is stopped on purpose."""
         self.page.goto(f"{url}/view?theme=light")
         self.page.wait_for_function("window.scenegate !== undefined")
 

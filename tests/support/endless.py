@@ -10,7 +10,7 @@ from renderers.stop import check_stop
 
 
 class EndlessRenderer:
-    """Does nothing but look at its flag; counts the calls that run and those that have ended."""
+    """Checks its stop flag until it is set; counts the running and the ended calls."""
 
     def __init__(self) -> None:
         self.begun = self.ended = 0

@@ -1,4 +1,4 @@
-"""A gateway as its users have it: ``scenegate serve`` in a process of its own, spoken to over the network."""
+"""``scenegate serve`` in a process of its own, used over the network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.waiting import SECONDS
 
 
 class GatewayProcess:
-    """A running process and what it logs."""
+    """A running process and its log."""
 
     def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
         # Here, since tests/compose/Dockerfile has this module without the package.
@@ -29,7 +29,7 @@ class GatewayProcess:
             text=True,
         )
         self.log: list[dict[str, Any]] = []
-        """Every event so far that ``wait_for`` has passed."""
+        """Events that ``wait_for`` has read."""
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -42,7 +42,7 @@ class GatewayProcess:
         self._lines.put(None)
 
     def wait_for(self, event: str, seconds: float = SECONDS) -> dict[str, Any]:
-        """The next log event that starts so; fails when the process ends before."""
+        """Return the next log entry whose event starts with ``event``; fail if the process ends first."""
         while (line := self._line(event, seconds)) is not None:
             try:
                 entry: dict[str, Any] = json.loads(line)
@@ -61,7 +61,7 @@ class GatewayProcess:
             raise AssertionError(f"no {event!r}, and no word for {seconds:g} s: {self.log}") from None
 
     def rest_of_log(self) -> list[dict[str, Any]]:
-        """Every event until the process has ended."""
+        """Return all log entries, once the process has ended."""
         try:
             self.wait_for("\0never")
         except AssertionError:
@@ -69,13 +69,13 @@ class GatewayProcess:
         return self.log
 
     def stop(self) -> int:
-        """SIGTERM; the exit code."""
+        """Send SIGTERM and return the exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
         return self.process.wait(SECONDS)
 
     def kill(self) -> None:
-        """Ends what is left after a failed test."""
+        """Kill the process if a failed test has left it running."""
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait()
@@ -83,7 +83,7 @@ class GatewayProcess:
 
 
 def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[dict[str, Any]]]:
-    """The exit code and the log of a gateway that does not start."""
+    """Return the exit code and the log of a gateway that cannot start."""
     gateway = GatewayProcess(*flags, env=env)
     try:
         log = gateway.rest_of_log()
@@ -94,7 +94,7 @@ def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[d
 
 @contextmanager
 def gateway_process(*flags: str, env: dict[str, str] | None = None) -> Iterator[tuple[GatewayProcess, str]]:
-    """A gateway on a free port that has started, and its URL."""
+    """Start a gateway on a free port; yield it with its URL."""
     gateway = GatewayProcess("--http-port", "0", *flags, env=env)
     try:
         url = gateway.wait_for("Scenegate listens")["url"]

@@ -1,4 +1,4 @@
-"""LCM's own library, where it can be had."""
+"""LCM's own library, if it is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free TCP ports for servers that have to be told one."""
+"""Free TCP ports for servers that cannot choose one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import ExitStack
 
 
 def free_ports(count: int) -> list[int]:
-    """Different ports of 127.0.0.1 that nobody listened on a moment ago."""
+    """Return different ports of 127.0.0.1 that were free a moment ago."""
     with ExitStack() as held:
         sockets = [held.enter_context(socket.socket()) for _ in range(count)]
         for each in sockets:

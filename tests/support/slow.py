@@ -13,14 +13,16 @@ from tests.support import forms
 
 
 def covering(triangles: int) -> NDArray[np.float32]:
-    """(3 * triangles, 3) float32: triangles before a camera at the origin that looks along -Z, each over all that it
-    sees and in front of the one before."""
+    """Return the corners of triangles that each fill the view of a camera at the origin along -Z.
+
+    Each is in front of the previous one. (3 * triangles, 3) float32.
+    """
     corners = np.array([(-8, -8, -1), (24, -8, -1), (-8, 24, -1)], np.float32)
     return (corners * np.linspace(2.0, 1.0, triangles, dtype=np.float32)[:, None, None]).reshape(-1, 3)
 
 
 def slow_gltf(triangles: int = 10_000, instances: int = 100, **material: Any) -> bytes:
-    """A document of about 50 bytes for each triangle."""
+    """Return a document of about 50 bytes per triangle."""
     raw = covering(triangles).tobytes()
     nodes: list[dict[str, Any]] = [{"mesh": 0, "translation": [0, 0, -1e-4 * number]} for number in range(instances)]
     document = forms.gltf(
@@ -35,12 +37,12 @@ def slow_gltf(triangles: int = 10_000, instances: int = 100, **material: Any) ->
 
 
 def slow_body(size: int = 1024, image_type: str = "color", **scene: Any) -> bytes:
-    """A render request of such a scene: ``size`` pixels square."""
+    """Return a render request for such a scene, ``size`` pixels square."""
     return forms.body(slow_gltf(**scene), _square(size, image_type))
 
 
 def one_pixel_body() -> bytes:
-    """A render request that takes a millisecond."""
+    """Return a render request that takes a millisecond."""
     return forms.body(forms.gltf(), _square(1, "color"))
 
 

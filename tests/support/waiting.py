@@ -17,18 +17,18 @@ Only a hang takes longer. The longest wait that succeeds compiles all kernels on
 MILLISECONDS: Final = int(1000 * SECONDS)
 """The same for liblcm and Playwright."""
 PAUSE: Final = 0.02
-"""Seconds between two looks at a condition in another process or thread."""
+"""Seconds between two checks of a condition in another process or thread."""
 
 
 async def until(condition: Callable[[], object]) -> None:
-    """Returns when the condition holds; it is looked at between all other things that the loop does."""
+    """Return once the condition holds. It is checked in every iteration of the event loop."""
     async with asyncio.timeout(SECONDS):
-        while not condition():  # noqa: ASYNC110 - what changes has no event to wait for
+        while not condition():  # noqa: ASYNC110 - there is no event to wait for
             await asyncio.sleep(0)
 
 
 def wait_until(condition: Callable[[], Found]) -> Found:
-    """Return the condition's first true value; it changes in another process or thread.
+    """Return the first true value of a condition that another process or thread changes.
 
     Raises:
         AssertionError: it has not become true within ``SECONDS``.

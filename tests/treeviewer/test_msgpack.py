@@ -249,7 +249,7 @@ def parted(part: Part) -> Any:
     return it, part.material, part.X_node_part.tobytes(), part.kind
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(st.lists(requests, max_size=3), st.booleans())
 def test_same_result_as_json(several: list[dict[str, Any]], padded: bool) -> None:
     in_json, in_binary = Viewer(), Viewer()
@@ -278,7 +278,7 @@ def test_packed_arrays_round_trip(name: str, size: tuple[int, ...], offset: int)
 scalars = st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary()
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=50)
 @given(st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_counts_values(value: Any) -> None:
     def count(it: Any) -> int:

@@ -236,6 +236,7 @@ def test_materials_and_channels_are_encoded() -> None:
         "intensity": np.array([0, 5, 1], np.float32),
         "rgb": np.ones((3, 3), np.float32),
         "empty": np.zeros(0, np.float32),
+        "longer": np.zeros(4, np.float32),
     }
     glass = Material((1.0, 0.0, 0.0, 0.5), alpha_mode=AlphaMode.BLEND, point_size=3.0)
     with tree.edit() as edit:
@@ -253,6 +254,7 @@ def test_materials_and_channels_are_encoded() -> None:
     assert values is not None
     assert values.ravel().tolist() == [0.0, 1.0]
     assert resources.channel(draw["mesh"], "empty") is None
+    assert resources.channel(draw["mesh"], "longer") is None
     assert resources.channel(999, "intensity") is None
 
 

@@ -8,7 +8,8 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from renderers.compiler.simd.load_store import VolatileLoad, columns_of
+from renderers.compiler.simd.interleaved import columns_of
+from renderers.compiler.simd.load_store import VolatileLoad
 from renderers.compiler.simd.vectors import I8, I32, I64, LANES, f32x8, i32x8, insert, intrinsic, shuffle
 
 SQUARE_VALUES: Final = 32

@@ -1,4 +1,4 @@
-"""Anti-aliasing of the headlight looks: the memory of sample bands, and the two ways to resolve samples to colours."""
+"""Anti-aliasing of the headlight looks: the memory of sample bands, and two ways to resolve samples to colours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
 _GAP: Final = 1040
-"""Values between arrays of a band, for the reason of ``LAYER_GAP``; also the values that may be read past an array."""
+"""Values between arrays of a band, for the reason of ``LAYER_GAP``. Vectors are also read that far past an array."""
 
 
 def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> int:
@@ -34,7 +34,7 @@ def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, sample
         stride: pixels from one row of ids to the next.
     """
     room = (samples - 1) * camera.width
-    sizes = {  # values of 4 bytes
+    counts = {  # of values of 4 bytes
         "sample_ids": BAND_ROWS * stride * LANES,
         "sample_inv_z": BAND_ROWS * stride * LANES,
         "ids": BAND_ROWS * stride,
@@ -50,14 +50,14 @@ def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, sample
         "mixed": BAND_ROWS * stride,
         "entry_colors": BAND_ROWS * room * 3 // 4,
     }
-    nbytes = 4 * (sum(sizes.values()) + _GAP * len(sizes))
+    nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
     first = scratch.take("samples", threads * nbytes // 4, np.int32)[1]
-    own, address = scratch.take("sample bands", threads * SAMPLE_BAND.size // 8, np.int64)
-    bands = own[: threads * SAMPLE_BAND.size // 8].view(SAMPLE_BAND.dtype)
+    memory, address = scratch.take("sample bands", threads * SAMPLE_BAND.size // 8, np.int64)
+    bands = memory[: threads * SAMPLE_BAND.size // 8].view(SAMPLE_BAND.dtype)
     bands["room"] = room
-    for field, values in sizes.items():
+    for field, count in counts.items():
         bands[field] = first + nbytes * np.arange(threads)
-        first += 4 * (values + _GAP)
+        first += 4 * (count + _GAP)
     return address
 
 
@@ -74,15 +74,16 @@ def _shading_kernels() -> tuple[int, int]:
 
 
 def mixed_bands(painter: Painter, table: Callable[[int], Table] = table) -> SampledShader:
-    """Return a shader for ``Rasterizer.sampled`` that mixes the shown bytes of an opaque scene, as VTK does.
+    """Return a shader of an opaque scene that mixes colours as bytes, as VTK does.
 
     Args:
-        painter: of the whole image. table: allocates working memory that is not shared.
+        painter: of the whole image.
+        table: allocates working memory that is not shared.
     """
-    mixing, shading = _shading_kernels()
-    own, memory, address = table(2)
-    memory[0], memory[1] = shading, painter.job
-    return SampledShader(mixing, address, (own, painter))
+    mix_kernel, shade_kernel = _shading_kernels()
+    array, memory, address = table(2)
+    memory[0], memory[1] = shade_kernel, painter.job
+    return SampledShader(mix_kernel, address, (array, painter))
 
 
 def paint_each_sample(
@@ -93,9 +94,9 @@ def paint_each_sample(
     look: Look,
     color: NDArray[np.uint8],
 ) -> None:
-    """Paint a translucent scene once per sample position and average the shown bytes."""
+    """Paint a translucent scene once per sample position and average the colours as bytes."""
     total = np.zeros(color.shape, np.uint16)
-    for each in sample_cameras(camera, look.samples):
-        paint(rasterizer, scene, shading, each, look, color)
+    for sample_camera in sample_cameras(camera, look.samples):
+        paint(rasterizer, scene, shading, sample_camera, look, color)
         total += color
     color[:] = (total + look.samples // 2) // look.samples

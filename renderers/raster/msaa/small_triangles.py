@@ -8,187 +8,203 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import as_f32
-from renderers.raster.layout import SMALL_WIDTH
-from renderers.raster.msaa.storage import cover, sample_slopes, slope_range, test_samples, test_two_pixels
+from renderers.compiler.structs import F32, I32, I64, Struct, array_of
+from renderers.raster.layout import MAX_SMALL_WIDTH
+from renderers.raster.msaa.storage import (
+    max_inv_z_offset,
+    merge_samples,
+    merge_samples_of_two_pixels,
+    merge_whole_pixels,
+    sample_inv_z_offsets,
+)
 from renderers.raster.small_triangles import box_of
 from renderers.visibility_buffer import BAND_ROWS
 
-# Scratch, int32 or float32: first a list of pixels whose samples must be tested one by one.
-_BATCH: Final = (SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
-"""Two edge functions, index and 1/z of eight of them."""
-_STARTS: Final = _BATCH + 4 * vec.LANES
-"""1/z at the beginning of each row."""
-_ROWS: Final = _STARTS + BAND_ROWS + vec.LANES
-"""First and last row of eight columns of blocks."""
-TAKEN: Final = _ROWS + 2 * vec.LANES
-"""Number of slots that the band uses."""
-SCRATCH_VALUES: Final = TAKEN + 1
+SCRATCH: Final = Struct(
+    "SampleScratch",
+    {
+        "slot_count": I64,  # slots of the band in use
+        "edge_pixels": array_of(
+            I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
+        ),  # row << 8 | column + 8, in the box
+        "batch_e0": array_of(I32, vec.LANES),  # first edge function of eight of the edge pixels
+        "batch_e1": array_of(I32, vec.LANES),  # second edge function
+        "batch_pixels": array_of(I32, vec.LANES),  # index in the band
+        "batch_inv_z": array_of(F32, vec.LANES),
+        "row_inv_z": array_of(F32, BAND_ROWS + vec.LANES),  # 1/z at the box's first column
+        "first_rows": array_of(I32, vec.LANES),  # of eight block columns
+        "last_rows": array_of(I32, vec.LANES),
+    },
+)
+"""Working memory of a thread for a band."""
 
 
 @inlined
-def _limit_rows(edge, right, down, across, lowest, highest):
-    """Narrow the rows in which columns of blocks may be on the inner side of an edge; f32x8.
+def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
+    """Narrow the rows in which block columns, eight pixels wide, may be on the inner side of an edge; f32x8.
 
     Args:
-        edge, right, down: the edge function in row 0, grid units, and its steps.
-        across: i32x8, the blocks' first columns.
+        edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
+        columns: i32x8, the first column of each block column.
     """
-    best = vec.i32(edge + max(7 * right, 0)) + across * vec.i32(right)
+    block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
     zero, slack = vec.f32(0.0), vec.f32(0.01)
-    change = np.float32(down)
-    step = np.float32(1.0) / change if down != 0 else np.float32(0.0)
-    crossed = zero - vec.to_f32(best) * vec.f32(step)
-    lowest = vec.select(vec.f32(change) > zero, vec.maximum(crossed - slack, lowest), lowest)
-    return lowest, vec.select(vec.f32(change) < zero, vec.minimum(crossed + slack, highest), highest)
+    dy = np.float32(edge_dy)
+    scale = np.float32(1.0) / dy if edge_dy != 0 else np.float32(0.0)
+    crossing = zero - vec.to_f32(block_max) * vec.f32(scale)
+    min_row = vec.select(vec.f32(dy) > zero, vec.maximum(crossing - slack, min_row), min_row)
+    return min_row, vec.select(vec.f32(dy) < zero, vec.minimum(crossing + slack, max_row), max_row)
 
 
 @inlined
-def _is_hidden(far, stride, left, right, top, bottom, high):
-    """Return whether all pixels of a box are nearer than 1/z ``high``.
+def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
+    """Return whether all pixels of a box are nearer than a triangle with the greatest 1/z ``inv_z_max``.
 
     Args:
-        far: pointer to SAMPLE_BAND.far. left .. bottom: first column and row of the box, and those after the last.
+        far: pointer to SAMPLE_BAND.far.
+        left .. bottom: first column and row of the box, and those after the last.
     """
-    limit, lane = vec.f32(high), vec.iota()
-    # The middle first: what is visible at all mostly is there.
+    limit, lane = vec.f32(inv_z_max), vec.iota()
+    # The middle first: most visible triangles are visible there.
     column = max(min((left + right - vec.LANES) >> 1, stride - vec.LANES), 0)
-    at = ((top + bottom) >> 1) * stride + column
-    here = vec.i32(column) + lane
-    inside = (here >= vec.i32(left)) & (here < vec.i32(right))
-    if vec.movemask((vec.load(far, at) <= limit) & inside) != 0:
+    pixel = ((top + bottom) >> 1) * stride + column
+    columns = vec.i32(column) + lane
+    inside = (columns >= vec.i32(left)) & (columns < vec.i32(right))
+    if vec.movemask((vec.load(far, pixel) <= limit) & inside) != 0:
         return False
     last = bottom - top - 1
     for start in range(left, right, 2 * vec.LANES):
-        # Two columns of blocks and four rows at a time; those at the margins are tested twice.
+        # Two vectors and four rows at a time; those at the margins are tested twice.
         first, second = min(start, stride - vec.LANES), min(start + vec.LANES, stride - vec.LANES)
-        farthest, other = vec.f32(np.inf), vec.f32(np.inf)
+        first_far, second_far = vec.f32(np.inf), vec.f32(np.inf)
         for row in range(0, last + 1, 4):
             for k in range(4):
-                at = (top + min(row + k, last)) * stride
-                farthest = vec.minimum(vec.load(far, at + first), farthest)
-                other = vec.minimum(vec.load(far, at + second), other)
+                pixel = (top + min(row + k, last)) * stride
+                first_far = vec.minimum(vec.load(far, pixel + first), first_far)
+                second_far = vec.minimum(vec.load(far, pixel + second), second_far)
         end = vec.i32(right)
-        met = (farthest <= limit) & (vec.i32(first) + lane < end)
-        met_other = (other <= limit) & (vec.i32(second) + lane < end)
-        if vec.movemask(met | met_other) != 0:
+        is_visible = (first_far <= limit) & (vec.i32(first) + lane < end)
+        is_visible = is_visible | ((second_far <= limit) & (vec.i32(second) + lane < end))
+        if vec.movemask(is_visible) != 0:
             return False
     return True
 
 
 @device_function
-def draw_small_samples(frame, band, triangle, owner, first_row, last_row, scratch):
+def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch):
     """Draw a SMALL_TRIANGLE, eight pixels at a time.
 
     Args:
-        band: a SAMPLE_BAND. owner: index of the binned primitive.
-        scratch: pointer to SCRATCH_VALUES int32.
+        band: a SAMPLE_BAND.
+        owner: index of the binned primitive.
+        scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
     top = max(box_y, first_row)
-    bottom = min(box_y + box_rows, last_row)
+    bottom = min(box_y + box_rows, end_row)
     if top >= bottom:  # one of the chunk's tall primitives
         return
     left = max(box_x, 0)
     right = min(box_x + box_columns, frame.width)
     stride = frame.stride
-    if _is_hidden(band.far, stride, left, right, top, bottom, triangle.high):
+    if _is_hidden(band.far, stride, left, right, top, bottom, triangle.inv_z_max):
         return
-    samples = frame.sample_offsets
-    ids, owners = vec.i32(triangle.id), vec.i32(owner)
-    low, high = vec.f32(triangle.low), vec.f32(triangle.high)
-    base, slope, rise = triangle.base, triangle.dx, triangle.dy
-    slopes = sample_slopes(frame, slope, rise)
-    lowest, highest = slope_range(frame, slope, rise)
-    right0, right1 = np.int64(triangle.right[0]), np.int64(triangle.right[1])
-    down0, down1 = np.int64(triangle.down), np.int64(triangle.down_second)
-    right2, down2 = -right0 - right1, -down0 - down1
-    # Steps are those of a whole pixel, of 256 grid units; offsets are grid units.
-    ox, oy = vec.load(samples, 0), vec.load(samples, vec.LANES)
-    o0 = vec.i32(right0 >> 8) * ox + vec.i32(down0 >> 8) * oy
-    o1 = vec.i32(right1 >> 8) * ox + vec.i32(down1 >> 8) * oy
-    o2 = vec.i32(right2 >> 8) * ox + vec.i32(down2 >> 8) * oy
-    most0, most1, most2 = vec.maximum_of(o0), vec.maximum_of(o1), vec.maximum_of(o2)
-    # From the least to the greatest of a pixel's samples.
-    b0 = vec.i32(most0 - vec.minimum_of(o0))
-    b1 = vec.i32(most1 - vec.minimum_of(o1))
-    b2 = vec.i32(most2 - vec.minimum_of(o2))
+    inv_z_base, inv_z_dx, inv_z_dy = triangle.inv_z_base, triangle.inv_z_dx, triangle.inv_z_dy
+    inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
+    inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
+    max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, inv_z_dy))
     e0, e1, e2 = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
-    total = vec.i32(e0 + e1 + e2)  # the sum of the three is constant
+    e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
+    e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
+    e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
+    edge_sum = vec.i32(e0 + e1 + e2)  # the same at all points
+    # Edge functions at the samples minus those at the centre. Changes are per pixel, sample offsets are grid units.
+    samples = frame.sample_offsets
+    sample_x, sample_y = vec.load(samples, 0), vec.load(samples, vec.LANES)
+    e0_offsets = vec.i32(e0_dx >> 8) * sample_x + vec.i32(e0_dy >> 8) * sample_y
+    e1_offsets = vec.i32(e1_dx >> 8) * sample_x + vec.i32(e1_dy >> 8) * sample_y
+    e2_offsets = vec.i32(e2_dx >> 8) * sample_x + vec.i32(e2_dy >> 8) * sample_y
+    e0_max, e1_max, e2_max = vec.maximum_of(e0_offsets), vec.maximum_of(e1_offsets), vec.maximum_of(e2_offsets)
+    # From the least to the greatest of a pixel's samples.
+    e0_range = vec.i32(e0_max - vec.minimum_of(e0_offsets))
+    e1_range = vec.i32(e1_max - vec.minimum_of(e1_offsets))
+    e2_range = vec.i32(e2_max - vec.minimum_of(e2_offsets))
     lane, zero = vec.iota(), vec.i32(0)
-    skipped, rows = top - box_y, bottom - top
-    lane_lists, count = frame.lane_lists, np.int64(0)
-    d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
-    fractions = as_f32(scratch)
+    skipped_rows, rows = top - box_y, bottom - top
+    lane_lists, edge_pixel_count = frame.lane_lists, np.int64(0)
     for row in range(0, rows, vec.LANES):
-        below = vec.to_f32(vec.i32(skipped + row) + lane)
-        vec.store(fractions, _STARTS + row, vec.f32(base) + vec.f32(rise) * below)
-    # With several columns of blocks, half of the box lies outside the triangle, and blocks begin where vectors do, so
-    # that each lies in one cache line.
-    wide = right - left > 2 * vec.LANES
-    begin = left - (left & (vec.LANES - 1) if wide else 0)
-    f0, f1, f2 = e0 + most0 + skipped * down0, e1 + most1 + skipped * down1, e2 + most2 + skipped * down2
+        box_row = vec.to_f32(vec.i32(skipped_rows + row) + lane)
+        vec.store(scratch.row_inv_z, row, vec.f32(inv_z_base) + vec.f32(inv_z_dy) * box_row)
+    # Half of the box of a wide triangle lies outside it: the rows of each block column are limited. Its blocks begin
+    # where vectors do, so that each lies in one cache line.
+    is_wide = right - left > 2 * vec.LANES
+    begin = left - (left & (vec.LANES - 1) if is_wide else 0)
+    # The greatest values among a pixel's samples, in the first row.
+    top_e0, top_e1, top_e2 = (
+        e0 + e0_max + skipped_rows * e0_dy,
+        e1 + e1_max + skipped_rows * e1_dy,
+        e2 + e2_max + skipped_rows * e2_dy,
+    )
     for group in range(begin, right, vec.LANES * vec.LANES):
-        # Rows that the triangle may reach, for each of eight columns of blocks.
-        across = vec.i32(group - box_x) + (lane << vec.i32(3))
-        lowest_row, highest_row = vec.f32(0.0), vec.f32(rows - 1)
-        if wide:
-            lowest_row, highest_row = _limit_rows(f0, right0, down0, across, lowest_row, highest_row)
-            lowest_row, highest_row = _limit_rows(f1, right1, down1, across, lowest_row, highest_row)
-            lowest_row, highest_row = _limit_rows(f2, right2, down2, across, lowest_row, highest_row)
-        first = vec.ceil(vec.minimum(lowest_row, vec.f32(rows)))
-        last = vec.floor(vec.maximum(highest_row, vec.f32(-1.0)))
-        vec.store(scratch, _ROWS, vec.to_i32(first))
-        vec.store(scratch, _ROWS + vec.LANES, vec.to_i32(last))
+        min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
+        if is_wide:
+            columns = vec.i32(group - box_x) + (lane << vec.i32(3))
+            min_row, max_row = _limit_rows(top_e0, e0_dx, e0_dy, columns, min_row, max_row)
+            min_row, max_row = _limit_rows(top_e1, e1_dx, e1_dy, columns, min_row, max_row)
+            min_row, max_row = _limit_rows(top_e2, e2_dx, e2_dy, columns, min_row, max_row)
+        first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
+        vec.store(scratch.first_rows, 0, vec.to_i32(first))
+        vec.store(scratch.last_rows, 0, vec.to_i32(last))
         for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block
             # A block at the right margin is moved left: pixels that were drawn are not drawn again.
             column = min(start, stride - vec.LANES)
             valid = np.int64(255) << (start - column)
-            across = vec.i32(column - box_x) + lane
-            block_top, block_end = np.int64(scratch[_ROWS + block]), np.int64(scratch[_ROWS + vec.LANES + block]) + 1
-            t0 = vec.i32(f0 + block_top * down0) + across * vec.i32(right0)
-            t1 = vec.i32(f1 + block_top * down1) + across * vec.i32(right1)
-            t2 = vec.i32(f2 + block_top * down2) + across * vec.i32(right2)
-            along = vec.f32(slope) * vec.to_f32(across)
-            at = (top + block_top) * stride + column
-            here = ((skipped + block_top) << 8) + column - box_x + 8
-            for row in range(block_top, block_end):
-                touched = (t0 | t1 | t2) >= zero
-                full = (t0 >= b0) & (t1 >= b1) & (t2 >= b2)
-                t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
-                w = vec.f32(fractions[_STARTS + row]) + along
-                open_pixels = valid & cover(band, at, w, lowest, highest, low, high, full, touched, ids, owners)
-                vec.store(scratch, count, vec.load(lane_lists, vec.LANES * open_pixels) + vec.i32(here))
-                count += vec.count_bits(open_pixels)
-                at += stride
-                here += 256
-    taken = np.int64(scratch[TAKEN])
-    four = samples[0] == samples[4] and samples[8] == samples[12]
-    for begin in range(0, count, vec.LANES):
-        listed = vec.load(scratch, begin)
-        rows, xs = listed >> vec.i32(8), (listed & vec.i32(255)) - vec.i32(8)
-        vec.store(scratch, _BATCH, vec.i32(e0) + rows * d0 + xs * vec.i32(right0))
-        vec.store(scratch, _BATCH + 8, vec.i32(e1) + rows * d1 + xs * vec.i32(right1))
-        vec.store(scratch, _BATCH + 16, (rows + vec.i32(box_y)) * vec.i32(stride) + (xs + vec.i32(box_x)))
-        w = (vec.f32(base) + vec.f32(rise) * vec.to_f32(rows)) + vec.f32(slope) * vec.to_f32(xs)
-        vec.store(fractions, _BATCH + 24, w)
-        k, end = np.int64(0), min(np.int64(count) - begin, np.int64(vec.LANES))
-        while four and k + 1 < end:
-            p = _BATCH + k
-            c0 = vec.join_halves(vec.i32(scratch[p]), vec.i32(scratch[p + 1])) + o0
-            c1 = vec.join_halves(vec.i32(scratch[p + 8]), vec.i32(scratch[p + 9])) + o1
-            covered = (c0 | c1 | (total - c0 - c1)) >= zero
-            w = vec.join_halves(vec.f32(fractions[p + 24]), vec.f32(fractions[p + 25])) + slopes
-            w = vec.minimum(vec.maximum(w, low), high)
-            a, b = np.int64(scratch[p + 16]), np.int64(scratch[p + 17])
-            taken = test_two_pixels(frame, band, taken, a, b, w, covered, ids)
+            columns = vec.i32(column - box_x) + lane
+            block_row, block_end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
+            c0 = vec.i32(top_e0 + block_row * e0_dy) + columns * vec.i32(e0_dx)
+            c1 = vec.i32(top_e1 + block_row * e1_dy) + columns * vec.i32(e1_dx)
+            c2 = vec.i32(top_e2 + block_row * e2_dy) + columns * vec.i32(e2_dx)
+            column_inv_z = vec.f32(inv_z_dx) * vec.to_f32(columns)
+            pixel = (top + block_row) * stride + column
+            edge_pixel = ((skipped_rows + block_row) << 8) + column - box_x + 8
+            for row in range(block_row, block_end_row):
+                touched = (c0 | c1 | c2) >= zero
+                full = (c0 >= e0_range) & (c1 >= e1_range) & (c2 >= e2_range)
+                c0, c1, c2 = c0 + vec.i32(e0_dy), c1 + vec.i32(e1_dy), c2 + vec.i32(e2_dy)
+                inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
+                mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
+                lanes = vec.load(lane_lists, vec.LANES * mask)
+                vec.store(scratch.edge_pixels, edge_pixel_count, lanes + vec.i32(edge_pixel))
+                edge_pixel_count += vec.count_bits(mask)
+                pixel += stride
+                edge_pixel += 1 << 8
+    slot_count = scratch.slot_count
+    ids = vec.i32(triangle.id)
+    has_four_samples = samples[0] == samples[4] and samples[8] == samples[12]
+    for batch in range(0, edge_pixel_count, vec.LANES):
+        edge_pixels = vec.load(scratch.edge_pixels, batch)
+        box_rows_down, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
+        vec.store(scratch.batch_e0, 0, vec.i32(e0) + box_rows_down * vec.i32(e0_dy) + columns * vec.i32(e0_dx))
+        vec.store(scratch.batch_e1, 0, vec.i32(e1) + box_rows_down * vec.i32(e1_dy) + columns * vec.i32(e1_dx))
+        pixels = (box_rows_down + vec.i32(box_y)) * vec.i32(stride) + (columns + vec.i32(box_x))
+        vec.store(scratch.batch_pixels, 0, pixels)
+        row_inv_z = vec.f32(inv_z_base) + vec.f32(inv_z_dy) * vec.to_f32(box_rows_down)
+        vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(inv_z_dx) * vec.to_f32(columns))
+        k, end = np.int64(0), min(np.int64(edge_pixel_count) - batch, np.int64(vec.LANES))
+        while has_four_samples and k + 1 < end:
+            c0 = vec.join_halves(vec.i32(scratch.batch_e0[k]), vec.i32(scratch.batch_e0[k + 1])) + e0_offsets
+            c1 = vec.join_halves(vec.i32(scratch.batch_e1[k]), vec.i32(scratch.batch_e1[k + 1])) + e1_offsets
+            covered = (c0 | c1 | (edge_sum - c0 - c1)) >= zero
+            center = vec.join_halves(vec.f32(scratch.batch_inv_z[k]), vec.f32(scratch.batch_inv_z[k + 1]))
+            inv_z = vec.minimum(vec.maximum(center + inv_z_offsets, inv_z_min), inv_z_max)
+            pixel_a, pixel_b = np.int64(scratch.batch_pixels[k]), np.int64(scratch.batch_pixels[k + 1])
+            slot_count = merge_samples_of_two_pixels(frame, band, slot_count, pixel_a, pixel_b, inv_z, covered, ids)
             k += 2
         while k < end:
-            p = _BATCH + k
-            c0, c1 = vec.i32(scratch[p]) + o0, vec.i32(scratch[p + 8]) + o1
-            covered = (c0 | c1 | (total - c0 - c1)) >= zero
-            w = vec.minimum(vec.maximum(vec.f32(fractions[p + 24]) + slopes, low), high)
-            taken = test_samples(frame, band, taken, np.int64(scratch[p + 16]), w, covered, ids)
+            c0, c1 = vec.i32(scratch.batch_e0[k]) + e0_offsets, vec.i32(scratch.batch_e1[k]) + e1_offsets
+            covered = (c0 | c1 | (edge_sum - c0 - c1)) >= zero
+            inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
+            slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
             k += 1
-    scratch[TAKEN] = taken
+    scratch.slot_count = slot_count

@@ -95,7 +95,7 @@ class Painter:
     ) -> None:
         """
         Args:
-            places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, address of the image,
+            places: addresses of ``first_ids`` and ``X_camera_mesh`` as in ``Visibility``, address of the image,
                 (H, W, 3) uint8, and number of values from one row of records to the next.
             mode: of ``output_merge``. gathered: address of its layers.
             table: allocates working memory, which must not be used otherwise while this object is alive.
@@ -156,7 +156,7 @@ class Painter:
         """Create a painter from arrays.
 
         Args:
-            X_camera_mesh, first_record: as in ``Visibility``.
+            X_camera_mesh, first_ids: as in ``Visibility``.
             color: (H, W, 3) uint8, C-contiguous.
             stride: number of values from one row of records to the next.
             mode, gathered: of ``output_merge``.
@@ -204,7 +204,7 @@ def _shade(
     painter = Painter.of(
         shading,
         seen.X_camera_mesh,
-        seen.first_record,
+        seen.first_ids,
         camera,
         look,
         color,

@@ -1,9 +1,10 @@
-"""The look ``studio``: images for people.
+"""The look ``studio``: images for people, with shadows, reflections and tone mapping.
 
-All of glTF 2.0's metallic-roughness materials with mip-mapped textures and KHR_materials_unlit, _ior, _specular and
-_emissive_strength; punctual lights with filtered shadow maps; image-based light; a tone curve.
+It supports glTF 2.0's metallic-roughness materials with mip-mapped textures; KHR_materials_unlit, _ior, _specular and
+_emissive_strength; punctual lights with filtered shadow maps; image-based light; tone curves.
 
-``passes`` renders an image and ``shade_rows`` are its kernels. ``material`` fills rows of surfaces (``layout``, R_) for
-``lighting``: ``lights`` with ``shadows`` and ``shadow_sampling``, and ``environment_map`` with ``octahedral``.
-``tone_mapping`` finishes rows. ``renderers.light_rig`` says what lights an image.
+``passes`` renders an image. ``shadows`` renders its shadow maps; ``environment_map`` filters its environment (an
+``environment_image``) into ``octahedral`` tables. The kernels in ``shade_rows`` gather surfaces (``material``), light
+them (``lighting`` with the ``lights`` and ``shadow_sampling``), and encode rows (``tone_mapping``). ``layout`` has the
+tables and structs that kernels and callers share. ``renderers.light_rig`` describes the light of an image.
 """

@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.brdf import ambient_channel, reflected
-from renderers.shading.layout import S_LENS, STRIDE
+from renderers.shading.layout import STRIDE
 from renderers.shading.studio.environment_map import LEVELS
 from renderers.shading.studio.layout import (
-    J_LEVELS,
-    J_LIGHT_COUNT,
-    J_LIGHTS,
-    J_RADIANCE,
-    J_SHADOW_FLOATS,
-    J_SHADOW_INTEGERS,
-    J_SHADOW_RADIUS,
-    J_SPLIT,
-    J_SPLIT_SIDE,
-    J_TONE,
-    LENS_EXPOSURE,
-    LENS_WORLD,
     R_AMBIENT,
     R_BASE,
     R_EMITTED,
@@ -36,228 +21,208 @@ from renderers.shading.studio.layout import (
     R_ROUGHNESS,
     R_VIEW,
 )
-from renderers.shading.studio.lights import (
-    L_COLOR,
-    L_COLUMNS,
-    L_DIRECTION,
-    L_KIND,
-    L_POSITION,
-    L_RANGE,
-    L_SHADOW,
-    L_SPOT_OFFSET,
-    L_SPOT_SCALE,
-)
-from renderers.shading.studio.shadow_sampling import light_share
-from renderers.shading.studio.shadows import S_COLUMNS, SI_COLUMNS
-from renderers.shading.studio.tonemap import shown
-from renderers.shading.vec3 import dot, transform_directions
-
-
-@inlined
-def _three(rows, row, x):
-    at = row * STRIDE + x
-    return vec.load(rows, at), vec.load(rows, at + STRIDE), vec.load(rows, at + 2 * STRIDE)
-
-
-@inlined
-def _put(rows, row, x, r, g, b):
-    at = row * STRIDE + x
-    vec.store(rows, at, r)
-    vec.store(rows, at + STRIDE, g)
-    vec.store(rows, at + 2 * STRIDE, b)
-
-
-@inlined
-def _arriving(light, p):
-    """Return unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
-    zero, one = vec.f32(0.0), vec.f32(1.0)
-    shining = vec.f32(light[L_DIRECTION]), vec.f32(light[L_DIRECTION + 1]), vec.f32(light[L_DIRECTION + 2])
-    if light[L_KIND] == 0.0:
-        return -shining[0], -shining[1], -shining[2], one
-    x = vec.f32(light[L_POSITION]) - p[0]
-    y = vec.f32(light[L_POSITION + 1]) - p[1]
-    z = vec.f32(light[L_POSITION + 2]) - p[2]
-    d2 = vec.maximum(x * x + y * y + z * z, vec.f32(1e-12))
-    scale = one / vec.sqrt(d2)
-    x, y, z = x * scale, y * scale, z * scale
-    part = one / d2
-    if light[L_RANGE] > 0.0:
-        reach = d2 * vec.f32(light[L_RANGE])
-        part = part * vec.maximum(vec.minimum(one - reach * reach, one), zero)
-    if light[L_KIND] == 2.0:
-        cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
-        cone = cosine * vec.f32(light[L_SPOT_SCALE]) + vec.f32(light[L_SPOT_OFFSET])
-        cone = vec.minimum(vec.maximum(cone, zero), one)
-        part = part * cone * cone
-    return x, y, z, part
+from renderers.shading.studio.lights import DIRECTIONAL, SPOT
+from renderers.shading.studio.shadow_sampling import unshadowed_share
+from renderers.shading.studio.tone_mapping import tone_map
+from renderers.shading.vec3 import dot, load3, store3, times, transform_directions
 
 
 @device_function
-def _add_light(job, light, rows, count):
-    """Add the reflection of one light at ``count`` pixels to the rows R_LIGHT."""
+def light_surfaces(lighting, surfaces, count):
+    """Fill the rows R_VIEW and R_LIGHT of ``count`` surfaces, the latter with tone-mapped linear RGB.
+
+    Args:
+        lighting: a LIGHTING.
+        surfaces: pointer to the R_VALUES float32.
+    """
     zero = vec.f32(0.0)
-    shadow = np.int64(light[L_SHADOW])
-    color = vec.f32(light[L_COLOR]), vec.f32(light[L_COLOR + 1]), vec.f32(light[L_COLOR + 2])
     for x in range(0, count, vec.LANES):
-        n, p = _three(rows, R_NORMAL, x), _three(rows, R_POINT, x)
-        lx, ly, lz, part = _arriving(light, p)
-        l = (lx, ly, lz)
-        n_l = dot(n, l)
-        part = vec.select(n_l > zero, part, zero)
-        if shadow >= 0:
-            flat = _three(rows, R_FLAT, x)
-            # Else the triangle itself is in the way.
-            part = vec.select(dot(flat, l) > zero, part, zero)
-            if vec.movemask(part > zero) != 0:
-                part = part * light_share(
-                    f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
-                    i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
-                    job[J_SHADOW_RADIUS],
-                    p[0],
-                    p[1],
-                    p[2],
-                    flat[0],
-                    flat[1],
-                    flat[2],
-                )
-        lit = part > zero
-        if vec.movemask(lit) == 0:
-            continue
-        r, g, b = reflected(
-            n,
-            _three(rows, R_VIEW, x),
-            l,
-            n_l,
-            _three(rows, R_BASE, x),
-            vec.load(rows, R_METALLIC * STRIDE + x),
-            vec.load(rows, R_ROUGHNESS * STRIDE + x),
-            _three(rows, R_F0, x),
-            vec.load(rows, R_F90 * STRIDE + x),
-        )
-        red, green, blue = _three(rows, R_LIGHT, x)
-        _put(
-            rows,
-            R_LIGHT,
-            x,
-            red + vec.select(lit, part * color[0] * r, zero),
-            green + vec.select(lit, part * color[1] * g, zero),
-            blue + vec.select(lit, part * color[2] * b, zero),
-        )
+        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, (zero, zero, zero))
+        point = load3(surfaces, R_POINT * STRIDE + x, STRIDE)
+        distance = vec.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
+        scale = vec.select(distance > zero, vec.f32(-1.0) / distance, zero)
+        store3(surfaces, R_VIEW * STRIDE + x, STRIDE, times(point, scale))
+    for k in range(lighting.light_count):
+        _add_light(lighting, lighting.lights[k], surfaces, count)
+    if lighting.has_environment != 0:
+        _add_environment(lighting, surfaces, count)
+    exposure = vec.f32(lighting.exposure)
+    tone = lighting.tone
+    for x in range(0, count, vec.LANES):
+        r, g, b = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
+        emitted_r, emitted_g, emitted_b = load3(surfaces, R_EMITTED * STRIDE + x, STRIDE)
+        mapped = tone_map(tone, (r + emitted_r) * exposure, (g + emitted_g) * exposure, (b + emitted_b) * exposure)
+        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, mapped)
 
 
 @inlined
-def _octahedral(d):
-    """Return positions of directions (any length) in an octahedral table, 0 .. 1 each way; the middle for 0."""
+def _direction_and_attenuation(light, point):
+    """Return unit vectors from points to a light, and the shares of its colour that arrive there without shadows."""
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    shining = vec.f32(light.direction[0]), vec.f32(light.direction[1]), vec.f32(light.direction[2])
+    if light.kind == DIRECTIONAL:
+        return -shining[0], -shining[1], -shining[2], one
+    x = vec.f32(light.position[0]) - point[0]
+    y = vec.f32(light.position[1]) - point[1]
+    z = vec.f32(light.position[2]) - point[2]
+    distance_squared = vec.maximum(x * x + y * y + z * z, vec.f32(1e-12))
+    scale = one / vec.sqrt(distance_squared)
+    x, y, z = x * scale, y * scale, z * scale
+    attenuation = one / distance_squared
+    if light.inv_range_squared > 0.0:
+        relative = distance_squared * vec.f32(light.inv_range_squared)
+        attenuation = attenuation * vec.maximum(vec.minimum(one - relative * relative, one), zero)
+    if light.kind == SPOT:
+        cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
+        falloff = cosine * vec.f32(light.spot_scale) + vec.f32(light.spot_offset)
+        falloff = vec.minimum(vec.maximum(falloff, zero), one)
+        attenuation = attenuation * falloff * falloff
+    return x, y, z, attenuation
+
+
+@device_function
+def _add_light(lighting, light, surfaces, count):
+    """Add the reflection of one light at ``count`` surfaces to the rows R_LIGHT."""
+    zero = vec.f32(0.0)
+    color_r, color_g, color_b = vec.f32(light.color[0]), vec.f32(light.color[1]), vec.f32(light.color[2])
+    for x in range(0, count, vec.LANES):
+        normal = load3(surfaces, R_NORMAL * STRIDE + x, STRIDE)
+        point = load3(surfaces, R_POINT * STRIDE + x, STRIDE)
+        light_x, light_y, light_z, attenuation = _direction_and_attenuation(light, point)
+        to_light = (light_x, light_y, light_z)
+        n_l = dot(normal, to_light)
+        attenuation = vec.select(n_l > zero, attenuation, zero)
+        if light.shadow_map >= 0:
+            flat_normal = load3(surfaces, R_FLAT * STRIDE + x, STRIDE)
+            # The back of a triangle is in its own shadow.
+            attenuation = vec.select(dot(flat_normal, to_light) > zero, attenuation, zero)
+            if vec.movemask(attenuation > zero) != 0:
+                shadow_map = lighting.shadow_maps[light.shadow_map]
+                attenuation = attenuation * unshadowed_share(shadow_map, lighting.shadow_radius, point, flat_normal)
+        is_lit = attenuation > zero
+        if vec.movemask(is_lit) == 0:
+            continue
+        r, g, b = reflected(
+            normal,
+            load3(surfaces, R_VIEW * STRIDE + x, STRIDE),
+            to_light,
+            n_l,
+            load3(surfaces, R_BASE * STRIDE + x, STRIDE),
+            vec.load(surfaces, R_METALLIC * STRIDE + x),
+            vec.load(surfaces, R_ROUGHNESS * STRIDE + x),
+            load3(surfaces, R_F0 * STRIDE + x, STRIDE),
+            vec.load(surfaces, R_F90 * STRIDE + x),
+        )
+        red, green, blue = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
+        red = red + vec.select(is_lit, attenuation * color_r * r, zero)
+        green = green + vec.select(is_lit, attenuation * color_g * g, zero)
+        blue = blue + vec.select(is_lit, attenuation * color_b * b, zero)
+        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, (red, green, blue))
+
+
+@inlined
+def _octahedral_uv(direction):
+    """Return the position of directions of any length in an octahedral table, 0 .. 1 each; the centre for 0."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
-    total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
+    total = vec.absolute(direction[0]) + vec.absolute(direction[1]) + vec.absolute(direction[2])
     scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
-    u, v = d[0] * scale, d[1] * scale
-    fold = vec.maximum(zero - d[2] * scale, zero)
+    u, v = direction[0] * scale, direction[1] * scale
+    fold = vec.maximum(zero - direction[2] * scale, zero)
     u = vec.select(u >= zero, u + fold, u - fold)
     v = vec.select(v >= zero, v + fold, v - fold)
     return half * u + half, half * v + half
 
 
 @device_function
-def _read(texels, places, level, u, v):
-    """Sample octahedral tables with a border of one texel, bilinear, RGB. ``level``: i32x8, number of the table."""
+def _sample_environment(lighting, table, direction):
+    """Sample octahedral tables bilinearly at directions of the world. Return RGB.
+
+    Args:
+        table: i32x8, index of the table at each lane: a level of ``Environment``, or LEVELS for the irradiance.
+    """
+    tables = lighting.environment_tables
     two, four = vec.i32(2), vec.i32(4)
-    offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
-    most = vec.to_f32(side)
+    u, v = _octahedral_uv(direction)
+    offset, side = vec.gather(tables, table * two), vec.gather(tables, table * two + vec.i32(1))
+    size = vec.to_f32(side)
     half = vec.f32(0.5)
-    x = vec.minimum(vec.maximum(u * most + half, vec.f32(0.0)), most + half)
-    y = vec.minimum(vec.maximum(v * most + half, vec.f32(0.0)), most + half)
+    x = vec.minimum(vec.maximum(u * size + half, vec.f32(0.0)), size + half)
+    y = vec.minimum(vec.maximum(v * size + half, vec.f32(0.0)), size + half)
     i, j = vec.to_i32(x), vec.to_i32(y)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
-    line = (side + two) * four
-    at = offset + j * line + i * four
-    # Of two neighbours, four values each.
-    a, c = vec.load_octets(texels, at), vec.load_octets(texels, at + line)
-    wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
+    row_values = (side + two) * four
+    first = offset + j * row_values + i * four
+    # Two neighbouring texels of four values each.
+    upper = vec.load_octets(lighting.environment_texels, first)
+    lower = vec.load_octets(lighting.environment_texels, first + row_values)
+    w00, w10, w01, w11 = gx * gy, fx * gy, gx * fy, fx * fy
     return (
-        a[0] * wa + a[4] * wb + c[0] * wc + c[4] * wd,
-        a[1] * wa + a[5] * wb + c[1] * wc + c[5] * wd,
-        a[2] * wa + a[6] * wb + c[2] * wc + c[6] * wd,
+        upper[0] * w00 + upper[4] * w10 + lower[0] * w01 + lower[4] * w11,
+        upper[1] * w00 + upper[5] * w10 + lower[1] * w01 + lower[5] * w11,
+        upper[2] * w00 + upper[6] * w10 + lower[2] * w01 + lower[6] * w11,
     )
 
 
 @device_function
-def _split(table, side, n_v, roughness):
-    """Return scale and bias of ``split_sum``, bilinear. Both coordinates are 0 .. 1."""
+def _sample_split_sum(table, side, n_v, roughness):
+    """Return scale and bias of ``environment_map.split_sum``, bilinear. Both coordinates are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
     i, j = vec.minimum(vec.to_i32(x), last), vec.minimum(vec.to_i32(y), last)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
-    place = (i * vec.i32(side) + j) * two
-    wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-    # Scale and bias at a roughness and at the next.
-    a, c = vec.load_quads(table, place), vec.load_quads(table, place + vec.i32(2 * side))
+    first = (i * vec.i32(side) + j) * two
+    w00, w10, w01, w11 = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+    # Scale and bias at one roughness and at the next, for one cosine and for the next.
+    near = vec.load_quads(table, first)
+    far = vec.load_quads(table, first + vec.i32(2 * side))
     return (
-        a[0] * wa + c[0] * wb + a[2] * wc + c[2] * wd,
-        a[1] * wa + c[1] * wb + a[3] * wc + c[3] * wd,
+        near[0] * w00 + far[0] * w10 + near[2] * w01 + far[2] * w11,
+        near[1] * w00 + far[1] * w10 + near[3] * w01 + far[3] * w11,
     )
 
 
 @device_function
-def _add_environment(job, rows, count):
-    """Add the reflection of the environment map (world frame) at ``count`` pixels to the rows R_LIGHT."""
-    world = f64_at(job[S_LENS] + 8 * LENS_WORLD)
-    texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
+def _add_environment(lighting, surfaces, count):
+    """Add the reflection of the environment at ``count`` surfaces to the rows R_LIGHT."""
+    R_world_camera = lighting.R_world_camera
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     for x in range(0, count, vec.LANES):
-        n, v = _three(rows, R_NORMAL, x), _three(rows, R_VIEW, x)
-        roughness = vec.minimum(vec.maximum(vec.load(rows, R_ROUGHNESS * STRIDE + x), zero), one)
-        n_v = dot(n, v)
-        # Rough surfaces reflect light from between the mirrored direction and the normal (Lagarde and de Rousiers,
-        # "Moving Frostbite to PBR", 2014, 4.9.3).
+        normal = load3(surfaces, R_NORMAL * STRIDE + x, STRIDE)
+        view = load3(surfaces, R_VIEW * STRIDE + x, STRIDE)
+        roughness = vec.minimum(vec.maximum(vec.load(surfaces, R_ROUGHNESS * STRIDE + x), zero), one)
+        n_v = dot(normal, view)
+        # The dominant direction of reflection is between the mirrored one and, for rough surfaces, the normal (Lagarde
+        # and de Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
         alpha = roughness * roughness
         mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
-        up = one - mirror + mirror * two * n_v
-        m = up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2]
+        along_normal = one - mirror + mirror * two * n_v
+        reflection = (
+            along_normal * normal[0] - mirror * view[0],
+            along_normal * normal[1] - mirror * view[1],
+            along_normal * normal[2] - mirror * view[2],
+        )
         n_v = vec.minimum(vec.maximum(n_v, zero), one)
-        scale, bias = _split(f32_at(job[J_SPLIT]), job[J_SPLIT_SIDE], n_v, roughness)
-        u, w = _octahedral(transform_directions(world, 0, n))
-        d0, d1, d2 = _read(texels, places, vec.i32(LEVELS), u, w)
-        at = roughness * vec.f32(float(LEVELS - 1))
-        low = vec.minimum(vec.to_i32(at), vec.i32(LEVELS - 2))
-        part = at - vec.to_f32(low)
-        u, w = _octahedral(transform_directions(world, 0, m))
-        r0, g0, b0 = _read(texels, places, low, u, w)
-        r1, g1, b1 = _read(texels, places, low + vec.i32(1), u, w)
-        base, f0 = _three(rows, R_BASE, x), _three(rows, R_F0, x)
-        f90 = vec.load(rows, R_F90 * STRIDE + x)
-        metallic, kept = vec.load(rows, R_METALLIC * STRIDE + x), vec.load(rows, R_AMBIENT * STRIDE + x)
-        r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, d0, r0 + part * (r1 - r0))
-        g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, d1, g0 + part * (g1 - g0))
-        b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, d2, b0 + part * (b1 - b0))
-        red, green, blue = _three(rows, R_LIGHT, x)
-        _put(rows, R_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
-
-
-@device_function
-def light_up(job, rows, count):
-    """Fill the rows R_VIEW and R_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
-
-    Args:
-        job: pointer to the J_COLUMNS int64.
-        rows: pointer to the R_VALUES float32.
-    """
-    zero = vec.f32(0.0)
-    for x in range(0, count, vec.LANES):
-        _put(rows, R_LIGHT, x, zero, zero, zero)
-        px, py, pz = _three(rows, R_POINT, x)
-        length = vec.sqrt(px * px + py * py + pz * pz)
-        scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
-        _put(rows, R_VIEW, x, px * scale, py * scale, pz * scale)
-    for k in range(job[J_LIGHT_COUNT]):
-        _add_light(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
-    if job[J_RADIANCE] != 0:
-        _add_environment(job, rows, count)
-    exposure = vec.f32(f64_at(job[S_LENS])[LENS_EXPOSURE])
-    tone = job[J_TONE]
-    for x in range(0, count, vec.LANES):
-        r, g, b = _three(rows, R_LIGHT, x)
-        er, eg, eb = _three(rows, R_EMITTED, x)
-        r, g, b = shown(tone, (r + er) * exposure, (g + eg) * exposure, (b + eb) * exposure)
-        _put(rows, R_LIGHT, x, r, g, b)
+        scale, bias = _sample_split_sum(lighting.split_sum, lighting.split_sum_side, n_v, roughness)
+        normal_world = transform_directions(R_world_camera, 0, normal)
+        irradiance = _sample_environment(lighting, vec.i32(LEVELS), normal_world)
+        level = roughness * vec.f32(float(LEVELS - 1))
+        lower_level = vec.minimum(vec.to_i32(level), vec.i32(LEVELS - 2))
+        t = level - vec.to_f32(lower_level)
+        reflection_world = transform_directions(R_world_camera, 0, reflection)
+        r0, g0, b0 = _sample_environment(lighting, lower_level, reflection_world)
+        r1, g1, b1 = _sample_environment(lighting, lower_level + vec.i32(1), reflection_world)
+        base = load3(surfaces, R_BASE * STRIDE + x, STRIDE)
+        f0, f90 = load3(surfaces, R_F0 * STRIDE + x, STRIDE), vec.load(surfaces, R_F90 * STRIDE + x)
+        metallic = vec.load(surfaces, R_METALLIC * STRIDE + x)
+        r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, irradiance[0], r0 + t * (r1 - r0))
+        g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, irradiance[1], g0 + t * (g1 - g0))
+        b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, irradiance[2], b0 + t * (b1 - b0))
+        unoccluded = vec.load(surfaces, R_AMBIENT * STRIDE + x)
+        red, green, blue = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
+        store3(
+            surfaces,
+            R_LIGHT * STRIDE + x,
+            STRIDE,
+            (red + unoccluded * r, green + unoccluded * g, blue + unoccluded * b),
+        )

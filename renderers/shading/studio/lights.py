@@ -1,48 +1,42 @@
-"""Lights as a table in the camera's optical frame."""
+"""Lights of an image as structs for kernels, in the camera's optical frame."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import Light, LightKind
+from renderers.shading.studio.layout import LIGHT
 
-L_KIND: Final = 0  # 0 directional, 1 point, 2 spot
-L_POSITION: Final = 1  # 3
-L_DIRECTION: Final = 4  # 3, in which it shines
-L_COLOR: Final = 7  # 3, times intensity
-L_RANGE: Final = 10  # 1 / range^2, 0: none
-L_SPOT_SCALE: Final = 11
-L_SPOT_OFFSET: Final = 12
-L_SHADOW: Final = 13  # row of the table of shadows, -1: none
-L_COLUMNS: Final = 14
-
-_KINDS: Final = {LightKind.DIRECTIONAL: 0.0, LightKind.POINT: 1.0, LightKind.SPOT: 2.0}
+DIRECTIONAL: Final = 0
+POINT: Final = 1
+SPOT: Final = 2
+_KINDS: Final = {LightKind.DIRECTIONAL: DIRECTIONAL, LightKind.POINT: POINT, LightKind.SPOT: SPOT}
 
 
-def light_table(lights: Sequence[Light], shadows: Sequence[int], camera: Camera) -> NDArray[np.float64]:
-    """Return (n, L_COLUMNS) float64, at least one row.
+def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: Camera) -> NDArray[Any]:
+    """Return one LIGHT per light, and at least one.
 
     Args:
-        shadows: each light's row in the table of shadows, or -1.
+        shadow_maps: each light's index among the shadow maps, or -1.
     """
-    X = camera.X_camera_world
-    table = np.zeros((max(len(lights), 1), L_COLUMNS))
-    for row, light, shadow in zip(table, lights, shadows, strict=False):
-        row[L_KIND] = _KINDS[light.kind]
-        row[L_POSITION : L_POSITION + 3] = X[:3, :3] @ light.position + X[:3, 3]
-        direction = X[:3, :3] @ light.direction
-        row[L_DIRECTION : L_DIRECTION + 3] = direction / np.linalg.norm(direction)
-        row[L_COLOR : L_COLOR + 3] = np.array(light.color) * light.intensity
-        row[L_RANGE] = 0.0 if light.range is None else 1.0 / light.range**2
-        # KHR_lights_punctual's reference for the cone: (cos - cos outer) / (cos inner - cos outer), squared.
-        inner, outer = math.cos(light.inner_cone), math.cos(light.outer_cone)
-        row[L_SPOT_SCALE] = 1.0 / max(inner - outer, 1e-3)
-        row[L_SPOT_OFFSET] = -outer * row[L_SPOT_SCALE]
-        row[L_SHADOW] = shadow
-    return table
+    X_camera_world = camera.X_camera_world
+    structs = np.zeros(max(len(lights), 1), LIGHT.dtype)
+    for struct, light, shadow_map in zip(structs, lights, shadow_maps, strict=False):
+        struct["kind"] = _KINDS[light.kind]
+        struct["position"] = X_camera_world[:3, :3] @ light.position + X_camera_world[:3, 3]
+        direction = X_camera_world[:3, :3] @ light.direction
+        struct["direction"] = direction / np.linalg.norm(direction)
+        struct["color"] = np.array(light.color) * light.intensity
+        struct["inv_range_squared"] = 0.0 if light.range is None else 1.0 / light.range**2
+        # The falloff of KHR_lights_punctual: (cos - cos outer) / (cos inner - cos outer), squared.
+        cos_inner, cos_outer = math.cos(light.inner_cone), math.cos(light.outer_cone)
+        scale = 1.0 / max(cos_inner - cos_outer, 1e-3)
+        struct["spot_scale"], struct["spot_offset"] = scale, -cos_outer * scale
+        struct["shadow_map"] = shadow_map
+    return structs

@@ -1,4 +1,4 @@
-"""Surfaces at pixels, from interpolated attributes to the rows R_ that are lit."""
+"""Surfaces at pixels: from interpolated attributes and a glTF material to the rows R_ that are lit."""
 
 from __future__ import annotations
 
@@ -57,90 +57,110 @@ from renderers.shading.studio.layout import (
 from renderers.shading.vec3 import load3, scale_to, store3, times
 
 COLOR: Final = 0
-"""The surface of opaque pixels is wanted,"""
+"""Fill the surface of opaque pixels."""
 COLOR_AND_ALPHA: Final = 1
-"""the surface and R_ALPHA,"""
+"""Fill the surface and R_ALPHA."""
 ALPHA: Final = 2
-"""or R_ALPHA only."""
+"""Fill R_ALPHA only."""
 
 
 @inlined
-def _three(values, k):
+def _broadcast3(values, k):
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
 @inlined
-def _times3(a, b):
+def _multiply3(a, b):
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @inlined
 def _clamped(value):
-    """0 .. 1; 0 for NaN."""
+    """Clamp to 0 .. 1. NaN becomes 0."""
     return vec.minimum(vec.maximum(value, vec.f32(0.0)), vec.f32(1.0))
 
 
 @device_function
-def put_surface(job, segment, wanted, count, rows, slot):
-    """Fill the rows R_ from value ``slot`` on for the first ``count`` pixels of the rows A_.
-
-    R_VIEW and R_LIGHT are left to the lighting.
+def fill_surfaces(job, segment, fill, count, surfaces, first):
+    """Fill the rows R_, except R_VIEW and R_LIGHT, from the first ``count`` pixels of the segment's rows A_.
 
     Args:
-        wanted: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
-        rows: pointer to the R_VALUES float32.
+        fill: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
+        surfaces: pointer to the R_VALUES float32.
+        first: index in each row R_ of the first pixel's value.
 
     Returns:
-        False if there is nothing to be lit: R_EMITTED has the colour of unlit surfaces.
+        True if the surfaces are to be lit. If not, R_EMITTED is the colour of unlit ones.
     """
     mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
-    pixels, zero, one = f32_at(segment[G_PIXELS]), vec.f32(0.0), vec.f32(1.0)
-    put_base_color(job, segment, np.int64(0), count, wanted != COLOR)
-    if wanted != COLOR:
-        for x in range(0, count, vec.LANES):
-            alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x)
-            if mi[MI_ALPHA_MODE] == ALPHA_OPAQUE:
-                alpha = one
-            elif mi[MI_ALPHA_MODE] == ALPHA_MASK:
-                alpha = vec.select(alpha < vec.f32(mf[MF_CUTOFF]), zero, one)
-            else:
-                alpha = vec.select(alpha == alpha, _clamped(alpha), one)
-            vec.store(rows, R_ALPHA * STRIDE + slot + x, alpha)
-        if wanted == ALPHA:
+    pixels = f32_at(segment[G_PIXELS])
+    put_base_color(job, segment, np.int64(0), count, fill != COLOR)
+    if fill != COLOR:
+        _fill_alpha(mi, mf, pixels, count, surfaces, first)
+        if fill == ALPHA:
             return False
     if mi[MI_UNLIT] != 0:
         for x in range(0, count, vec.LANES):
             r, g, b = load3(pixels, A_BASE * STRIDE + x, STRIDE)
-            store3(rows, R_EMITTED * STRIDE + slot + x, STRIDE, (_clamped(r), _clamped(g), _clamped(b)))
+            store3(surfaces, R_EMITTED * STRIDE + first + x, STRIDE, (_clamped(r), _clamped(g), _clamped(b)))
         return False
     sample_maps(job, segment, np.int64(0), count)
     apply_normal_map(job, segment, np.int64(0), count)
-    for x in range(0, count, vec.LANES):
-        n = load3(pixels, A_NORMAL * STRIDE + x, STRIDE)
-        store3(rows, R_NORMAL * STRIDE + slot + x, STRIDE, times(n, scale_to(n, one)))
-        store3(rows, R_POINT * STRIDE + slot + x, STRIDE, load3(pixels, A_POINT * STRIDE + x, STRIDE))
-        store3(rows, R_FLAT * STRIDE + slot + x, STRIDE, load3(pixels, A_FLAT * STRIDE + x, STRIDE))
-        r, g, b = load3(pixels, A_BASE * STRIDE + x, STRIDE)
-        store3(
-            rows, R_BASE * STRIDE + slot + x, STRIDE, (vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero))
-        )
-        metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
-        if mi[MI_METALLIC_ROUGHNESS] >= 0:
-            roughness = roughness * vec.load(pixels, (A_ROUGH + 1) * STRIDE + x)
-            metallic = metallic * vec.load(pixels, (A_ROUGH + 2) * STRIDE + x)
-        vec.store(rows, R_METALLIC * STRIDE + slot + x, _clamped(metallic))
-        vec.store(rows, R_ROUGHNESS * STRIDE + slot + x, _clamped(roughness))
-        vec.store(rows, R_AMBIENT * STRIDE + slot + x, ambient_share(mi, mf, pixels, x))
-        emitted = _three(mf, MF_EMISSIVE)
-        if mi[MI_EMISSIVE] >= 0:
-            emitted = _times3(emitted, load3(pixels, A_EMISSIVE * STRIDE + x, STRIDE))
-        store3(rows, R_EMITTED * STRIDE + slot + x, STRIDE, emitted)
-    _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot)
+    _fill_geometry(pixels, count, surfaces, first)
+    _fill_metallic_roughness(mi, mf, pixels, count, surfaces, first)
+    _fill_dielectric(job, segment, mi, mf, pixels, count, surfaces, first)
     return True
 
 
 @device_function
-def _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot):
+def _fill_alpha(mi, mf, pixels, count, surfaces, first):
+    """Fill the row R_ALPHA by the material's alpha mode."""
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    for x in range(0, count, vec.LANES):
+        alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x)
+        if mi[MI_ALPHA_MODE] == ALPHA_OPAQUE:
+            alpha = one
+        elif mi[MI_ALPHA_MODE] == ALPHA_MASK:
+            alpha = vec.select(alpha < vec.f32(mf[MF_CUTOFF]), zero, one)
+        else:
+            alpha = vec.select(alpha == alpha, _clamped(alpha), one)  # NaN is opaque
+        vec.store(surfaces, R_ALPHA * STRIDE + first + x, alpha)
+
+
+@device_function
+def _fill_geometry(pixels, count, surfaces, first):
+    """Fill the rows R_NORMAL, R_POINT and R_FLAT."""
+    one = vec.f32(1.0)
+    for x in range(0, count, vec.LANES):
+        normal = load3(pixels, A_NORMAL * STRIDE + x, STRIDE)
+        store3(surfaces, R_NORMAL * STRIDE + first + x, STRIDE, times(normal, scale_to(normal, one)))
+        store3(surfaces, R_POINT * STRIDE + first + x, STRIDE, load3(pixels, A_POINT * STRIDE + x, STRIDE))
+        store3(surfaces, R_FLAT * STRIDE + first + x, STRIDE, load3(pixels, A_FLAT * STRIDE + x, STRIDE))
+
+
+@device_function
+def _fill_metallic_roughness(mi, mf, pixels, count, surfaces, first):
+    """Fill the rows R_BASE, R_METALLIC, R_ROUGHNESS, R_AMBIENT and R_EMITTED."""
+    zero = vec.f32(0.0)
+    for x in range(0, count, vec.LANES):
+        r, g, b = load3(pixels, A_BASE * STRIDE + x, STRIDE)
+        base = vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero)
+        store3(surfaces, R_BASE * STRIDE + first + x, STRIDE, base)
+        metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
+        if mi[MI_METALLIC_ROUGHNESS] >= 0:
+            roughness = roughness * vec.load(pixels, (A_ROUGH + 1) * STRIDE + x)
+            metallic = metallic * vec.load(pixels, (A_ROUGH + 2) * STRIDE + x)
+        vec.store(surfaces, R_METALLIC * STRIDE + first + x, _clamped(metallic))
+        vec.store(surfaces, R_ROUGHNESS * STRIDE + first + x, _clamped(roughness))
+        vec.store(surfaces, R_AMBIENT * STRIDE + first + x, ambient_share(mi, mf, pixels, x))
+        emitted = _broadcast3(mf, MF_EMISSIVE)
+        if mi[MI_EMISSIVE] >= 0:
+            emitted = _multiply3(emitted, load3(pixels, A_EMISSIVE * STRIDE + x, STRIDE))
+        store3(surfaces, R_EMITTED * STRIDE + first + x, STRIDE, emitted)
+
+
+@device_function
+def _fill_dielectric(job, segment, mi, mf, pixels, count, surfaces, first):
     """Fill the rows R_F0 and R_F90 (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(mf[MF_REFLECTANCE])
     if mi[MI_SPECULAR] >= 0:
@@ -149,16 +169,16 @@ def _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot):
         f90 = vec.f32(mf[MF_SPECULAR])
         if mi[MI_SPECULAR] >= 0:
             f90 = f90 * vec.load(pixels, (A_TEXEL + 3) * STRIDE + x)
-        vec.store(rows, R_F90 * STRIDE + slot + x, f90)
+        vec.store(surfaces, R_F90 * STRIDE + first + x, f90)
     if mi[MI_SPECULAR_COLOR] >= 0:
         sample(job, segment, mi[MI_SPECULAR_COLOR], np.int64(0), count, A_TEXEL, False)
     for x in range(0, count, vec.LANES):
-        tint, f90 = _three(mf, MF_SPECULAR_COLOR), vec.load(rows, R_F90 * STRIDE + slot + x)
+        tint, f90 = _broadcast3(mf, MF_SPECULAR_COLOR), vec.load(surfaces, R_F90 * STRIDE + first + x)
         if mi[MI_SPECULAR_COLOR] >= 0:
-            tint = _times3(tint, load3(pixels, A_TEXEL * STRIDE + x, STRIDE))
+            tint = _multiply3(tint, load3(pixels, A_TEXEL * STRIDE + x, STRIDE))
         f0 = (
             vec.minimum(reflectance * tint[0], one) * f90,
             vec.minimum(reflectance * tint[1], one) * f90,
             vec.minimum(reflectance * tint[2], one) * f90,
         )
-        store3(rows, R_F0 * STRIDE + slot + x, STRIDE, f0)
+        store3(surfaces, R_F0 * STRIDE + first + x, STRIDE, f0)

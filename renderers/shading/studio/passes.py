@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +15,24 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import DrawList
+from renderers.drawlist import DrawList, Light
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading import layout as common
 from renderers.shading.depth_peeling import peeled
 from renderers.shading.scene import ShadingScene, map_instances
-from renderers.shading.studio import layout as at
-from renderers.shading.studio import shade_rows as k
-from renderers.shading.studio.environment_map import Ambient, ambient_of, split_sum
-from renderers.shading.studio.lights import light_table
-from renderers.shading.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
-from renderers.shading.studio.tone_mapping import finish_rows
-from renderers.shading.studio.tonemap import SRGB_CELLS, TONES
+from renderers.shading.studio import layout
+from renderers.shading.studio.environment_map import environment_of, split_sum
+from renderers.shading.studio.lights import light_structs
+from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
+from renderers.shading.studio.shadows import (
+    ShadowMap,
+    pixel_size,
+    render_shadow_maps,
+    shadow_map_structs,
+    visible_points,
+)
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, finish_rows
 from renderers.stop import current_stop
 
 if TYPE_CHECKING:  # the rasterizer imports this module
@@ -45,8 +52,8 @@ def paint(
     """Render the colour image.
 
     Opaque surfaces are rasterized with all samples at once and shaded once per pixel and surface. A scene with
-    translucent or cut-out surfaces is peeled and shaded at each sample position, as edges may be in their textures.
-    Fragments are tone-mapped and then blended in the linear light of the display.
+    translucent or cut-out surfaces is peeled and shaded at each sample position, since its textures may contain edges.
+    Colours are tone-mapped before they are blended.
 
     Args:
         rasterizer: renders visibility and runs bands.
@@ -59,151 +66,187 @@ def paint(
         SurroundingsError: the rig's image of the surroundings cannot be used.
         ValueError: ``samples``.
     """
-    from renderers.visibility_buffer import BAND_ROWS, SampledShader, band_count
-
     cull = shading.cull_back if shading.cull_back.any() else None
     opaque = ~shading.transparent if shading.transparent.any() else None
     cameras = sample_cameras(camera, samples)
-    height, width = camera.height, camera.width
-    bands = band_count(height)
-    behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
-    finish = np.zeros(at.F_COLUMNS, np.int64)
-    finish[at.F_BEHIND] = address_of(behind, np.float32)
-    finish[at.F_CELLS] = address_of(SRGB_CELLS, np.int32)
-    finish[at.F_COLOR] = address_of(color, np.uint8)
-    finishing = address_of(finish, np.int64)
-
-    def rows(unit: int) -> tuple[int, int]:
-        return unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, height)
-
-    def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
-        """Return where a layer is not cut out."""
-        no_light = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
-        job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, no_light)
-        alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
-        table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
-
-        def band(unit: int) -> None:
-            begin, end = unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, lens.height)
-            where = ids + 4 * begin * lens.width, 0, lens.width
-            k.shade_rows(k.CUT, table, *where, lens.width, begin, end, to, 0)
-
-        rasterizer.parallel(band_count(lens.height), band)
-        del keep
-        there: NDArray[np.bool_] = alpha[:, : lens.width] > 0.0
-        return there
-
+    lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
+    has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
     with ExitStack() as stack:
-        lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
-        shadowed = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
-        seen: Visibility | None = None
-        maps: list[ShadowMap] = []
-        map_of = [-1] * len(lights)
-        if shadowed or opaque is not None or samples == 1:
-            seen = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
-        if shadowed and seen is not None:
-            points = visible_points(seen, cameras[0])
-            pixel = pixel_size(points, camera)
-            maps, map_of = draw_maps(
-                rasterizer, scene, lights, points, rig.shadow_size, pixel, MAX_SHADOWS, shading.transparent, cut
+        visible: Visibility | None = None
+        if has_shadows or opaque is not None or samples == 1:
+            visible = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
+        shadow_maps: list[ShadowMap] = []
+        map_of_light = [-1] * len(lights)
+        if has_shadows and visible is not None:
+            points = visible_points(visible, cameras[0])
+            shadow_maps, map_of_light = render_shadow_maps(
+                rasterizer,
+                scene,
+                lights,
+                points,
+                rig.shadow_size,
+                pixel_size(points, camera),
+                MAX_SHADOWS,
+                shading.transparent,
+                partial(_solid_pixels, rasterizer, shading),
             )
-        ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
-        light = _Light(
-            rig, light_table(lights, map_of, camera), len(lights), *shadow_tables(maps, camera), maps, ambient
-        )
-
-        def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
-            """Shade a layer into ``target``; None: into the image."""
-            job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, light)
-            table, to = address_of(job, np.int64), address_of(target, np.float32)
-            ids = address_of(view.ids, np.int32)
-
-            def band(unit: int) -> None:
-                begin, end = rows(unit)
-                k.shade_rows(mode, table, ids + 4 * begin * width, 0, width, width, begin, end, to, finishing)
-
-            rasterizer.parallel(bands, band)
-            del keep
-
-        def begin_edges(view: SampledView) -> SampledShader:
-            """Return the shader of a band's samples."""
-            job, keep = _job(shading, view.X_camera_mesh, view.first_record, camera, light)
-            own = np.zeros(k.B_COLUMNS, np.int64)
-            own[k.B_SHADE] = kernel_address(k.shade_rows)
-            own[k.B_JOB] = address_of(job, np.int64)
-            own[k.B_WIDTH] = width
-            own[k.B_FINISH] = finishing
-            return SampledShader(kernel_address(k.shade_edges), address_of(own, np.int64), (own, job, keep))
-
+        lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
+        output = _output(background, color)
+        output_address = address_of(output, layout.OUTPUT.dtype)
         if opaque is None:
-            if samples == 1 and seen is not None:
-                shade(seen, camera, k.ADD, None)
+            if samples == 1 and visible is not None:
+                _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
             else:
-                rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
+                begin_edges = partial(_edge_shader, shading, lighting, camera, output_address)
+                rasterizer.shade_samples(scene, camera, samples, begin_edges, cull_back=cull)
             return
-        shape = height, 4, at.line_of(width)
-        out = np.zeros(shape, np.float32)
-        for each_camera in cameras:
-            own = out if samples == 1 else np.zeros(shape, np.float32)
-            view = seen
-            if view is None or each_camera is not cameras[0]:
-                view = stack.enter_context(rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull))
-            for layer in peeled(rasterizer, scene, shading, each_camera, cull, view):
-                shade(layer, each_camera, k.BENEATH, own)
-                layer.ids[own[:, 3, :width] >= 1.0] = -1  # nothing can be seen behind
-            shade(view, each_camera, k.BENEATH, own)
+        shape = camera.height, 4, layout.channel_values(camera.width)
+        mean = np.zeros(shape, np.float32)
+        for sample_camera in cameras:
+            accumulated = mean if samples == 1 else np.zeros(shape, np.float32)
+            target = address_of(accumulated, np.float32)
+            view = visible
+            if view is None or sample_camera is not cameras[0]:
+                view = stack.enter_context(rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull))
+            for layer in peeled(rasterizer, scene, shading, sample_camera, cull, view):
+                _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
+                layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
+            _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
             if samples > 1:
-                out += own * np.float32(1.0 / samples)
-        layers = address_of(out, np.float32)
-        rasterizer.parallel(bands, lambda unit: finish_rows(layers, finishing, width, *rows(unit)))
+                mean += accumulated * np.float32(1.0 / samples)
+        mean_address = address_of(mean, np.float32)
+        _for_bands(rasterizer, camera.height, partial(finish_rows, mean_address, output_address, camera.width))
+
+
+def _for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
+    """Call ``work(row_begin, row_end)`` for all bands of an image, in parallel."""
+    from renderers.visibility_buffer import BAND_ROWS, band_count
+
+    rasterizer.parallel(band_count(height), lambda band: work(band * BAND_ROWS, min((band + 1) * BAND_ROWS, height)))
+
+
+def _shade_layer(
+    rasterizer: Rasterizer,
+    shading: ShadingScene,
+    lighting: _Lighting,
+    layer: Visibility,
+    camera: Camera,
+    mode: int,
+    target: int,
+    output: int,
+) -> None:
+    """Shade a layer; see ``shade_rows``.
+
+    Args:
+        target: address of the accumulated rows; 0: none.
+        output: address of an OUTPUT; 0: none.
+    """
+    job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
+    job_address, ids, width = address_of(job, np.int64), address_of(layer.ids, np.int32), camera.width
+
+    def shade(begin: int, end: int) -> None:
+        shade_rows(mode, job_address, ids + 4 * begin * width, 0, width, width, begin, end, target, output)
+
+    _for_bands(rasterizer, camera.height, shade)
+    del keep
+
+
+def _solid_pixels(
+    rasterizer: Rasterizer, shading: ShadingScene, layer: Visibility, camera: Camera
+) -> NDArray[np.bool_]:
+    """Return where a layer is not cut out, (H, W)."""
+    alpha = np.zeros((camera.height, layout.channel_values(camera.width)), np.float32)
+    target = address_of(alpha, np.float32)
+    _shade_layer(rasterizer, shading, _no_lighting(), layer, camera, WRITE_ALPHA, target, 0)
+    solid: NDArray[np.bool_] = alpha[:, : camera.width] > 0.0
+    return solid
+
+
+def _edge_shader(
+    shading: ShadingScene, lighting: _Lighting, camera: Camera, output: int, view: SampledView
+) -> SampledShader:
+    """Return the shader of a band's samples. ``output`` is the address of an OUTPUT."""
+    from renderers.visibility_buffer import SampledShader
+
+    job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
+    shader = np.zeros(1, layout.EDGE_SHADER.dtype)
+    shader["shade_rows"] = kernel_address(shade_rows)
+    shader["job"] = address_of(job, np.int64)
+    shader["width"] = camera.width
+    shader["output"] = output
+    shader_address = address_of(shader, layout.EDGE_SHADER.dtype)
+    return SampledShader(kernel_address(shade_edges), shader_address, (shader, job, keep))
+
+
+def _output(background: tuple[int, int, int], color: NDArray[np.uint8]) -> NDArray[Any]:
+    """Return an OUTPUT; its addresses are valid as long as ``color``."""
+    output = np.zeros(1, layout.OUTPUT.dtype)
+    output["background"] = [linear_from_srgb(value / 255.0) for value in background]
+    output["srgb_cells"] = address_of(SRGB_CELLS, np.int32)
+    output["color"] = address_of(color, np.uint8)
+    return output
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Light:
+class _Lighting:
     """Light of an image, in its camera's frame."""
 
-    rig: Rig
-    lights: NDArray[np.float64]
-    count: int
-    floats: NDArray[np.float64]
-    """``shadow_tables`` of the maps, as ``integers``."""
-    integers: NDArray[np.int64]
-    maps: list[ShadowMap]
-    """Keeps the addresses in ``integers`` valid."""
-    ambient: Ambient | None
+    struct: NDArray[Any]
+    """One LIGHTING."""
+    keep: tuple[object, ...]
+    """Objects that the addresses in ``struct`` point into."""
+
+
+def _no_lighting() -> _Lighting:
+    """Return a LIGHTING without lights and environment."""
+    struct = np.zeros(1, layout.LIGHTING.dtype)
+    stop = current_stop()
+    struct["stop"] = stop.address
+    return _Lighting(struct, (stop,))
+
+
+def _lighting(
+    rig: Rig, lights: Sequence[Light], shadow_maps: Sequence[ShadowMap], map_of_light: Sequence[int], camera: Camera
+) -> _Lighting:
+    """Return the light of an image; ``map_of_light`` is the index of each light's shadow map, or -1."""
+    dark = _no_lighting()
+    struct = dark.struct
+    light_array, map_array = light_structs(lights, map_of_light, camera), shadow_map_structs(shadow_maps, camera)
+    struct["lights"] = address_of(light_array, layout.LIGHT.dtype)
+    struct["light_count"] = len(lights)
+    struct["shadow_maps"] = address_of(map_array, layout.SHADOW_MAP.dtype)
+    struct["shadow_radius"] = rig.shadow_radius
+    struct["R_world_camera"] = camera.X_world_camera[:3, :3].reshape(-1)
+    struct["exposure"] = rig.exposure
+    struct["tone"] = TONES.index(rig.tone)
+    environment = environment_of(rig.surroundings) if rig.surroundings is not None else None
+    if environment is not None:
+        struct["has_environment"] = 1
+        struct["environment_texels"] = address_of(environment.texels, np.float32)
+        struct["environment_tables"] = address_of(environment.tables, np.int32)
+        struct["split_sum"] = address_of(split_sum(), np.float32)
+        struct["split_sum_side"] = len(split_sum())
+    return _Lighting(struct, (*dark.keep, light_array, map_array, shadow_maps, environment))
 
 
 def _job(
     shading: ShadingScene,
+    lighting: _Lighting,
     X_camera_mesh: NDArray[np.float64],
     first_record: NDArray[np.int64],
     camera: Camera,
-    light: _Light,
 ) -> tuple[NDArray[np.int64], tuple[object, ...]]:
     """Return a job, and the objects that its addresses point into."""
     X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
     maps = np.empty((len(X), common.P_COLUMNS), np.float32)
     map_instances(address_of(X, np.float64), address_of(maps, np.float32), len(X))
-    world = camera.X_world_camera[:3, :3]
-    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *world.flat))
-    job = np.zeros(at.J_COLUMNS, np.int64)
+    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
+    job = np.zeros(layout.J_COLUMNS, np.int64)
     job[common.S_FIRST] = address_of(first_record, np.int64)
     job[common.S_COUNT] = len(first_record) - 1
     job[common.S_POINTS] = address_of(X, np.float64)
     job[common.S_MAPS] = address_of(maps, np.float32)
     job[common.S_LENS] = address_of(lens, np.float64)
     job[common.S_INSTANCES : common.S_COMMON] = shading.job
-    job[at.J_LIGHTS] = address_of(light.lights, np.float64)
-    job[at.J_LIGHT_COUNT] = light.count
-    job[at.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
-    job[at.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
-    job[at.J_SHADOW_RADIUS] = light.rig.shadow_radius
-    if light.ambient is not None:
-        job[at.J_RADIANCE] = address_of(light.ambient.texels, np.float32)
-        job[at.J_LEVELS] = address_of(light.ambient.places, np.int32)
-        job[at.J_SPLIT] = address_of(split_sum(), np.float32)
-        job[at.J_SPLIT_SIDE] = split_sum().shape[0]
-    job[at.J_TONE] = TONES.index(light.rig.tone)
-    stop = current_stop()
-    job[at.J_STOP] = stop.address
-    return job, (X, maps, lens, light, first_record, stop)
+    job[layout.J_LIGHTING] = address_of(lighting.struct, layout.LIGHTING.dtype)
+    return job, (X, maps, lens, lighting, first_record)

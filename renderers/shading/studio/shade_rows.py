@@ -1,4 +1,8 @@
-"""Kernels of the look ``studio``: surfaces are gathered segment by segment, lit together, and added to their pixels."""
+"""Kernels of the look ``studio``: surfaces are gathered segment by segment, lit together, and blended into their row.
+
+An *accumulated row* is four channels of ``channel_values(width)`` float32: tone-mapped linear RGB times coverage, and
+coverage.
+"""
 
 from __future__ import annotations
 
@@ -25,135 +29,155 @@ from renderers.shading.layout import (
 )
 from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
 from renderers.shading.studio.layout import (
-    F_BEHIND,
-    F_CELLS,
-    F_COLOR,
-    J_STOP,
+    EDGE_SHADER,
+    J_LIGHTING,
+    LIGHTING,
+    OUTPUT,
     R_ALPHA,
     R_EMITTED,
     R_LIGHT,
     R_VALUES,
-    line_in_kernel,
+    channel_values_in_kernel,
 )
-from renderers.shading.studio.lighting import light_up
-from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, put_surface
+from renderers.shading.studio.lighting import light_surfaces
+from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
 from renderers.shading.studio.tone_mapping import finish_row
 
 ADD: Final = 0
-"""Add the layer; it covers, whatever its alpha."""
+"""Add the layer's colours with full coverage, whatever their alpha."""
 BENEATH: Final = 1
-"""Add the layer behind those that are there."""
+"""Blend the layer behind the accumulated ones."""
 EDGES: Final = 2
-"""Add the surfaces that samples see: the ids of a ``msaa.SAMPLE_BAND`` and its entries, weighted by their samples."""
-CUT: Final = 3
+"""Add the surfaces that samples see: the ids and entries of a ``msaa.SAMPLE_BAND``, weighted by their samples."""
+WRITE_ALPHA: Final = 3
 """Only write alpha."""
+
+_lighting_at = LIGHTING.at
+_output_at = OUTPUT.at
+_edge_shader_at = EDGE_SHADER.at
 
 
 @inlined
-def _add_one(mode, out, line, x, rows, row, slot):
-    share = rows[R_ALPHA * STRIDE + slot]
+def _blend_one(mode, accumulated, channel, x, surfaces, color_row, k):
+    """Blend surface k into column x."""
+    share = surfaces[R_ALPHA * STRIDE + k]
     if mode == BENEATH:
-        share *= max(np.float32(1.0) - out[3 * line + x], np.float32(0.0))
-    for k in range(3):
-        out[k * line + x] += share * rows[(row + k) * STRIDE + slot]
-    out[3 * line + x] += share
+        share *= max(np.float32(1.0) - accumulated[3 * channel + x], np.float32(0.0))
+    for c in range(3):
+        accumulated[c * channel + x] += share * surfaces[(color_row + c) * STRIDE + k]
+    accumulated[3 * channel + x] += share
 
 
 @device_function
-def _add(mode, out, line, columns, rows, row, begin, end):
-    """Add three rows' values ``begin .. end`` to their pixels.
+def _blend(mode, accumulated, channel, columns, surfaces, color_row, begin, end):
+    """Blend the surfaces ``begin .. end - 1`` into their columns.
 
     Args:
-        out: pointer to four lines of ``line`` float32.
-        columns: pointer to the values' image columns.
+        accumulated: pointer to an accumulated row. channel: number of values of one of its channels.
+        columns: pointer to the surfaces' image columns.
+        color_row: R_LIGHT or R_EMITTED.
     """
     lane, one, zero = vec.iota(), vec.f32(1.0), vec.f32(0.0)
-    for slot in range(begin, end, vec.LANES):
-        x, count = np.int64(columns[slot]), end - slot
-        here = lane < vec.i32(count)
-        if vec.movemask(here & (vec.load(columns, slot) != vec.i32(x) + lane)) != 0:
-            for k in range(min(count, vec.LANES)):
-                _add_one(mode, out, line, np.int64(columns[slot + k]), rows, row, slot + k)
+    for k in range(begin, end, vec.LANES):
+        x, count = np.int64(columns[k]), end - k
+        in_range = lane < vec.i32(count)
+        if vec.movemask(in_range & (vec.load(columns, k) != vec.i32(x) + lane)) != 0:  # not neighbouring columns
+            for j in range(min(count, vec.LANES)):
+                _blend_one(mode, accumulated, channel, np.int64(columns[k + j]), surfaces, color_row, k + j)
             continue
-        share = vec.load(rows, R_ALPHA * STRIDE + slot)
-        covered = vec.load(out, 3 * line + x)
+        share = vec.load(surfaces, R_ALPHA * STRIDE + k)
+        coverage = vec.load(accumulated, 3 * channel + x)
         if mode == BENEATH:
-            share = share * vec.maximum(one - covered, zero)
-        for k in range(3):
-            there = vec.load(out, k * line + x)
-            added = share * vec.load(rows, (row + k) * STRIDE + slot)
-            vec.store(out, k * line + x, there + vec.select(here, added, zero))
-        vec.store(out, 3 * line + x, covered + vec.select(here, share, zero))
+            share = share * vec.maximum(one - coverage, zero)
+        for c in range(3):
+            color = vec.load(accumulated, c * channel + x)
+            added = share * vec.load(surfaces, (color_row + c) * STRIDE + k)
+            vec.store(accumulated, c * channel + x, color + vec.select(in_range, added, zero))
+        vec.store(accumulated, 3 * channel + x, coverage + vec.select(in_range, share, zero))
 
 
 @device_function
-def _light(job, mode, out, line, columns, count, rows):
-    """Light the gathered surfaces and add them to the row."""
+def _light_and_blend(job, mode, accumulated, channel, columns, count, surfaces):
+    """Light the first ``count`` gathered surfaces and blend them into the row."""
     if count > 0:
-        light_up(job, rows, count)
-        _add(mode, out, line, columns, rows, R_LIGHT, np.int64(0), count)
+        light_surfaces(_lighting_at(job[J_LIGHTING]), surfaces, count)
+        _blend(mode, accumulated, channel, columns, surfaces, R_LIGHT, np.int64(0), count)
 
 
 @device_function
-def _put_columns(segment, begin, stop, weights, columns, rows, slot):
-    """Fill ``columns`` and, from the samples of 8 that ``weights`` points to, R_ALPHA."""
-    one, apart = vec.f32(1.0), segment[G_COLUMNS]
-    for x in range(begin, stop, vec.LANES):
+def _fill_columns(segment, begin, end, weights, columns, surfaces, first):
+    """Fill ``columns`` and R_ALPHA from value ``first`` on, for the segment's pixels ``begin .. end - 1``.
+
+    Alpha is 1, or the share of samples (``weights`` of 8) if the segment's pixels have columns of their own.
+    """
+    one, columns_address = vec.f32(1.0), segment[G_COLUMNS]
+    for x in range(begin, end, vec.LANES):
         column = vec.i32(x) + vec.iota()
-        if apart != 0:
-            column = vec.load(i32_at(apart), x)
-        vec.store(columns, slot + x - begin, column)
-        vec.store(rows, R_ALPHA * STRIDE + slot + x - begin, one)
-    if apart != 0:
-        for x in range(begin, stop):
-            rows[R_ALPHA * STRIDE + slot + x - begin] = np.float32(weights[x]) * np.float32(0.125)
+        if columns_address != 0:
+            column = vec.load(i32_at(columns_address), x)
+        vec.store(columns, first + x - begin, column)
+        vec.store(surfaces, R_ALPHA * STRIDE + first + x - begin, one)
+    if columns_address != 0:
+        for x in range(begin, end):
+            surfaces[R_ALPHA * STRIDE + first + x - begin] = np.float32(weights[x]) * np.float32(0.125)
 
 
 @device_function
-def _gather(job, segment, mode, span, end_span, weights, out, line, columns, rows, slot):
-    """Gather the spans ``span .. end_span`` of the selected instance from value ``slot`` on; returns where the next
-    ones go."""
-    wanted = np.int64(COLOR)
+def _gather(job, segment, mode, span, end_span, weights, accumulated, channel, columns, surfaces, gathered):
+    """Gather the surfaces of the spans ``span .. end_span - 1`` of the selected instance behind the ``gathered`` ones.
+
+    If there is no room for them, those are lit first. Returns the number of gathered surfaces.
+    """
+    fill = np.int64(COLOR)
     if mode == BENEATH:
-        wanted = np.int64(COLOR_AND_ALPHA)
-    elif mode == CUT:
-        wanted = np.int64(ALPHA)
+        fill = np.int64(COLOR_AND_ALPHA)
+    elif mode == WRITE_ALPHA:
+        fill = np.int64(ALPHA)
     starts = i32_at(segment[G_STARTS])
     begin, end = np.int64(starts[span]), np.int64(starts[end_span])
     while begin < end:
-        stop, last_span = next_part(segment, span, begin, end)
-        if slot + stop - begin > PART:
-            _light(job, mode, out, line, columns, slot, rows)
-            slot = np.int64(0)
+        part_end, last_span = next_part(segment, span, begin, end)
+        count = part_end - begin
+        if gathered + count > PART:
+            _light_and_blend(job, mode, accumulated, channel, columns, gathered, surfaces)
+            gathered = np.int64(0)
         set_up_spans(segment, span, last_span, end_span)
-        interpolate(segment, begin, stop, np.int64(0))
-        _put_columns(segment, begin, stop, weights, columns, rows, slot)
-        lit = put_surface(job, segment, wanted, stop - begin, rows, slot)
-        last = slot + stop - begin
-        if mode == CUT:
-            for k in range(slot, last):
-                out[columns[k]] = rows[R_ALPHA * STRIDE + k]
-        elif lit:
-            slot = last
+        interpolate(segment, begin, part_end, np.int64(0))
+        _fill_columns(segment, begin, part_end, weights, columns, surfaces, gathered)
+        needs_light = fill_surfaces(job, segment, fill, count, surfaces, gathered)
+        if mode == WRITE_ALPHA:
+            for k in range(gathered, gathered + count):
+                accumulated[columns[k]] = surfaces[R_ALPHA * STRIDE + k]
+        elif needs_light:
+            gathered += count
         else:
-            _add(mode, out, line, columns, rows, R_EMITTED, slot, last)
-        begin, span = stop, last_span
-    return slot
+            _blend(mode, accumulated, channel, columns, surfaces, R_EMITTED, gathered, gathered + count)
+        begin, span = part_end, last_span
+    return gathered
 
 
 @device_function
-def _row(job, segment, mode, y, records, columns_at, weights, count, instance, ids, out, line, columns, rows):
-    """Shade the records of one row and add them to it; returns the last instance, a hint for the next row.
+def _shade_row(
+    job, segment, mode, y, ids, columns_address, weights, count, instance, records, accumulated, channel, columns,
+    surfaces,
+):  # fmt: skip
+    """Shade the pixels of one row and blend them into it.
 
     Args:
-        records: pointer to ``count`` int32. columns_at: address of their image columns, int32; 0: the same.
-        weights: pointer to their samples of 8, uint8; read only with ``columns_at``.
-        out: pointer to four lines of ``line`` float32.
+        ids: pointer to ``count`` int32: the records that the pixels see.
+        columns_address: address of the pixels' image columns, int32; 0: pixel k is in column k.
+        weights: pointer to their samples of 8, uint8; read only with ``columns_address``.
+        instance: where the search for the first record's instance begins.
+        records: as ``begin_rows`` returns it.
+        accumulated: pointer to the accumulated row, or with ``WRITE_ALPHA`` to a row of alpha.
         columns: pointer to STRIDE int32.
+
+    Returns:
+        The last instance, for the next row.
     """
     first_record, spans = i64_at(job[S_FIRST]), i32_at(segment[G_RECORDS])
-    span_count = find_spans(segment, y, columns_at, records, count, ids)
-    span, slot = np.int64(0), np.int64(0)
+    span_count = find_spans(segment, y, columns_address, ids, count, records)
+    span, gathered = np.int64(0), np.int64(0)
     while span < span_count:
         record = np.int64(spans[span])
         if record < 0:
@@ -162,90 +186,100 @@ def _row(job, segment, mode, y, records, columns_at, weights, count, instance, i
         instance = instance_of(first_record, job[S_COUNT], record, instance)
         end_span = segment_end(segment, span, span_count, first_record[instance], first_record[instance + 1])
         select_instance(job, segment, instance)
-        slot = _gather(job, segment, mode, span, end_span, weights, out, line, columns, rows, slot)
+        gathered = _gather(
+            job, segment, mode, span, end_span, weights, accumulated, channel, columns, surfaces, gathered
+        )  # fmt: skip
         span = end_span
-    _light(job, mode, out, line, columns, slot, rows)
+    _light_and_blend(job, mode, accumulated, channel, columns, gathered, surfaces)
     return instance
 
 
+@inlined
+def _scale_mixed_pixels(accumulated, channel, mixed, count):
+    """Multiply the pixels of a row that other surfaces share by the samples that see their own surface.
+
+    Args:
+        mixed: pointer to ``count`` values of ``msaa.SAMPLE_BAND``'s field of this name.
+    """
+    for k in range(count):
+        value = np.int64(mixed[k])
+        share = np.float32((value >> 4) & 15) * np.float32(0.125)
+        for c in range(4):
+            accumulated[c * channel + (value >> 8)] *= share
+
+
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64, int64, int64)")
-def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end, out_at, finish_at):
+def shade_rows(
+    mode, job_address, ids_address, band_address, stride, width, row_begin, row_end, target_address, output_address
+):  # fmt: skip
     """Shade the rows ``row_begin .. row_end - 1`` of a layer. Rows are independent of each other.
 
     Args:
-        mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``CUT``.
-        job_at: address of J_COLUMNS int64.
-        ids_at: address of the first of the rows: int32 record per pixel, -1 for none, rows ``stride`` values apart.
-        edges_at: for ``EDGES``, address of the band's ``msaa.SAMPLE_BAND``.
-        out_at: address of (H, 4, line_of(width)) float32, to which is added: tone-mapped linear colour times coverage,
-            and coverage. For ``CUT`` of (H, line_of(width)) float32, into which alpha is written where the layer is
-            seen. 0: the rows are finished at once.
-        finish_at: address of F_COLUMNS int64; read only without ``out_at``.
+        mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``WRITE_ALPHA``.
+        job_address: address of J_COLUMNS int64.
+        ids_address: address of the first row's records: int32 per pixel, -1 for none, rows ``stride`` values apart.
+        band_address: address of the band's ``msaa.SAMPLE_BAND``; read only for ``EDGES``.
+        target_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image, or for
+            ``WRITE_ALPHA`` of (H, channel_values(width)) float32. 0: rows are finished and written to the output.
+        output_address: address of an OUTPUT; read only without ``target_address``.
     """
-    line = line_in_kernel(width)
-    job, edges, finish = i64_at(job_at), sample_band_at(edges_at), i64_at(finish_at)
-    room = width
+    channel = channel_values_in_kernel(width)
+    job, band, output = i64_at(job_address), sample_band_at(band_address), _output_at(output_address)
+    max_pixels = width
     if mode == EDGES:
-        room = max(width, edges.room)
-    own_memory = np.empty(row_memory(room), np.int64)
-    own_rows = np.zeros(R_VALUES, np.float32)
+        max_pixels = max(width, band.room)
+    own_memory = np.empty(row_memory(max_pixels), np.int64)
+    own_surfaces = np.zeros(R_VALUES, np.float32)
     own_columns = np.zeros(STRIDE, np.int32)
-    own_out = np.zeros(4 * line, np.float32)
-    own_bytes = np.empty(3 * line + 4, np.uint8)
-    rows, columns = f32_at(np.int64(own_rows.ctypes.data)), i32_at(np.int64(own_columns.ctypes.data))
-    out, spare = f32_at(np.int64(own_out.ctypes.data)), u8_at(np.int64(own_bytes.ctypes.data))
-    segment, records = begin_rows(job, np.int64(own_memory.ctypes.data), room, np.int64(1))
-    none, nothing, instance = np.int64(0), u8_at(np.int64(0)), np.int64(0)
+    own_row = np.zeros(4 * channel, np.float32)
+    own_bytes = np.empty(3 * channel + 4, np.uint8)
+    surfaces, columns = f32_at(np.int64(own_surfaces.ctypes.data)), i32_at(np.int64(own_columns.ctypes.data))
+    accumulated, rgb_bytes = f32_at(np.int64(own_row.ctypes.data)), u8_at(np.int64(own_bytes.ctypes.data))
+    segment, records = begin_rows(job, np.int64(own_memory.ctypes.data), max_pixels, np.int64(1))
+    own_column, no_weights, instance = np.int64(0), u8_at(np.int64(0)), np.int64(0)
+    stop = _lighting_at(job[J_LIGHTING]).stop
     for y in range(row_begin, row_end):
-        if is_set(job[J_STOP]):
+        if is_set(stop):
             break
         row = y - row_begin
-        if out_at != 0:
-            out = f32_at(out_at + (4 if mode == CUT else 16) * y * line)
+        if target_address != 0:
+            accumulated = f32_at(target_address + (4 if mode == WRITE_ALPHA else 16) * y * channel)
         else:
-            for x in range(0, 4 * line, vec.LANES):
-                vec.store(out, x, vec.f32(0.0))
-        seen = i32_at(ids_at + 4 * row * stride)
-        instance = _row(
-            job, segment, mode, y, seen, none, nothing, width, instance, records, out, line, columns, rows
+            for x in range(0, 4 * channel, vec.LANES):
+                vec.store(accumulated, x, vec.f32(0.0))
+        ids = i32_at(ids_address + 4 * row * stride)
+        instance = _shade_row(
+            job, segment, mode, y, ids, own_column, no_weights, width, instance, records, accumulated, channel, columns,
+            surfaces,
         )  # fmt: skip
         if mode == EDGES:
-            mixes = i32_at(address(edges.mixed) + 4 * row * stride)
-            for k in range(edges.mixed_counts[row]):
-                mix = np.int64(mixes[k])
-                share = np.float32((mix >> 4) & 15) * np.float32(0.125)
-                for c in range(4):
-                    out[c * line + (mix >> 8)] *= share
-            skip = row * edges.room
-            seen, columns_at = i32_at(address(edges.entry_ids) + 4 * skip), address(edges.entry_columns) + 4 * skip
-            weights, count = u8_at(address(edges.entry_weights) + skip), np.int64(edges.counts[row])
-            instance = _row(
-                job, segment, mode, y, seen, columns_at, weights, count, instance, records, out, line, columns, rows
+            mixed = i32_at(address(band.mixed) + 4 * row * stride)
+            _scale_mixed_pixels(accumulated, channel, mixed, band.mixed_counts[row])
+            first_entry = row * band.room
+            ids = i32_at(address(band.entry_ids) + 4 * first_entry)
+            entry_columns = address(band.entry_columns) + 4 * first_entry
+            weights, count = u8_at(address(band.entry_weights) + first_entry), np.int64(band.counts[row])
+            instance = _shade_row(
+                job, segment, mode, y, ids, entry_columns, weights, count, instance, records, accumulated, channel,
+                columns, surfaces,
             )  # fmt: skip
-        if out_at == 0:
-            finish_row(
-                out, line, f32_at(finish[F_BEHIND]), finish[F_CELLS], width, spare, finish[F_COLOR] + 3 * y * width
-            )
+        if target_address == 0:
+            finish_row(accumulated, output, y, width, rgb_bytes)
     # The pointers above do not keep the arrays alive.
-    own_rows[0] = own_columns[0] = own_out[0] = own_bytes[0] = own_memory[0] = 0
-
-
-B_SHADE: Final = 0  # address of shade_rows
-B_JOB: Final = 1
-B_WIDTH: Final = 2
-B_FINISH: Final = 3
-B_COLUMNS: Final = 4
+    own_surfaces[0] = own_columns[0] = own_row[0] = own_bytes[0] = own_memory[0] = 0
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
-def shade_edges(own_at, edges_at, stride, row_begin, row_end):
+def shade_edges(shader_address, band_address, stride, row_begin, row_end):
     """Shade a band's pixels and those at edges, and finish its rows; see ``visibility_buffer.SampledShader``.
 
     Args:
-        own_at: address of B_COLUMNS int64.
+        shader_address: address of an EDGE_SHADER.
+        band_address: address of the band's ``msaa.SAMPLE_BAND``.
     """
-    own, ids = i64_at(own_at), address(sample_band_at(edges_at).ids)
+    shader, ids = _edge_shader_at(shader_address), address(sample_band_at(band_address).ids)
+    no_target = np.int64(0)
     call_kernel(
-        own[B_SHADE],
-        (EDGES, own[B_JOB], ids, edges_at, stride, own[B_WIDTH], row_begin, row_end, np.int64(0), own[B_FINISH]),
+        shader.shade_rows,
+        (EDGES, shader.job, ids, band_address, stride, shader.width, row_begin, row_end, no_target, shader.output),
     )

@@ -1,11 +1,11 @@
-"""Shadow maps: views of the scene from lights, rendered by the rasterizer.
+"""Shadow maps: views of the scene from lights, rendered by the rasterizer. ``shadow_sampling`` reads them.
 
-A directional light becomes a camera so far away that its rays differ by half a degree at most, as the sun's do. Maps
-are fitted to the visible points (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011), not to the
-scene, which may have a floor of a hundred metres. The fit goes in steps, so that a camera that moves a little reuses
-the last map. A map depends on scene, light and step only, never on earlier images. Borders are
-filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights; the receiver's own plane
-gives its depth at every texel, so that a plane never shadows itself.
+The camera of a directional light is so far away that its rays differ by half a degree at most, as the sun's do. Maps
+are fitted to the visible points (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011) instead of the
+whole scene, which may have a floor of a hundred metres. Size and centre of a map change in steps, so that a camera that
+moves a little reuses the last map. A map depends on scene, light and step only, never on earlier images. Borders of
+shadows are filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights. The receiver's
+plane gives its depth at every texel, so that a plane never shadows itself.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,229 +22,255 @@ from renderers.cache import Cache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
+from renderers.shading.studio.layout import SHADOW_MAP
 
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
-S_MAP: Final = 0  # 12: rows of the camera's optical frame to the light's
-S_FOCAL: Final = 12
-S_CENTER: Final = 13
-S_OFFSET: Final = 14  # metres by which receivers are offset along the normal, per metre from the light
-S_COLUMNS: Final = 15
-SI_INV_Z: Final = 0
-SI_SIDE: Final = 1
-SI_COLUMNS: Final = 2
-
-_FARNESS: Final = 100.0
-"""Distance of the camera of a directional light, in radii of the region that it covers."""
-_LIFT: Final = 1.5
-"""Texels by which receivers are offset along their normal, as curved meshes are not the planes of their triangles."""
-_SAMPLES: Final = 4096
-"""Approximate number of visible points that a map is fitted to."""
-_SPREAD: Final = 1.5
-"""The far ground is unshadowed beyond this many times the distance within which three quarters of the pixels lie."""
-
-
 MAX_MAP_BYTES: Final = 128 << 20
-"""Maximum number of bytes of maps that are kept: eight of 2048 x 2048 texels, four lights of two scenes."""
+"""Maximum number of bytes of cached maps: eight of 2048 x 2048 texels, four lights of two scenes."""
 MAPS_PER_SCENE: Final = 8
-"""Maximum number of maps kept per scene: four lights, and a camera that crosses the border of a step back and forth."""
-_COARSENESS: Final = 1.25
+"""Maximum number of cached maps per scene: two steps of the fit for each of four lights."""
+MAX_CUT_OUT_LAYERS: Final = 8
+"""Maximum number of cut-out surfaces behind one another that cast shadows. All of them are rendered once per layer."""
+_DIRECTIONAL_DISTANCE: Final = 100.0
+"""Distance of the camera of a directional light, in radii of the region that the map covers."""
+_NORMAL_OFFSET: Final = 1.5
+"""Offset of receivers along their normal, texels: the triangles of a curved mesh are not its surface."""
+_FIT_POINTS: Final = 4096
+"""Approximate number of visible points that a map is fitted to."""
+_MAX_DEPTH_RATIO: Final = 1.5
+"""Visible points farther than this times the third quartile of the depths have no shadows."""
+_MAX_TEXEL_PIXELS: Final = 1.25
 """Maximum size of a texel in pixels of the image at the median distance. The filter takes five texels, so that finer
-borders are hardly visible."""
-_LEAST_SIDE: Final = 512
+texels are hardly visible."""
+_MIN_SIDE: Final = 512
 """Minimum side of a map, texels. It takes a millisecond."""
-_STEPS: Final = (0.5946035575013605, 0.7071067811865476, 0.8408964152537145, 1.0)
-"""Sizes of a map within an octave, 2^(k/4)."""
-_ROOM: Final = 16.0 / 15.0
-"""Margin of a map, as its centre goes in steps of an eighth of its radius."""
+_SIZE_STEPS: Final = (0.5946035575013605, 0.7071067811865476, 0.8408964152537145, 1.0)
+"""Radii of a map within an octave, 2^(k/4)."""
+_CENTER_STEP: Final = 0.125
+"""Step of the centre of a map, in its radii."""
+_STEP_MARGIN: Final = 16.0 / 15.0
+"""Factor of the radius of a map that covers half a step of its centre."""
 
-
-MAX_CUT_OUT: Final = 8
-"""Maximum number of cut-out surfaces behind one another that light is followed through. Each renders all of them
-again. Light that passes as many holes goes on."""
-Cut = Callable[["Visibility", Camera], NDArray[np.bool_]]
+SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
 """Function of a layer and its camera that returns where the layer is not cut out, (H, W)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowMap:
-    """Depths seen from a light."""
+    """Depths seen from a light, and the light's camera."""
 
     camera: Camera
     inv_z: NDArray[np.float32]
-    """(side, side) float32: 1 / distance along the light's axis of the nearest caster, below 0 where none is."""
+    """(side, side) float32: 1 / distance along the light's axis of the nearest caster; negative: none."""
 
 
 _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
-"""Maps of each scene, the newest first."""
+"""Maps by scene, the newest first."""
 
 
-def map_side(largest: int, extent: float, pixel: float) -> int:
-    """Return the side of a map in texels: ``largest``, halved as long as texels stay small.
+def map_side(max_side: int, extent: float, pixel: float) -> int:
+    """Return the side of a map in texels: ``max_side``, halved as long as texels stay small.
 
     Args:
-        extent: metres covered by the map. pixel: metres covered by a pixel of the image.
+        extent: metres covered by the map.
+        pixel: metres covered by a pixel of the image.
     """
-    while largest >= 2 * _LEAST_SIDE and _COARSENESS * pixel * (largest // 2) >= extent:
-        largest //= 2
-    return largest
+    side = max_side
+    while side >= 2 * _MIN_SIDE and _MAX_TEXEL_PIXELS * pixel * (side // 2) >= extent:
+        side //= 2
+    return side
 
 
 def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
-    """Return the instances that cast shadows, (n,): surfaces that are not blended."""
+    """Return which instances cast shadows, (n,): triangles whose material is not blended."""
     return np.array(
         [i.mesh.topology is Topology.TRIANGLES and i.material.alpha_mode is not AlphaMode.BLEND for i in instances],
         np.bool_,
     )
 
 
-def visible_points(seen: Visibility, camera: Camera) -> NDArray[np.float64]:
-    """Return a grid of visible points in the world, (n, 3) float64, without the far ones (``_SPREAD``)."""
-    height, width = seen.ids.shape
-    step = max(1, round(math.sqrt(height * width / _SAMPLES)))
+def visible_points(layer: Visibility, camera: Camera) -> NDArray[np.float64]:
+    """Return visible points of the world, on a grid of pixels, (n, 3) float64. Far ones are left out."""
+    height, width = layer.ids.shape
+    step = max(1, round(math.sqrt(height * width / _FIT_POINTS)))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
-    hit = seen.ids[rows, columns] >= 0
-    z = 1.0 / seen.inv_z[rows, columns][hit].astype(np.float64)
+    is_surface = layer.ids[rows, columns] >= 0
+    z = 1.0 / layer.inv_z[rows, columns][is_surface].astype(np.float64)
     if not z.size:
         return np.zeros((0, 3))
-    near = z <= _SPREAD * np.quantile(z, 0.75)
-    x = (columns[hit] + 0.5 - camera.cx) / camera.fx * z
-    y = (rows[hit] + 0.5 - camera.cy) / camera.fy * z
-    points = np.stack((x, y, z), -1)[near]
+    is_near = z <= _MAX_DEPTH_RATIO * np.quantile(z, 0.75)
+    x = (columns[is_surface] + 0.5 - camera.cx) / camera.fx * z
+    y = (rows[is_surface] + 0.5 - camera.cy) / camera.fy * z
+    points = np.stack((x, y, z), -1)[is_near]
     world: NDArray[np.float64] = points @ camera.X_world_camera[:3, :3].T + camera.X_world_camera[:3, 3]
     return world[np.isfinite(world).all(axis=-1)]
 
 
 def pixel_size(points: NDArray[np.float64], camera: Camera) -> float:
-    """Return the metres covered by a pixel at the median distance of points (n, 3) of the world."""
+    """Return the metres covered by a pixel at the median depth of points (n, 3) of the world."""
     if not len(points):
         return 0.0
     depth = (points - camera.X_world_camera[:3, 3]) @ camera.X_world_camera[:3, 2]
     return float(np.median(depth)) / max(camera.fx, camera.fy)
 
 
-def light_camera(light: Light, points: NDArray[np.float64], largest: int, pixel: float) -> Camera | None:
-    """Return the camera of a light's map, fitted to points (n, 3) of the world; None if it needs or has no map.
+def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel: float) -> Camera | None:
+    """Return the camera of a light's map, fitted to points (n, 3) of the world.
 
     Args:
-        largest, pixel: as in ``map_side``.
+        max_side, pixel: as in ``map_side``.
+
+    Returns:
+        None for point lights, and for lights that reach none of the points.
     """
     if light.kind is LightKind.POINT or not len(points):
         return None
-    ahead = np.array(light.direction, np.float64)
-    ahead /= np.linalg.norm(ahead)
-    side = np.cross(ahead, (0.0, 0.0, 1.0) if abs(ahead[2]) < 0.9 else (0.0, 1.0, 0.0))
-    side /= np.linalg.norm(side)
-    X = np.eye(4)
-    X[:3, :3] = np.stack((side, np.cross(ahead, side), ahead), -1)
+    forward = np.array(light.direction, np.float64)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0) if abs(forward[2]) < 0.9 else (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right)
+    R_world_light = np.stack((right, np.cross(forward, right), forward), -1)
     if light.kind is LightKind.SPOT:
-        X[:3, 3] = light.position
-        depth = (points - X[:3, 3]) @ ahead
-        if not (depth > 0.0).any():
-            return None
-        slope = math.tan(min(light.outer_cone, math.radians(80.0)))
-        size = map_side(largest, 2.0 * slope * float(np.median(depth)), pixel)
-        focal, centre = 0.5 * size / slope, 0.5 * size
-        near = math.ldexp(1e-3, math.frexp(float(depth.max()))[1] - 1)
-        return Camera(size, size, focal, focal, centre, centre, near, math.inf, X)
-    local = points @ X[:3, :3]
-    low, high = local.min(axis=0), local.max(axis=0)
-    mantissa, exponent = math.frexp(_ROOM * max(0.5 * float((high - low)[:2].max()), 1e-6) * 1.02)
-    radius = math.ldexp(next(step for step in _STEPS if mantissa <= step), exponent)
-    cell = 0.125 * radius
-    middle = np.round(0.5 * (low + high)[:2] / cell) * cell
-    first, last = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
-    distance = _FARNESS * max(radius, 0.5 * (last - first))
-    radius *= 1.0 + (last - first) / distance  # objects nearer to the light look larger
-    X[:3, 3] = X[:3, :3] @ np.array((*middle, first - distance))
-    size = map_side(largest, 2.0 * radius, pixel)
-    focal, centre = 0.5 * size * distance / radius, 0.5 * size
-    return Camera(size, size, focal, focal, centre, centre, 1e-2 * distance, math.inf, X)
+        return _spot_camera(light, R_world_light, points, max_side, pixel)
+    return _directional_camera(R_world_light, points, max_side, pixel)
 
 
-def _same(a: Camera, b: Camera) -> bool:
+def _spot_camera(
+    light: Light, R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel: float
+) -> Camera | None:
+    """Return the camera at a spot light; its map covers the light's cone."""
+    depth = (points - np.array(light.position)) @ R_world_light[:, 2]
+    if not (depth > 0.0).any():
+        return None
+    slope = math.tan(min(light.outer_cone, math.radians(80.0)))
+    side = map_side(max_side, 2.0 * slope * float(np.median(depth)), pixel)
+    near = math.ldexp(1e-3, math.frexp(float(depth.max()))[1] - 1)
+    return _map_camera(side, 0.5 * side / slope, near, R_world_light, np.array(light.position))
+
+
+def _directional_camera(
+    R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel: float
+) -> Camera:
+    """Return the far camera of a directional light; its map covers the points, and radius and centre go in steps."""
+    points_light = points @ R_world_light
+    low, high = points_light.min(axis=0), points_light.max(axis=0)
+    mantissa, exponent = math.frexp(_STEP_MARGIN * max(0.5 * float((high - low)[:2].max()), 1e-6) * 1.02)
+    radius = math.ldexp(next(step for step in _SIZE_STEPS if mantissa <= step), exponent)
+    step = _CENTER_STEP * radius
+    center = np.round(0.5 * (low + high)[:2] / step) * step
+    nearest, farthest = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
+    distance = _DIRECTIONAL_DISTANCE * max(radius, 0.5 * (farthest - nearest))
+    radius *= 1.0 + (farthest - nearest) / distance  # objects nearer to the light look larger
+    side = map_side(max_side, 2.0 * radius, pixel)
+    position = R_world_light @ np.array((*center, nearest - distance))
+    return _map_camera(side, 0.5 * side * distance / radius, 1e-2 * distance, R_world_light, position)
+
+
+def _map_camera(
+    side: int, focal_length: float, near: float, R_world_light: NDArray[np.float64], position: NDArray[np.float64]
+) -> Camera:
+    X_world_light = np.eye(4)
+    X_world_light[:3, :3], X_world_light[:3, 3] = R_world_light, position
+    center = 0.5 * side
+    return Camera(side, side, focal_length, focal_length, center, center, near, math.inf, X_world_light)
+
+
+def _is_same_view(a: Camera, b: Camera) -> bool:
     return (a.width, a.fx, a.near) == (b.width, b.fx, b.near) and np.array_equal(a.X_world_camera, b.X_world_camera)
 
 
-def _map_of(rasterizer: Rasterizer, scene: DrawList, camera: Camera, cut_out: NDArray[np.bool_], cut: Cut) -> ShadowMap:
-    """Return the map of a camera, from the cache if possible."""
-    for each in _maps.get(scene) or ():
-        if _same(each.camera, camera):
-            return each
-    casting = casters(scene.instances)
-    whole, cut_out = casting & ~cut_out, casting & cut_out
-    with rasterizer.visibility(scene, camera, select=whole) as seen:
-        inv_z = seen.inv_z.copy()
+def shadow_map_of(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    camera: Camera,
+    transparent: NDArray[np.bool_],
+    solid_pixels: SolidPixels,
+) -> ShadowMap:
+    """Return the map of a light's camera, from the cache if possible.
+
+    Args:
+        transparent: (n,), instances that may be cut out.
+    """
+    for shadow_map in _maps.get(scene) or ():
+        if _is_same_view(shadow_map.camera, camera):
+            return shadow_map
+    is_caster = casters(scene.instances)
+    solid, cut_out = is_caster & ~transparent, is_caster & transparent
+    with rasterizer.visibility(scene, camera, select=solid) as layer:
+        inv_z = layer.inv_z.copy()
         if cut_out.any():
-            _add_cut_out(rasterizer, scene, camera, cut_out, cut, seen, inv_z)
-    fresh = ShadowMap(camera, inv_z)
-    kept = (fresh, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
-    _maps.put(scene, kept, sum(each.inv_z.nbytes for each in kept))
-    return fresh
+            _add_cut_out(rasterizer, scene, camera, cut_out, solid_pixels, layer, inv_z)
+    new = ShadowMap(camera, inv_z)
+    newest = (new, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
+    _maps.put(scene, newest, sum(each.inv_z.nbytes for each in newest))
+    return new
 
 
 def _add_cut_out(
     rasterizer: Rasterizer,
     scene: DrawList,
     camera: Camera,
-    select: NDArray[np.bool_],
-    cut: Cut,
+    cut_out: NDArray[np.bool_],
+    solid_pixels: SolidPixels,
     behind: Visibility,
     inv_z: NDArray[np.float32],
 ) -> None:
-    """Add surfaces that are nearer than ``behind`` and not cut out to a map."""
+    """Write the surfaces of cut-out instances that are nearer than ``behind`` to the map ``inv_z``."""
     beyond: Visibility | None = None
     try:
-        for _ in range(MAX_CUT_OUT):
-            layer = rasterizer.visibility(scene, camera, select=select, beyond=beyond, before=behind)
+        for _ in range(MAX_CUT_OUT_LAYERS):
+            layer = rasterizer.visibility(scene, camera, select=cut_out, beyond=beyond, before=behind)
             if beyond is not None:
                 beyond.close()
             beyond = layer
             if not (layer.ids >= 0).any():
                 break
-            there = cut(layer, camera)
-            np.copyto(inv_z, layer.inv_z, where=there)
-            layer.ids[there] = -1  # surfaces behind are hidden
+            is_solid = solid_pixels(layer, camera)
+            np.copyto(inv_z, layer.inv_z, where=is_solid)
+            layer.ids[is_solid] = -1  # surfaces behind are hidden
     finally:
         if beyond is not None:
             beyond.close()
 
 
-def draw_maps(
+def render_shadow_maps(
     rasterizer: Rasterizer,
     scene: DrawList,
     lights: Sequence[Light],
     points: NDArray[np.float64],
-    largest: int,
+    max_side: int,
     pixel: float,
-    limit: int,
-    cut_out: NDArray[np.bool_],
-    cut: Cut,
+    max_maps: int,
+    transparent: NDArray[np.bool_],
+    solid_pixels: SolidPixels,
 ) -> tuple[list[ShadowMap], list[int]]:
-    """Return the maps of the first ``limit`` lights that can have one, and each light's map or -1.
+    """Return the maps of the first ``max_maps`` lights that can have one, and each light's index among them or -1.
 
     Args:
-        points: (n, 3), visible ones. largest, pixel: as in ``map_side``.
-        cut_out: (n,) instances that may be partly transparent, see ``cut``.
+        points: (n, 3), visible points of the world.
+        max_side, pixel: as in ``map_side``.
+        transparent, solid_pixels: as in ``shadow_map_of``.
     """
     maps: list[ShadowMap] = []
-    rows: list[int] = []
+    map_of_light: list[int] = []
     for light in lights:
-        camera = light_camera(light, points, largest, pixel) if light.casts_shadow and len(maps) < limit else None
-        rows.append(-1 if camera is None else len(maps))
+        has_map = light.casts_shadow and len(maps) < max_maps
+        camera = light_camera(light, points, max_side, pixel) if has_map else None
+        map_of_light.append(-1 if camera is None else len(maps))
         if camera is not None:
-            maps.append(_map_of(rasterizer, scene, camera, cut_out, cut))
-    return maps, rows
+            maps.append(shadow_map_of(rasterizer, scene, camera, transparent, solid_pixels))
+    return maps, map_of_light
 
 
-def shadow_tables(maps: Sequence[ShadowMap], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return (n, S_COLUMNS) float64 and (n, SI_COLUMNS) int64, at least one row each."""
-    floats = np.zeros((max(len(maps), 1), S_COLUMNS))
-    integers = np.zeros((max(len(maps), 1), SI_COLUMNS), np.int64)
-    for row, columns, each in zip(floats, integers, maps, strict=False):
-        row[S_MAP : S_MAP + 12] = (each.camera.X_camera_world @ camera.X_world_camera)[:3].reshape(-1)
-        row[S_FOCAL], row[S_CENTER] = each.camera.fx, each.camera.cx
-        row[S_OFFSET] = _LIFT / each.camera.fx
-        columns[:] = address_of(each.inv_z, np.float32), each.camera.width
-    return floats, integers
+def shadow_map_structs(maps: Sequence[ShadowMap], camera: Camera) -> NDArray[Any]:
+    """Return one SHADOW_MAP per map, and at least one. Their addresses are valid as long as ``maps``."""
+    structs = np.zeros(max(len(maps), 1), SHADOW_MAP.dtype)
+    for struct, shadow_map in zip(structs, maps, strict=False):
+        light = shadow_map.camera
+        struct["X_light_camera"] = (light.X_camera_world @ camera.X_world_camera)[:3].reshape(-1)
+        struct["focal_length"], struct["center"] = light.fx, light.cx
+        struct["normal_offset"] = _NORMAL_OFFSET / light.fx
+        struct["inv_z"], struct["side"] = address_of(shadow_map.inv_z, np.float32), light.width
+    return structs

@@ -112,6 +112,7 @@ def run(folder: Path, cache: Path, note: str = "") -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_cache_hits_do_not_depend_on_the_folder_but_on_the_sources(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     first, second = tree(tmp_path / "first"), tree(tmp_path / "some" / "where" / "else")
@@ -122,6 +123,7 @@ def test_cache_hits_do_not_depend_on_the_folder_but_on_the_sources(tmp_path: Pat
     assert run(tree(tmp_path / "third", constant="1 + 1"), cache) == "0 1"
 
 
+@pytest.mark.slow
 def test_another_specialization_keeps_the_cache_complete(tmp_path: Path) -> None:
     """Numba adds it to the same index."""
     cache = tmp_path / "cache"

@@ -57,7 +57,7 @@ def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int,
         frame[field] = value
     frame["width"], frame["height"] = WIDTH, HEIGHT
     frame["band_count"], frame["bin_count"] = 15, 15 + apart
-    draw["clusters"], draw["culled"], draw["hidden"] = address_of(values, np.float32), cull, hidden
+    draw["clusters"], draw["culled_sign"], draw["hidden_sign"] = address_of(values, np.float32), cull, hidden
     draw["X_camera_mesh"] = X_camera_mesh[:3].ravel()
     out = np.zeros(-(-count // 8), np.uint8)
     said = _seen(frame.ctypes.data, draw.ctypes.data, count, view.ctypes.data, out)

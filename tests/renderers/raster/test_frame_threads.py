@@ -15,32 +15,27 @@ from renderers.drawlist import DrawList
 from renderers.interface import Output
 from renderers.raster import CpuRenderer, buffer_pool
 from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, Scratch, ScratchPool
-from renderers.raster.frame_threads import FrameThreads, Phase
+from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.scene import prepare
 from tests.renderers.scenes import camera, draw_list, images, mesh, sphere
 from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
-def test_every_unit_runs_once_and_phases_do_not_overlap(threads: int) -> None:
+def test_every_unit_runs_once_and_before_the_call_returns(threads: int) -> None:
     crew = FrameThreads(threads)
-    done: list[tuple[int, int]] = []
-
-    def recorded(phase: int, units: int) -> Phase:
-        return Phase(units, lambda unit: done.append((phase, unit)))
-
     for _ in range(20):
-        done.clear()
-        crew.run([recorded(p, units) for p, units in enumerate((7, 0, 13, 1))])
-        assert [p for p, _ in done] == sorted(p for p, _ in done)
-        assert sorted(done) == [(0, u) for u in range(7)] + [(2, u) for u in range(13)] + [(3, 0)]
+        for units in (7, 0, 13, 1):
+            done: list[int] = []
+            crew.run(units, done.append)
+            assert sorted(done) == [*range(units)]
     crew.close()
 
 
 def test_helpers_work_at_the_same_time() -> None:
     crew = FrameThreads(3)
     meeting = threading.Barrier(3)
-    crew.run([Phase(3, lambda _: meeting.wait(timeout=SECONDS))])
+    crew.run(3, lambda _: meeting.wait(timeout=SECONDS))
     crew.close()
 
 
@@ -49,7 +44,7 @@ def test_callers_count_as_threads() -> None:
     crew = FrameThreads(2)
     with crew, crew:
         seen: set[int] = set()
-        crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
+        crew.run(50, lambda _: seen.add(threading.get_ident()))
         assert seen == {threading.get_ident()}
     crew.close()
 
@@ -58,35 +53,38 @@ def test_helpers_run_only_on_idle_processors() -> None:
     spare = 0
     crew = FrameThreads(3, lambda: spare)
     seen: set[int] = set()
-    crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
+    crew.run(50, lambda _: seen.add(threading.get_ident()))
     assert seen == {threading.get_ident()}
     spare = 1
     meeting = threading.Barrier(2)
-    crew.run([Phase(2, lambda _: meeting.wait(timeout=SECONDS))])
+    crew.run(2, lambda _: meeting.wait(timeout=SECONDS))
     crew.close()
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> None:
+def test_an_error_reaches_the_caller_and_skips_the_remaining_units(threads: int) -> None:
     crew = FrameThreads(threads)
-    later: list[int] = []
+    started: list[int] = []
 
     def fail(unit: int) -> None:
+        started.append(unit)
         if unit == 2:
             raise ArithmeticError("unit 2")
 
     with pytest.raises(ArithmeticError, match="unit 2"):
-        crew.run([Phase(5, fail), Phase(5, later.append)])
-    assert later == []
-    crew.run([Phase(2, later.append)])
-    assert sorted(later) == [0, 1]
+        crew.run(5000, fail)
+    assert {0, 1, 2} <= set(started)
+    assert len(started) < 5000
+    done: list[int] = []
+    crew.run(2, done.append)
+    assert sorted(done) == [0, 1]
     crew.close()
 
 
 def test_an_interrupted_caller_still_completes_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     crew = FrameThreads(3)
     jobs, done = crew._jobs, list[int]()  # noqa: SLF001 - the interrupt is to come between two of its puts
-    crew.run([Phase(3, lambda _: None)])  # starts the helpers
+    crew.run(3, lambda _: None)  # starts the helpers
 
     class Interrupted:
         def put(self, work: Callable[[], object]) -> None:
@@ -96,7 +94,7 @@ def test_an_interrupted_caller_still_completes_the_work(monkeypatch: pytest.Monk
     with monkeypatch.context() as patch:
         patch.setattr(crew, "_jobs", Interrupted())
         with pytest.raises(KeyboardInterrupt):
-            crew.run([Phase(50, done.append)])
+            crew.run(50, done.append)
     assert sorted(done) == [*range(50)]
     crew.close()
 
@@ -270,12 +268,12 @@ def test_helpers_run_on_another_processor_than_the_caller() -> None:
     try:
         os.sched_setaffinity(0, {here})
         with crew:
-            crew.run([Phase(2, note)])
+            crew.run(2, note)
         assert places.pop(threading.get_ident()) == {here}
         os.sched_setaffinity(0, allowed)
         places.clear()
         with crew:
-            crew.run([Phase(2, note)])
+            crew.run(2, note)
         assert places.pop(threading.get_ident()) == allowed
         (helper,) = places.values()
         assert len(helper) == len(allowed) - 1

@@ -58,8 +58,8 @@ def draws(select: Any = None, cull: Any = None) -> tuple[int, list[int], NDArray
     for field, value in CAMERA.items():
         frame[field] = value
     masks = [None if mask is None else np.array(mask, np.bool_) for mask in (select, cull)]
-    frame["selected"], frame["culled"] = [0 if mask is None else mask.ctypes.data for mask in masks]
-    frame["instance_count"], frame["skip_hidden"] = 3, 1
+    frame["select"], frame["cull_back"] = [0 if mask is None else mask.ctypes.data for mask in masks]
+    frame["instance_count"], frame["skip_hidden_back_faces"] = 3, 1
     frame["instances"], frame["draws"] = instances.ctypes.data, out.ctypes.data
     frame["X_camera_mesh"] = POSES.ctypes.data
     culling = collect_draws(frame.ctypes.data)
@@ -70,8 +70,8 @@ def test_all_are_drawn() -> None:
     culling, counts, table = draws(cull=(True, True, False))
     assert culling == 2
     assert counts == [12, 9, 3]
-    assert table["culled"].tolist() == [1, -1, 0, 0]  # the second one is mirrored
-    assert table["hidden"].tolist() == [0, 0, 1, 0]  # the third one's box lies in front of the camera
+    assert table["culled_sign"].tolist() == [1, -1, 0, 0]  # the second one is mirrored
+    assert table["hidden_sign"].tolist() == [0, 0, 1, 0]  # the third one's box lies in front of the camera
     assert tuple(table["first_vertex"]) == FIRST_VERTEX
     assert tuple(table["first_primitive"]) == FIRST_PRIMITIVE
     np.testing.assert_array_equal(table["X_camera_mesh"][:3], POSES.reshape(3, 16)[:, :12])

@@ -17,7 +17,7 @@ from renderers.msaa import sample_cameras, sample_offsets
 from renderers.raster import CpuRenderer
 from renderers.raster import frame as cpu_frame
 from renderers.raster import renderer as cpu_renderer
-from renderers.raster.frame_phases import work
+from renderers.raster.frame_phases import run_phases
 from renderers.raster.msaa.resolve import mixed_bands
 from tests.renderers.scenes import camera, grid, mesh, pose, soup, sphere
 
@@ -155,13 +155,13 @@ def test_memory_read_by_kernels_outlives_them(monkeypatch: pytest.MonkeyPatch) -
         made.append(weakref.ref(shader.keep[0]))
         return shader
 
-    def look_and_work(address: int, stay: bool) -> None:
+    def check_and_run(address: int, until_finished: bool) -> None:
         alive.append(made[-1]() is not None)
         if alive[-1]:
-            work(address, stay)
+            run_phases(address, until_finished)
 
     monkeypatch.setattr(cpu_renderer, "mixed_bands", remember)
-    monkeypatch.setattr(cpu_frame, "work", look_and_work)
+    monkeypatch.setattr(cpu_frame, "run_phases", check_and_run)
     renderer = CpuRenderer(1)
     color(renderer, _scenes()["surfaces"], camera(), "phong", 8)
     renderer.close()

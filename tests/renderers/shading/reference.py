@@ -99,12 +99,12 @@ class BruteForce:
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
 
-    def sampled(
+    def shade_samples(
         self,
         scene: DrawList,
         camera: Camera,
         samples: int,
-        begin: Callable[[SampledView], SampledShader],
+        make_shader: Callable[[SampledView], SampledShader],
         *,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:

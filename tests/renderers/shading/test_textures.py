@@ -21,7 +21,7 @@ from renderers.compiler.pointers import address_of, f32_at, i32_at, i64_at
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.raster.frame_threads import FrameThreads, Phase
+from renderers.raster.frame_threads import FrameThreads
 from renderers.shading import texels_of
 from renderers.shading.gamma import (
     DECODED,
@@ -284,7 +284,7 @@ def test_new_images_are_decoded_in_parallel() -> None:
         table.row(texture, False)
     crew = FrameThreads(2)
     try:
-        integers, _ = table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
+        integers, _ = table.as_tables(lambda units, work: crew.run(units, work))
     finally:
         crew.close()
     addresses = integers[:, TI_LEVEL].tolist()
@@ -304,7 +304,7 @@ def test_the_first_error_of_decoding_is_raised() -> None:
     crew = FrameThreads(2)
     try:
         with pytest.raises(ImageError, match=r"^wall \d: torn$"):
-            table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
+            table.as_tables(lambda units, work: crew.run(units, work))
     finally:
         crew.close()
 

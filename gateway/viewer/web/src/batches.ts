@@ -4,16 +4,16 @@ import { Color, DynamicDrawUsage, InstancedMesh, Matrix4, Object3D, type BufferG
 import type { TreeNode } from "./model";
 
 /** One instance in a batch. */
-export interface Slot {
+export interface BatchInstance {
   batch: Batch;
   index: number;
   node: TreeNode;
 }
 
-const FIRST_CAPACITY = 8;
+const INITIAL_CAPACITY = 8;
 
 export class Batch {
-  readonly slots: Slot[] = [];
+  readonly instances: BatchInstance[] = [];
   private mesh: InstancedMesh;
 
   constructor(
@@ -21,7 +21,7 @@ export class Batch {
     readonly geometry: BufferGeometry,
     readonly material: Material,
   ) {
-    this.mesh = this.allocate(FIRST_CAPACITY);
+    this.mesh = this.allocate(INITIAL_CAPACITY);
   }
 
   private allocate(capacity: number): InstancedMesh {
@@ -40,37 +40,37 @@ export class Batch {
     return this.mesh;
   }
 
-  add(node: TreeNode, matrix: Matrix4, color: Color): Slot {
-    if (this.slots.length === this.mesh.instanceMatrix.count) this.grow();
-    const slot: Slot = { batch: this, index: this.slots.length, node };
-    this.slots.push(slot);
-    this.mesh.count = this.slots.length;
-    this.mesh.setMatrixAt(slot.index, matrix);
-    this.mesh.setColorAt(slot.index, color);
-    this.touch();
-    return slot;
+  add(node: TreeNode, matrix: Matrix4, color: Color): BatchInstance {
+    if (this.instances.length === this.mesh.instanceMatrix.count) this.grow();
+    const instance: BatchInstance = { batch: this, index: this.instances.length, node };
+    this.instances.push(instance);
+    this.mesh.count = this.instances.length;
+    this.mesh.setMatrixAt(instance.index, matrix);
+    this.mesh.setColorAt(instance.index, color);
+    this.markChanged();
+    return instance;
   }
 
-  move(slot: Slot, matrix: Matrix4): void {
-    this.mesh.setMatrixAt(slot.index, matrix);
+  move(instance: BatchInstance, matrix: Matrix4): void {
+    this.mesh.setMatrixAt(instance.index, matrix);
     this.mesh.instanceMatrix.needsUpdate = true;
     this.mesh.boundingSphere = null;
   }
 
-  remove(slot: Slot): void {
-    const last = this.slots.pop();
-    if (last && last !== slot) {
+  remove(instance: BatchInstance): void {
+    const last = this.instances.pop();
+    if (last && last !== instance) {
       const matrix = new Matrix4();
       const color = new Color();
       this.mesh.getMatrixAt(last.index, matrix);
       this.mesh.getColorAt(last.index, color);
-      this.mesh.setMatrixAt(slot.index, matrix);
-      this.mesh.setColorAt(slot.index, color);
-      this.slots[slot.index] = last;
-      last.index = slot.index;
+      this.mesh.setMatrixAt(instance.index, matrix);
+      this.mesh.setColorAt(instance.index, color);
+      this.instances[instance.index] = last;
+      last.index = instance.index;
     }
-    this.mesh.count = this.slots.length;
-    this.touch();
+    this.mesh.count = this.instances.length;
+    this.markChanged();
   }
 
   dispose(): void {
@@ -87,7 +87,7 @@ export class Batch {
     old.dispose();
   }
 
-  private touch(): void {
+  private markChanged(): void {
     this.mesh.instanceMatrix.needsUpdate = true;
     if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
     this.mesh.boundingSphere = null;

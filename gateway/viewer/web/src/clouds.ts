@@ -10,8 +10,8 @@ export interface CloudLook {
   map: MapName;
 }
 
-/** The colour choices of a cloud: value and label. */
-export function choices(part: Part): [string, string][] {
+/** The colour colorChoices of a cloud: value and label. */
+export function colorChoices(part: Part): [string, string][] {
   const channels = Object.entries(part.channels ?? {}).flatMap(([name, width]): [string, string][] =>
     width <= 1 ? [[name, name]] : Array.from({ length: width }, (_, i) => [`${name}:${i}`, `${name} [${i}]`]),
   );
@@ -19,7 +19,7 @@ export function choices(part: Part): [string, string][] {
 }
 
 /** Set the colours of a cloud's geometry; resolves to the range of the values. */
-export async function paint(geometry: BufferGeometry, mesh: number, look: CloudLook): Promise<Range | null> {
+export async function colorCloud(geometry: BufferGeometry, mesh: number, look: CloudLook): Promise<Range | null> {
   const position = geometry.getAttribute("position") as BufferAttribute;
   const axis = ["x", "y", "z"].indexOf(look.by);
   let values = position.array as Float32Array;

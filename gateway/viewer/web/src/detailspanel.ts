@@ -1,7 +1,7 @@
 // Panel of the selected node: path, pose, bounds, geometry, opacity, colours of a point cloud.
 
 import { Euler, Quaternion, Vector3, type Box3 } from "three";
-import { choices } from "./clouds";
+import { colorChoices } from "./clouds";
 import { COLOR_MAPS, ramp, type MapName } from "./colormaps";
 import { counted, h, pathText, short, shortRow } from "./dom";
 import { icon } from "./icons";
@@ -61,7 +61,7 @@ export class DetailsPanel {
   private cloud(node: TreeNode): HTMLElement[] {
     const part = node.parts?.find((each) => each.points !== undefined);
     if (!part) return [];
-    const by = h("select", { "aria-label": "Colour by" }, ...choices(part).map(([value, text]) => h("option", { value }, text)));
+    const by = h("select", { "aria-label": "Colour by" }, ...colorChoices(part).map(([value, text]) => h("option", { value }, text)));
     const map = h("select", { "aria-label": "Colour map" }, ...Object.keys(COLOR_MAPS).map((name) => h("option", {}, name)));
     by.value = node.cloud?.by ?? "";
     map.value = node.cloud?.map ?? "turbo";

@@ -14,15 +14,15 @@ import {
   type Intersection,
   type Material as ThreeMaterial,
 } from "three";
-import { Batch, type Slot } from "./batches";
-import { paint } from "./clouds";
+import { Batch, type BatchInstance } from "./batches";
+import { colorCloud } from "./clouds";
 import { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
-type Single = Mesh | LineSegments | Points;
+type SingleObject = Mesh | LineSegments | Points;
 /** One draw of a node. */
-type Drawn = { local: Matrix4 | null } & ({ slot: Slot } | { object: Single });
+type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
 
 export class Drawing {
   readonly root = new Object3D();
@@ -41,9 +41,9 @@ export class Drawing {
 
   apply(change: ModelChange): void {
     for (const node of change.removed) this.erase(node);
-    const again = new Set([...change.changed, ...change.added]);
-    for (const node of again) if (this.model.nodes.get(node.id) === node) this.refresh(node);
-    for (const node of change.moved) if (!again.has(node)) this.move(node);
+    const recreated = new Set([...change.changed, ...change.added]);
+    for (const node of recreated) if (this.model.nodes.get(node.id) === node) this.refresh(node);
+    for (const node of change.moved) if (!recreated.has(node)) this.move(node);
   }
 
   /** Recreate a node's objects after its geometry, visibility or opacity changed. */
@@ -51,13 +51,13 @@ export class Drawing {
     this.erase(node);
     if (!node.parts || !visible(node)) return;
     const opacity = combinedOpacity(node);
-    const made: Drawn[] = [];
+    const draws: Drawn[] = [];
     for (const part of node.parts)
       for (const draw of part.draws) {
         const drawn = this.draw(node, draw, opacity);
-        if (drawn) made.push(drawn);
+        if (drawn) draws.push(drawn);
       }
-    if (made.length) this.drawn.set(node, made);
+    if (draws.length) this.drawn.set(node, draws);
   }
 
   forget(meshes: Iterable<number>): void {
@@ -92,13 +92,13 @@ export class Drawing {
     const boxes = this.boxes(node);
     const solid = boxes.filter((box) => !flat(box)).reduce((all, box) => all.union(box), new Box3());
     if (solid.isEmpty()) return this.bounds(node);
-    const reach = 1.5 * solid.getSize(new Vector3()).length();
-    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= reach).reduce((all, box) => all.union(box), solid);
+    const longestFlat = 1.5 * solid.getSize(new Vector3()).length();
+    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= longestFlat).reduce((all, box) => all.union(box), solid);
   }
 
   nodeAt(hit: Intersection): TreeNode | undefined {
     const batch = hit.object.userData.batch as Batch | undefined;
-    if (batch && hit.instanceId !== undefined) return batch.slots[hit.instanceId]?.node;
+    if (batch && hit.instanceId !== undefined) return batch.instances[hit.instanceId]?.node;
     return hit.object.userData.node as TreeNode | undefined;
   }
 
@@ -106,7 +106,7 @@ export class Drawing {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
       for (const drawn of this.drawn.get(each) ?? []) {
-        const geometry = "slot" in drawn ? drawn.slot.batch.geometry : drawn.object.geometry;
+        const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
         if (!geometry.boundingBox) geometry.computeBoundingBox();
         const matrix = drawn.local ? new Matrix4().multiplyMatrices(each.world, drawn.local) : each.world;
         const box = geometry.boundingBox?.clone().applyMatrix4(matrix);
@@ -124,8 +124,8 @@ export class Drawing {
     const colors = payload.color !== undefined;
     const { material } = draw;
     if (payload.topology === 3 && opacity === 1 && (material.alpha !== "blend" || material.color[3] >= 1))
-      return { local, slot: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
-    let object: Single;
+      return { local, instance: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
+    let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
     else if (payload.topology === 2) object = new LineSegments(geometry, this.materials.line(material, colors, opacity));
     else object = this.points(node, draw, geometry, colors, opacity);
@@ -138,11 +138,11 @@ export class Drawing {
   }
 
   private batch(draw: Draw, geometry: BufferGeometry, colors: boolean): Batch {
-    let ofMesh = this.batches.get(draw.mesh);
-    if (!ofMesh) this.batches.set(draw.mesh, (ofMesh = new Map<string, Batch>()));
+    let batchesOfMesh = this.batches.get(draw.mesh);
+    if (!batchesOfMesh) this.batches.set(draw.mesh, (batchesOfMesh = new Map<string, Batch>()));
     const key = this.materials.key(draw.material, colors);
-    let batch = ofMesh.get(key);
-    if (!batch) ofMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, colors))));
+    let batch = batchesOfMesh.get(key);
+    if (!batch) batchesOfMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, colors))));
     return batch;
   }
 
@@ -150,12 +150,12 @@ export class Drawing {
     const look = node.cloud;
     const object = new Points(geometry, this.materials.points(draw.material, colors, opacity));
     if (!look) return object;
-    const painted = geometry.clone();
-    object.userData.own = painted;
-    void paint(painted, draw.mesh, look).then((range) => {
+    const coloredGeometry = geometry.clone();
+    object.userData.ownGeometry = coloredGeometry;
+    void colorCloud(coloredGeometry, draw.mesh, look).then((range) => {
       if (!range || !object.parent) return;
       node.cloudRange = range;
-      object.geometry = painted;
+      object.geometry = coloredGeometry;
       const white = { ...draw.material, color: [1, 1, 1, draw.material.color[3]] as [number, number, number, number] };
       this.materials.release(object.material as ThreeMaterial);
       object.material = this.materials.points(white, true, opacity);
@@ -169,7 +169,7 @@ export class Drawing {
     for (const drawn of this.drawn.get(node) ?? []) {
       if (drawn.local) world.multiplyMatrices(node.world, drawn.local);
       else world.copy(node.world);
-      if ("slot" in drawn) drawn.slot.batch.move(drawn.slot, world);
+      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, world);
       else {
         drawn.object.matrix.copy(world);
         drawn.object.matrixWorldNeedsUpdate = true;
@@ -179,40 +179,40 @@ export class Drawing {
 
   private erase(node: TreeNode): void {
     for (const drawn of this.drawn.get(node) ?? []) {
-      if ("slot" in drawn) {
-        drawn.slot.batch.remove(drawn.slot);
+      if ("instance" in drawn) {
+        drawn.instance.batch.remove(drawn.instance);
         continue;
       }
       this.root.remove(drawn.object);
       this.materials.release(drawn.object.material as ThreeMaterial);
-      (drawn.object.userData.own as BufferGeometry | undefined)?.dispose();
+      (drawn.object.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
     }
     this.drawn.delete(node);
   }
 
   private geometry(payload: MeshPayload): BufferGeometry {
-    let made = this.geometries.get(payload.id);
-    if (made) return made;
-    made = new BufferGeometry();
-    made.setAttribute("position", new BufferAttribute(payload.position, 3));
-    if (payload.normal) made.setAttribute("normal", new BufferAttribute(payload.normal, 3));
-    if (payload.color) made.setAttribute("color", new BufferAttribute(payload.color, 4, true));
-    if (payload.uv) made.setAttribute("uv", new BufferAttribute(payload.uv, 2));
-    if (payload.uv1) made.setAttribute("uv1", new BufferAttribute(payload.uv1, 2));
-    if (payload.index) made.setIndex(new BufferAttribute(payload.index, 1));
-    if (payload.topology === 3 && !payload.normal) made.computeVertexNormals();
-    this.geometries.set(payload.id, made);
-    return made;
+    let geometry = this.geometries.get(payload.id);
+    if (geometry) return geometry;
+    geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(payload.position, 3));
+    if (payload.normal) geometry.setAttribute("normal", new BufferAttribute(payload.normal, 3));
+    if (payload.color) geometry.setAttribute("color", new BufferAttribute(payload.color, 4, true));
+    if (payload.uv) geometry.setAttribute("uv", new BufferAttribute(payload.uv, 2));
+    if (payload.uv1) geometry.setAttribute("uv1", new BufferAttribute(payload.uv1, 2));
+    if (payload.index) geometry.setIndex(new BufferAttribute(payload.index, 1));
+    if (payload.topology === 3 && !payload.normal) geometry.computeVertexNormals();
+    this.geometries.set(payload.id, geometry);
+    return geometry;
   }
 }
 
 function visible(node: TreeNode): boolean {
-  for (let at: TreeNode | null = node; at; at = at.parent) if (!at.visible || !at.shown) return false;
+  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) if (!ancestor.visible || !ancestor.shown) return false;
   return true;
 }
 
 function combinedOpacity(node: TreeNode): number {
   let opacity = 1;
-  for (let at: TreeNode | null = node; at; at = at.parent) opacity *= at.opacity;
+  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) opacity *= ancestor.opacity;
   return opacity;
 }

@@ -15,7 +15,7 @@ import { SensorsPanel } from "./sensorspanel";
 import { Stage, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
-import { ground, startingBackground, startingTheme, type Theme } from "./theme";
+import { backgroundColors, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
 
@@ -23,14 +23,14 @@ const model = new Model();
 const redraw = () => stage.redraw();
 const materials = new Materials(redraw);
 const drawing = new Drawing(model, materials, redraw);
-const holder = h("main", { class: "stage" });
-const stage = new Stage(holder, drawing.root);
+const stageElement = h("main", { class: "stage" });
+const stage = new Stage(stageElement, drawing.root);
 const frustum = new Frustum(redraw);
 stage.scene.add(frustum.object);
 const status = new StatusBar();
 const lightbox = new Lightbox();
 const hint = h("p", { class: "hint", role: "status", hidden: true });
-holder.append(hint);
+stageElement.append(hint);
 
 let selected: TreeNode | null = null;
 let updates = 0;
@@ -64,7 +64,7 @@ const bar = toolbar({
   snapshot: () => void snapshot(),
   file: () => `/scene.glb?${viewQuery()}`,
 }, background);
-const layout = new Layout(tree.element, holder, tabs.element, bar, () => updateActivePanels());
+const layout = new Layout(tree.element, stageElement, tabs.element, bar, () => updateActivePanels());
 
 /** Panels send requests to the gateway only while they are visible. */
 function updateActivePanels(): void {
@@ -133,14 +133,14 @@ function update(message: SceneUpdate): void {
     fitted = true;
     look("home");
   }
-  say(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
+  showHint(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
   redraw();
 }
 
 let hintTimer = 0;
 
 /** Show a message over the view; one at the foot disappears after six seconds unless `stays` is true. */
-function say(text: string, where: "centre" | "foot", stays = where === "centre"): void {
+function showHint(text: string, where: "centre" | "foot", stays = where === "centre"): void {
   if (where === "centre" && hintTimer) return;
   hint.textContent = text;
   hint.hidden = text === "";
@@ -158,9 +158,9 @@ const connection = new Connection(receive, (state, reason) => {
     drawing.reset();
     sensors.connected();
     renders.connected();
-    say("Waiting for the scene …", "centre");
-  } else if (model.revision === 0) say(reason || "The gateway does not respond; this page keeps trying.", "centre");
-  else say(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
+    showHint("Waiting for the scene …", "centre");
+  } else if (model.revision === 0) showHint(reason || "The gateway does not respond; this page keeps trying.", "centre");
+  else showHint(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
 });
 
 function setTheme(name: Theme): void {
@@ -169,7 +169,7 @@ function setTheme(name: Theme): void {
 }
 
 function showBackground(): void {
-  const colors = ground(background);
+  const colors = backgroundColors(background);
   frustum.material.color.set(colors.frustum);
   stage.setBackground(colors.background, colors.grid);
 }
@@ -183,14 +183,14 @@ function cameraText(): string {
 
 /** Return this view as parameters of `/scene/render` and `/scene.glb`. */
 function viewQuery(): URLSearchParams {
-  const { clientWidth: width, clientHeight: height } = holder;
+  const { clientWidth: width, clientHeight: height } = stageElement;
   return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}` });
 }
 
 async function snapshot(): Promise<void> {
   const response = await fetch(`/scene/render?${viewQuery()}`).catch(() => null);
   if (!response?.ok) {
-    say(response ? await response.text() : "The gateway does not respond.", "foot");
+    showHint(response ? await response.text() : "The gateway does not respond.", "foot");
     return;
   }
   const link = h("a", { href: URL.createObjectURL(await response.blob()), download: "scenegate.png" });

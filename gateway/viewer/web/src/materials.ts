@@ -28,12 +28,12 @@ const WRAP: Record<number, Wrapping> = {
   33648: MirroredRepeatWrapping,
 };
 /** Maximum number of unused materials kept, so that replaced geometry does not compile its shader again. */
-const KEPT = 64;
+const MAX_MATERIALS = 64;
 /** Milliseconds before a failed download of a texture is repeated. */
 const RETRY = 2000;
 
 /** Placeholder until a texture is downloaded; three.js draws black without an image. */
-function blank(): HTMLCanvasElement {
+function placeholderImage(): HTMLCanvasElement {
   const canvas = h("canvas", { width: 1, height: 1 });
   const context = canvas.getContext("2d");
   if (context) {
@@ -43,13 +43,13 @@ function blank(): HTMLCanvasElement {
   return canvas;
 }
 
-interface Shared {
+interface SharedMaterial {
   material: ThreeMaterial;
   users: number;
 }
 
 export class Materials {
-  private readonly made = new Map<string, Shared>();
+  private readonly shared = new Map<string, SharedMaterial>();
   private readonly keys = new WeakMap<ThreeMaterial, string>();
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new ImageLoader();
@@ -67,51 +67,51 @@ export class Materials {
 
   /** Return a white material for a batch, coloured per instance. Must be released with `release`, like all others. */
   opaque(material: Material, vertexColors: boolean): ThreeMaterial {
-    return this.take(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
+    return this.acquire(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
   }
 
   /** Return a material for a single draw, with its own colour and opacity. */
   translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.take(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const made = this.surface(material, vertexColors);
-      made.color.setRGB(material.color[0], material.color[1], material.color[2]);
-      made.transparent = true;
-      made.depthWrite = false;
-      made.opacity = material.color[3] * opacity;
-      return made;
+    return this.acquire(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+      const threeMaterial = this.surface(material, vertexColors);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      threeMaterial.transparent = true;
+      threeMaterial.depthWrite = false;
+      threeMaterial.opacity = material.color[3] * opacity;
+      return threeMaterial;
     });
   }
 
   line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.take(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const made = shiftDepth(new LineBasicMaterial({ vertexColors }), BEFORE);
-      made.color.setRGB(material.color[0], material.color[1], material.color[2]);
-      this.fade(made, material.color[3] * opacity);
-      return made;
+    return this.acquire(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+      const threeMaterial = shiftDepth(new LineBasicMaterial({ vertexColors }), BEFORE);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      this.fade(threeMaterial, material.color[3] * opacity);
+      return threeMaterial;
     });
   }
 
   points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.take(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const made = new PointsMaterial({ vertexColors, sizeAttenuation: false });
-      made.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
-      made.size = this.pointSize * devicePixelRatio || (made.userData.size as number);
-      made.color.setRGB(material.color[0], material.color[1], material.color[2]);
-      this.fade(made, material.color[3] * opacity);
-      return made;
+    return this.acquire(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+      const threeMaterial = new PointsMaterial({ vertexColors, sizeAttenuation: false });
+      threeMaterial.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
+      threeMaterial.size = this.pointSize * devicePixelRatio || (threeMaterial.userData.size as number);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      this.fade(threeMaterial, material.color[3] * opacity);
+      return threeMaterial;
     });
   }
 
   /** Release a use of a material. */
   release(material: ThreeMaterial): void {
-    const shared = this.made.get(this.keys.get(material) ?? "");
+    const shared = this.shared.get(this.keys.get(material) ?? "");
     if (shared) shared.users -= 1;
-    if (this.made.size <= KEPT) return;
-    for (const [key, { material: unused, users }] of this.made) {
+    if (this.shared.size <= MAX_MATERIALS) return;
+    for (const [key, { material: unused, users }] of this.shared) {
       if (users > 0) continue;
       unused.dispose();
-      this.made.delete(key);
-      if (this.made.size <= KEPT) return;
+      this.shared.delete(key);
+      if (this.shared.size <= MAX_MATERIALS) return;
     }
   }
 
@@ -119,29 +119,29 @@ export class Materials {
   forgetTextures(): void {
     for (const texture of this.textures.values()) texture.dispose();
     this.textures.clear();
-    for (const { material } of this.made.values()) material.dispose();
-    this.made.clear();
+    for (const { material } of this.shared.values()) material.dispose();
+    this.shared.clear();
   }
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
-    for (const { material } of this.made.values())
+    for (const { material } of this.shared.values())
       if (material instanceof MeshLambertMaterial || material instanceof MeshBasicMaterial) material.wireframe = on;
     this.redraw();
   }
 
   setPointSize(pixels: number): void {
     this.pointSize = pixels;
-    for (const { material } of this.made.values())
+    for (const { material } of this.shared.values())
       if (material instanceof PointsMaterial) material.size = pixels * devicePixelRatio || (material.userData.size as number);
     this.redraw();
   }
 
-  private fade(made: ThreeMaterial, opacity: number): void {
+  private fade(threeMaterial: ThreeMaterial, opacity: number): void {
     if (opacity >= 1) return;
-    made.transparent = true;
-    made.depthWrite = false;
-    made.opacity = opacity;
+    threeMaterial.transparent = true;
+    threeMaterial.depthWrite = false;
+    threeMaterial.opacity = opacity;
   }
 
   private surface(material: Material, vertexColors: boolean): MeshLambertMaterial | MeshBasicMaterial {
@@ -153,55 +153,55 @@ export class Materials {
     };
     if (material.alpha === "mask") parameters.alphaTest = material.cutoff ?? 0.5;
     if (material.unlit) return new MeshBasicMaterial(parameters);
-    const made = new MeshLambertMaterial(parameters);
-    if (material.emissive) made.emissive.setRGB(...material.emissive);
-    return made;
+    const threeMaterial = new MeshLambertMaterial(parameters);
+    if (material.emissive) threeMaterial.emissive.setRGB(...material.emissive);
+    return threeMaterial;
   }
 
   private texture(texture: NonNullable<Material["texture"]>): Texture {
     const key = JSON.stringify(texture);
-    let made = this.textures.get(key);
-    if (!made) {
-      made = this.load(`/view/image/${texture.image}`);
-      made.flipY = false; // glTF: (0, 0) is the top-left corner
-      made.wrapS = WRAP[texture.wrap[0]] ?? RepeatWrapping;
-      made.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
-      made.anisotropy = 4;
-      if (!texture.linear) made.magFilter = NearestFilter;
-      made.channel = texture.set ?? 0;
+    let threeTexture = this.textures.get(key);
+    if (!threeTexture) {
+      threeTexture = this.load(`/view/image/${texture.image}`);
+      threeTexture.flipY = false; // glTF: (0, 0) is the top-left corner
+      threeTexture.wrapS = WRAP[texture.wrap[0]] ?? RepeatWrapping;
+      threeTexture.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
+      threeTexture.anisotropy = 4;
+      if (!texture.linear) threeTexture.magFilter = NearestFilter;
+      threeTexture.channel = texture.set ?? 0;
       if (texture.transform) {
-        made.matrixAutoUpdate = false;
-        made.matrix.set(...texture.transform, 0, 0, 1);
+        threeTexture.matrixAutoUpdate = false;
+        threeTexture.matrix.set(...texture.transform, 0, 0, 1);
       }
-      this.textures.set(key, made);
+      this.textures.set(key, threeTexture);
     }
-    return made;
+    return threeTexture;
   }
 
   private load(url: string, tries = 3): Texture {
-    const made = new Texture<HTMLCanvasElement | HTMLImageElement>(blank());
-    made.needsUpdate = true;
-    const ask = () =>
+    const texture = new Texture<HTMLCanvasElement | HTMLImageElement>(placeholderImage());
+    texture.needsUpdate = true;
+    const download = () =>
       this.loader.load(
         url,
         (image) => {
-          made.dispose(); // the image has another size than the placeholder
-          made.image = image;
-          made.needsUpdate = true;
+          texture.dispose(); // the image has another size than the placeholder
+          texture.image = image;
+          texture.needsUpdate = true;
           this.redraw();
         },
         undefined,
-        () => (tries -= 1) > 0 && setTimeout(ask, RETRY),
+        () => (tries -= 1) > 0 && setTimeout(download, RETRY),
       );
-    ask();
-    return made;
+    download();
+    return texture;
   }
 
-  private take(key: string, make: () => ThreeMaterial): ThreeMaterial {
-    let shared = this.made.get(key);
+  private acquire(key: string, make: () => ThreeMaterial): ThreeMaterial {
+    let shared = this.shared.get(key);
     if (!shared) {
       shared = { material: make(), users: 0 };
-      this.made.set(key, shared);
+      this.shared.set(key, shared);
       this.keys.set(shared.material, key);
     }
     shared.users += 1;

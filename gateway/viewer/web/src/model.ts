@@ -5,7 +5,7 @@ import type { CloudLook } from "./clouds";
 import type { Range } from "./colormaps";
 import type { MeshPayload, NodeUpdate, Part, SceneUpdate } from "./protocol";
 
-const MOST_REMEMBERED = 10_000;
+const MAX_REMEMBERED_NODES = 10_000;
 
 export class TreeNode {
   readonly children = new Set<TreeNode>();
@@ -28,7 +28,7 @@ export class TreeNode {
   ) {}
 
   /** True if this page changed nothing of the node. */
-  get plain(): boolean {
+  get isUnchanged(): boolean {
     return this.shown && this.opacity === 1 && this.cloud === null;
   }
 
@@ -59,18 +59,18 @@ export class Model {
   readonly nodes = new Map<number, TreeNode>([[0, this.root]]);
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
-  /** This page's changes to removed nodes by path, for nodes that are published again. */
-  private readonly remembered = new Map<string, Pick<TreeNode, "shown" | "opacity" | "cloud">>();
+  /** This page's settings of removed nodes by path: a node that is published again gets them back. */
+  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "opacity" | "cloud">>();
 
-  /** Apply an update; one from revision 0 replaces the scene. */
+  /** Apply an update; unitScale from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
     const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
     if (update.from === 0) this.clear(change);
     for (const id of update.removed) this.remove(id, change);
-    for (const entry of update.nodes) this.enter(entry, change);
-    const dirty = this.pose(update);
+    for (const entry of update.nodes) this.addOrUpdate(entry, change);
+    const dirty = this.setLocalMatrices(update);
     for (const node of change.added) dirty.add(node);
-    this.place(dirty, change.moved);
+    this.updateWorldMatrices(dirty, change.moved);
     this.revision = update.revision;
     return change;
   }
@@ -88,15 +88,15 @@ export class Model {
     const node = this.nodes.get(id);
     if (!node?.parent) return;
     node.parent.children.delete(node);
-    for (const gone of node.subtree()) {
-      this.nodes.delete(gone.id);
-      if (!gone.plain && this.remembered.size < MOST_REMEMBERED)
-        this.remembered.set(JSON.stringify(gone.path), { shown: gone.shown, opacity: gone.opacity, cloud: gone.cloud });
-      change.removed.push(gone);
+    for (const below of node.subtree()) {
+      this.nodes.delete(below.id);
+      if (!below.isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
+        this.removedPageState.set(JSON.stringify(below.path), { shown: below.shown, opacity: below.opacity, cloud: below.cloud });
+      change.removed.push(below);
     }
   }
 
-  private enter(entry: NodeUpdate, change: ModelChange): void {
+  private addOrUpdate(entry: NodeUpdate, change: ModelChange): void {
     let node = this.nodes.get(entry.id);
     if (!node) {
       const parent = this.nodes.get(entry.parent ?? 0);
@@ -105,7 +105,7 @@ export class Model {
       parent.children.add(node);
       this.nodes.set(entry.id, node);
       change.added.push(node);
-      this.recall(node);
+      this.restorePageState(node);
     }
     if (entry.visible !== undefined) {
       node.visible = entry.visible;
@@ -117,34 +117,34 @@ export class Model {
     }
   }
 
-  private recall(node: TreeNode): void {
-    if (!this.remembered.size) return;
+  private restorePageState(node: TreeNode): void {
+    if (!this.removedPageState.size) return;
     const path = JSON.stringify(node.path);
-    const known = this.remembered.get(path);
-    if (!known) return;
-    Object.assign(node, known);
-    this.remembered.delete(path);
+    const state = this.removedPageState.get(path);
+    if (!state) return;
+    Object.assign(node, state);
+    this.removedPageState.delete(path);
   }
 
   /** Return the node at a path. */
   find(path: (string | number)[]): TreeNode | null {
-    let at: TreeNode | undefined = this.root;
-    for (const name of path) at = [...(at?.children ?? [])].find((child) => child.name === name);
-    return at ?? null;
+    let node: TreeNode | undefined = this.root;
+    for (const name of path) node = [...(node?.children ?? [])].find((child) => child.name === name);
+    return node ?? null;
   }
 
-  private pose(update: SceneUpdate): Set<TreeNode> {
+  private setLocalMatrices(update: SceneUpdate): Set<TreeNode> {
     const dirty = new Set<TreeNode>();
     const position = new Vector3();
     const rotation = new Quaternion();
-    const one = new Vector3(1, 1, 1);
+    const unitScale = new Vector3(1, 1, 1);
     update.poseIds.forEach((id, i) => {
       const node = this.nodes.get(id);
       if (!node) return;
-      const at = (k: number) => update.poses[7 * i + k] ?? 0;
-      rotation.set(at(4), at(5), at(6), at(3));
+      const value = (k: number) => update.poses[7 * i + k] ?? 0;
+      rotation.set(value(4), value(5), value(6), value(3));
       if (rotation.lengthSq() === 0) rotation.identity();
-      node.local.compose(position.set(at(0), at(1), at(2)), rotation.normalize(), one);
+      node.local.compose(position.set(value(0), value(1), value(2)), rotation.normalize(), unitScale);
       dirty.add(node);
     });
     update.matrixIds.forEach((id, i) => {
@@ -156,12 +156,12 @@ export class Model {
     return dirty;
   }
 
-  private place(dirty: Set<TreeNode>, moved: Set<TreeNode>): void {
-    for (const start of dirty) {
-      let ancestor = start.parent;
+  private updateWorldMatrices(dirty: Set<TreeNode>, moved: Set<TreeNode>): void {
+    for (const highest of dirty) {
+      let ancestor = highest.parent;
       while (ancestor && !dirty.has(ancestor)) ancestor = ancestor.parent;
       if (ancestor) continue; // moved with its ancestor
-      const stack = [start];
+      const stack = [highest];
       for (let node = stack.pop(); node; node = stack.pop()) {
         if (node.parent) node.world.multiplyMatrices(node.parent.world, node.local);
         else node.world.copy(node.local);

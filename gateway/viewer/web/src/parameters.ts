@@ -4,7 +4,7 @@ import { h, short } from "./dom";
 
 const BASE = "/api/v2/pipelines/0/nodes";
 const NODES = { rc_camera: "Camera", rc_stereomatching: "Stereo matching", rc_iocontrol: "Outputs" };
-const IDLE = " (kept, but without effect on this synthetic camera)";
+const WITHOUT_EFFECT = " (kept, but without effect on this synthetic camera)";
 
 interface Parameter {
   name: string;
@@ -58,15 +58,15 @@ function control(node: string, parameter: Parameter): HTMLElement {
       return value;
     }
   };
-  const idle = parameter.description.includes(IDLE);
-  const text = parameter.description.replace(IDLE, "");
+  const hasNoEffect = parameter.description.includes(WITHOUT_EFFECT);
+  const text = parameter.description.replace(WITHOUT_EFFECT, "");
   // An enumeration is a list of its choices.
-  const about = parameter.type === "string" ? text.slice(0, text.lastIndexOf(":")) : text;
+  const description = parameter.type === "string" ? text.slice(0, text.lastIndexOf(":")) : text;
   return h(
     "div",
-    { class: `parameter${idle ? " idle" : ""}` },
+    { class: `parameter${hasNoEffect ? " idle" : ""}` },
     h("code", {}, parameter.name),
-    h("div", { class: "about" }, idle ? `${about}; kept, but without effect here` : about),
+    h("div", { class: "about" }, hasNoEffect ? `${description}; kept, but without effect here` : description),
     input(parameter, text, set),
     problem,
   );
@@ -90,21 +90,21 @@ function input(parameter: Parameter, text: string, set: Set): HTMLElement {
   const { min, max } = parameter;
   const step = parameter.type === "int32" ? 1 : "any";
   const number = h("input", { type: "number", min, max, step, value: short(Number(parameter.value)), "aria-label": parameter.name });
-  // Ranges over several decades get a logarithmic slider.
-  const decades = min > 0 && max / min > 200;
-  const at = (value: number) => (decades ? Math.log(value / min) / Math.log(max / min) : (value - min) / (max - min));
-  const range = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: at(Number(parameter.value)), "aria-label": `${parameter.name} slider` });
-  const take = async (value: number) => {
-    const taken = Number(await set(parameter.type === "int32" ? Math.round(value) : value));
-    number.value = short(taken);
-    range.value = String(at(taken));
+  // Ranges over several isLogarithmic get a logarithmic slider.
+  const isLogarithmic = min > 0 && max / min > 200;
+  const sliderPosition = (value: number) => (isLogarithmic ? Math.log(value / min) / Math.log(max / min) : (value - min) / (max - min));
+  const range = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: sliderPosition(Number(parameter.value)), "aria-label": `${parameter.name} slider` });
+  const change = async (value: number) => {
+    const accepted = Number(await set(parameter.type === "int32" ? Math.round(value) : value));
+    number.value = short(accepted);
+    range.value = String(sliderPosition(accepted));
   };
-  const there = () => {
-    const share = Number(range.value);
-    return decades ? min * (max / min) ** share : min + share * (max - min);
+  const sliderValue = () => {
+    const position = Number(range.value);
+    return isLogarithmic ? min * (max / min) ** position : min + position * (max - min);
   };
-  number.addEventListener("change", () => void take(Number(number.value)));
-  range.addEventListener("input", () => (number.value = short(parameter.type === "int32" ? Math.round(there()) : there())));
-  range.addEventListener("change", () => void take(there()));
+  number.addEventListener("change", () => void change(Number(number.value)));
+  range.addEventListener("input", () => (number.value = short(parameter.type === "int32" ? Math.round(sliderValue()) : sliderValue())));
+  range.addEventListener("change", () => void change(sliderValue()));
   return h("div", { class: "row-of-two" }, range, number);
 }

@@ -48,7 +48,7 @@ export class Stage {
   private readonly light = new DirectionalLight(0xffffff, Math.PI);
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
-  /** Height of the orthographic view in metres. */
+  /** Half the height of the orthographic view, metres. */
   private halfHeight = 1;
   /** Number of frames drawn. */
   frames = 0;
@@ -106,45 +106,45 @@ export class Stage {
   /** Frame a box from the current direction. */
   fit(box: Box3): void {
     if (box.isEmpty()) return;
-    this.stand(box, this.camera.position.clone().sub(this.controls.target).normalize());
+    this.placeCamera(box, this.camera.position.clone().sub(this.controls.target).normalize());
   }
 
   /** Frame a box from a named direction. */
   look(direction: Direction, box: Box3): void {
     const framed = box.isEmpty() ? new Box3(new Vector3(-1, -1, -1), new Vector3(1, 1, 1)) : box;
-    this.stand(framed, new Vector3(...DIRECTIONS[direction]).normalize());
+    this.placeCamera(framed, new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
   /** Move the camera to the distance at which all corners of the box are in view. */
-  private stand(box: Box3, away: Vector3): void {
+  private placeCamera(box: Box3, direction: Vector3): void {
     const centre = box.getCenter(new Vector3());
-    const right = new Vector3(0, 0, 1).cross(away).normalize();
-    const up = away.clone().cross(right);
-    const tanY = Math.tan((FOV * Math.PI) / 360) / MARGIN;
+    const right = new Vector3(0, 0, 1).cross(direction).normalize();
+    const up = direction.clone().cross(right);
+    const tangent = Math.tan((FOV * Math.PI) / 360) / MARGIN;
     const { aspect } = this.perspective;
     let distance = 1e-3;
-    let half = 1e-3;
+    let halfHeight = 1e-3;
     for (const x of [box.min.x, box.max.x])
       for (const y of [box.min.y, box.max.y])
         for (const z of [box.min.z, box.max.z]) {
           const corner = new Vector3(x, y, z).sub(centre);
-          const reach = Math.max(Math.abs(corner.dot(right)) / aspect, Math.abs(corner.dot(up)));
-          distance = Math.max(distance, reach / tanY + corner.dot(away));
-          half = Math.max(half, reach * MARGIN);
+          const extent = Math.max(Math.abs(corner.dot(right)) / aspect, Math.abs(corner.dot(up)));
+          distance = Math.max(distance, extent / tangent + corner.dot(direction));
+          halfHeight = Math.max(halfHeight, extent * MARGIN);
         }
-    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(centre).addScaledVector(away, distance);
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(centre).addScaledVector(direction, distance);
     this.orthographic.zoom = 1;
-    this.halfHeight = half;
+    this.halfHeight = halfHeight;
     this.controls.target.copy(centre);
     this.resize();
     this.controls.update();
-    this.rule(half);
+    this.scaleGrid(halfHeight);
     this.redraw();
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the framed box. */
-  private rule(half: number): void {
-    const cell = 10 ** Math.floor(Math.log10(half));
+  private scaleGrid(halfHeight: number): void {
+    const cell = 10 ** Math.floor(Math.log10(halfHeight));
     this.grid.scale.setScalar(cell);
     this.axes.scale.setScalar(cell);
   }
@@ -196,7 +196,7 @@ export class Stage {
   }
 
   /** Set clipping planes that follow the camera's distance, for close-ups and wide views. */
-  private keepInDepth(): void {
+  private updateClippingPlanes(): void {
     const distance = Math.max(this.camera.position.distanceTo(this.controls.target), 1e-4);
     this.perspective.near = distance / 500;
     this.perspective.far = distance * 2000;
@@ -209,7 +209,7 @@ export class Stage {
     this.controls.update();
     if (!this.dirty) return;
     this.dirty = false;
-    this.keepInDepth();
+    this.updateClippingPlanes();
     this.light.position.copy(this.camera.position);
     this.light.target.position.copy(this.controls.target);
     this.renderer.render(this.scene, this.camera);

@@ -3,20 +3,20 @@
 export type Theme = "light" | "dark";
 
 /** Colours of the background, the grid and the stereo camera's frustum. */
-export interface Ground {
+export interface BackgroundColors {
   background: string;
   grid: string;
   frustum: string;
 }
 
-const GROUNDS = {
+const BACKGROUND_COLORS = {
   white: { background: "#ffffff", grid: "#c9cfd9", frustum: "#6a1fd0" },
   black: { background: "#000000", grid: "#363d49", frustum: "#c39bff" },
   // The background of the images that the gateway renders.
   sky: { background: "#cce5ff", grid: "#a3bbd6", frustum: "#6a1fd0" },
-} as const satisfies Record<string, Ground>;
+} as const satisfies Record<string, BackgroundColors>;
 
-export type Background = "theme" | keyof typeof GROUNDS;
+export type Background = "theme" | keyof typeof BACKGROUND_COLORS;
 export const BACKGROUNDS: readonly Background[] = ["theme", "white", "black", "sky"];
 
 export function startingBackground(): Background {
@@ -24,8 +24,8 @@ export function startingBackground(): Background {
   return BACKGROUNDS.find((name) => name === requested) ?? "theme";
 }
 
-export function ground(name: Background): Ground {
-  if (name !== "theme") return GROUNDS[name];
+export function backgroundColors(name: Background): BackgroundColors {
+  if (name !== "theme") return BACKGROUND_COLORS[name];
   const css = getComputedStyle(document.documentElement);
   const color = (variable: string) => css.getPropertyValue(variable).trim();
   return { background: color("--stage"), grid: color("--grid"), frustum: color("--frustum") };

@@ -27,7 +27,7 @@ def shaded(scene: DrawList, seen: Visibility, camera: Camera, look: Look) -> np.
     shade_rows(
         look.name == "pbr",
         seen.ids,
-        seen.first_record,
+        seen.first_ids,
         seen.X_camera_mesh,
         normal_matrices(seen.X_camera_mesh),
         np.array((camera.fx, camera.fy, camera.cx, camera.cy)),

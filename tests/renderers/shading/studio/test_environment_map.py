@@ -13,15 +13,8 @@ import pytest
 from renderers.drawlist import DrawList, Instance, Material
 from renderers.light_rig import STUDIO, Hemisphere, Softbox, Surroundings
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.environment_map import (
-    LEVEL_SIZES,
-    SurroundingsError,
-    ambient_of,
-    irradiance_of,
-    radiance_of,
-    read_hdr,
-    split_sum,
-)
+from renderers.shading.studio.environment_image import SurroundingsError, radiance_of, read_hdr
+from renderers.shading.studio.environment_map import LEVEL_SIZES, environment_of, irradiance_of, split_sum
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, drawn, sheet, two_balls, view
@@ -167,7 +160,7 @@ def test_rotation_of_the_environment() -> None:
     """A quarter turn takes what was at +X to +Y."""
     box = Surroundings(Hemisphere((0, 0, 0), (0, 0, 0)), (Softbox((1, 0, 0), (1, 1, 1), 0.5, 0.5),))
     for turn, direction in ((0.0, (1.0, 0.0, 0.0)), (math.pi / 2, (0.0, 1.0, 0.0))):
-        table = ambient_of(replace(box, turn=turn)).irradiance.astype(float)
+        table = environment_of(replace(box, turn=turn)).irradiance.astype(float)
         sides = np.array(((1.0, 0, 0), (0, 1.0, 0), (-1.0, 0, 0), (0, -1.0, 0)))
         lit = [read_table(table, d)[0] for d in sides]
         assert int(np.argmax(lit)) == (0 if direction[0] else 1)
@@ -176,9 +169,9 @@ def test_rotation_of_the_environment() -> None:
 def test_filtered_levels_keep_the_mean_radiance() -> None:
     """Filtering keeps the mean radiance over the sphere."""
     assert STUDIO.surroundings is not None
-    ambient = ambient_of(STUDIO.surroundings)
+    environment = environment_of(STUDIO.surroundings)
     means = []
-    for level, size in zip(ambient.levels, LEVEL_SIZES, strict=True):
+    for level, size in zip(environment.levels, LEVEL_SIZES, strict=True):
         assert level.shape == (size + 2, size + 2, 3)
         d = octahedral_directions(size)
         area = np.abs(d).sum(axis=-1) ** 3  # of the octahedral map, up to a factor

@@ -16,9 +16,8 @@ from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.shading.mipmaps import halve, make_chain
-from renderers.shading.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
-from renderers.shading.studio.tone_mapping import finish_rows
-from renderers.shading.studio.tonemap import SRGB_CELLS
+from renderers.shading.studio.layout import OUTPUT, channel_values
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, finish_rows
 from renderers.shading.texture_table import TextureTable
 from tests.renderers.shading.reference import ball
 from tests.renderers.shading.studio import reference as ref
@@ -71,13 +70,12 @@ def test_writable_and_read_only_images_share_one_compiled_signature() -> None:
 
 def test_every_level_of_srgb() -> None:
     values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
-    layers = np.ones((1, 4, line_of(len(values))), np.float32)
-    layers[0, :3, : len(values)] = values
-    behind, color = np.zeros(3, np.float32), np.zeros((1, len(values), 3), np.uint8)
-    finish = np.zeros(F_COLUMNS, np.int64)
-    finish[F_BEHIND], finish[F_CELLS] = address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32)
-    finish[F_COLOR] = address_of(color, np.uint8)
-    finish_rows(address_of(layers, np.float32), address_of(finish, np.int64), len(values), 0, 1)
+    accumulated = np.ones((1, 4, channel_values(len(values))), np.float32)
+    accumulated[0, :3, : len(values)] = values
+    color = np.zeros((1, len(values), 3), np.uint8)
+    output = np.zeros(1, OUTPUT.dtype)
+    output["srgb_cells"], output["color"] = address_of(SRGB_CELLS, np.int32), address_of(color, np.uint8)
+    finish_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
     assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 

@@ -12,7 +12,7 @@ import pytest
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, LightKind, Sampler, Texture
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.shadows import _map_of, casters, light_camera, map_side
+from renderers.shading.studio.shadows import casters, light_camera, map_side, shadow_map_of
 from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.reference import ball, hits
 from tests.renderers.shading.studio import reference as ref
@@ -126,11 +126,11 @@ def test_shadow_map_is_reused_for_small_camera_motion(renderer: CpuRenderer) -> 
     points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
     cameras = [light_camera(scene.lights[0], points + shift, 256, 0.0) for shift in (0.0, 1e-3, 4.0)]
     assert all(camera is not None for camera in cameras)
-    here, near, far = (_map_of(renderer, scene, camera, whole, never) for camera in cameras if camera is not None)
+    here, near, far = (shadow_map_of(renderer, scene, camera, whole, never) for camera in cameras if camera is not None)
     assert here is near
     assert far is not here
     again = replace(scene)  # as new
-    assert np.array_equal(_map_of(renderer, again, here.camera, whole, never).inv_z, here.inv_z)
+    assert np.array_equal(shadow_map_of(renderer, again, here.camera, whole, never).inv_z, here.inv_z)
 
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])

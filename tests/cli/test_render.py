@@ -1,0 +1,92 @@
+"""Arguments of ``scenegate render`` that are parsed from text, and combinations that are rejected before any work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from gateway.cli.main import app
+from gateway.cli.render import _parse_color, _parse_types
+from gateway.runtime import kernel_cache
+
+
+def test_types_are_in_a_fixed_order() -> None:
+    assert _parse_types("label, color") == ("color", "label")
+    assert _parse_types("depth,depth,") == ("depth",)
+
+
+@pytest.mark.parametrize("text", ["", ",", "colour", "color,normals"])
+def test_unknown_types_are_rejected(text: str) -> None:
+    with pytest.raises(ValueError, match=r"--type '.*': must be color, depth or label"):
+        _parse_types(text)
+
+
+def test_colors_have_three_numbers_up_to_255() -> None:
+    assert _parse_color("0, 128,255") == (0, 128, 255)
+
+
+@pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "1,2,256", "-1,2,3", "0,0,-1", "1,2,x"])
+def test_other_colors_are_rejected(text: str) -> None:
+    with pytest.raises(ValueError, match=r"--background '.*': must be three numbers from 0 to 255"):
+        _parse_color(text)
+
+
+def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Result:
+    """Run the command up to the point at which it would load the kernels."""
+
+    class KernelsNeeded(Exception):
+        pass
+
+    def stop(*_: object) -> None:
+        raise KernelsNeeded
+
+    monkeypatch.setattr(kernel_cache, "ensure_cached", stop)
+    return CliRunner().invoke(app, ["render", *arguments])
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> tuple[str, str]:
+    """Return the paths of a file and of a folder."""
+    (tmp_path / "scene.glb").write_bytes(b"")
+    (tmp_path / "folder.png").mkdir()
+    return str(tmp_path / "scene.glb"), str(tmp_path / "folder.png")
+
+
+@pytest.mark.parametrize("samples", ["2", "3", "16"])
+def test_other_numbers_of_samples_are_rejected(
+    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], samples: str
+) -> None:
+    result = render(monkeypatch, scenes[0], "-o", "out.png", "--samples", samples)
+    assert str(result.exception) == f"--samples {samples} is none of 0, 1, 4, 8"
+
+
+def test_one_image_needs_one_file_one_type_and_no_camera_file(
+    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]
+) -> None:
+    file, folder = scenes
+    for arguments in (
+        (file, file),
+        (folder,),
+        (file, "--type", "color,depth"),
+        (file, "--cameras", file),
+    ):
+        result = render(monkeypatch, *arguments, "-o", "out.PNG")
+        assert "out.PNG is one image: for more scenes, types or cameras" in str(result.exception)
+    assert type(render(monkeypatch, file, "-o", "out.PNG").exception).__name__ == "KernelsNeeded"
+
+
+def test_an_existing_folder_may_have_the_suffix_of_an_image(
+    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]
+) -> None:
+    file, folder = scenes
+    result = render(monkeypatch, file, file, "-o", folder)
+    assert type(result.exception).__name__ == "KernelsNeeded"
+
+
+def test_a_rig_for_another_look_is_a_warning(monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]) -> None:
+    file, _ = scenes
+    for look, warned in (("phong", True), ("pbr", True), ("auto", False), ("studio", False)):
+        result = render(monkeypatch, file, "-o", "out.png", "--rig", file, "--look", look)
+        assert ("--rig lights the studio look only" in result.stderr) == warned

@@ -1,0 +1,61 @@
+"""Units of work of a frame, and the memory layout of bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+
+from renderers.raster.frame_phases import unit_rows
+from renderers.raster.layout import SMALL_TRIANGLE
+from renderers.raster.resolve import row_stride
+from renderers.raster.small_triangles import box_of
+from renderers.visibility_buffer import BAND_ROWS, band_count
+
+triangle_at = SMALL_TRIANGLE.at
+
+
+@njit
+def _unit_rows(unit, bands, halved, height):  # type: ignore[no-untyped-def]
+    return unit_rows(unit, bands, halved, height)
+
+
+@njit
+def _box_of(address):  # type: ignore[no-untyped-def]
+    return box_of(triangle_at(address))
+
+
+@pytest.mark.parametrize("halved", [0, 1, 2])
+@pytest.mark.parametrize("height", [1, 15, 16, 17, 31, 32, 33, 48, 49, 64, 65, 100, 480, 481])
+def test_units_cover_every_row_once_and_stay_in_a_band(height: int, halved: int) -> None:
+    bands = band_count(height)
+    covered: list[int] = []
+    sizes = []
+    for unit in range(bands + min(bands, halved)):
+        first, end = _unit_rows(unit, bands, halved, height)
+        rows = list(range(first, end))
+        assert len({row // BAND_ROWS for row in rows}) <= 1
+        covered += rows
+        sizes.append(len(rows))
+    assert covered == list(range(height))
+    assert max(sizes[-2 * halved :], default=0) <= (BAND_ROWS // 2 if halved else BAND_ROWS)
+
+
+@pytest.mark.parametrize(("height", "bands"), [(0, 0), (1, 1), (32, 1), (33, 2), (64, 2), (65, 3)])
+def test_band_count(height: int, bands: int) -> None:
+    assert band_count(height) == bands
+
+
+def test_rows_of_a_band_are_an_odd_number_of_cache_lines() -> None:
+    for width in range(1, 3000):
+        stride = row_stride(width)
+        assert width <= stride < width + 32
+        assert stride % 32 == 16
+
+
+@pytest.mark.parametrize("box", [(0, 0, 1, 1), (-3, -7, 64, 128), (16383, 16383, 5, 9), (-32768, 5, 64, 1)])
+def test_box_of_a_small_triangle(box: tuple[int, int, int, int]) -> None:
+    x, y, columns, rows = box
+    triangle = np.zeros(1, SMALL_TRIANGLE.dtype)
+    triangle["box_corner"], triangle["box_size"] = (y << 16) | (x & 0xFFFF), (rows << 16) | columns
+    assert _box_of(triangle.ctypes.data) == box

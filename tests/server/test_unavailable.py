@@ -1,0 +1,26 @@
+"""503 responses of the worker pool's errors."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.server.unavailable import PoolErrors, unavailable
+
+
+@pytest.mark.parametrize(
+    ("error", "retry_after", "text"),
+    [
+        (QueueFull("9 requests are waiting", 7), "7", "9 requests are waiting; try again in 7 s"),
+        (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
+        (DeadlineExceeded("it took longer than 30 s"), None, "rendering was stopped: it took longer than 30 s"),
+    ],
+)
+def test_the_response_says_why_and_when_to_try_again(
+    error: QueueFull | PoolClosed | DeadlineExceeded, retry_after: str | None, text: str
+) -> None:
+    assert isinstance(error, PoolErrors)
+    response = unavailable(error)
+    assert response.status_code == 503
+    assert response.headers.get("retry-after") == retry_after
+    assert bytes(response.body).decode() == text
