@@ -422,3 +422,21 @@ def test_extensions() -> None:
     b.json["extensionsRequired"] += ["EXT_meshopt_compression", "ACME_x"]
     with pytest.raises(GltfError, match="extensionsRequired: ACME_x, EXT_meshopt_compression cannot be read"):
         b.read()
+
+
+@pytest.mark.parametrize(
+    ("color", "label"),
+    [
+        ((-1, 0, 0), 0),
+        ((0, -0.2, 0), 0),
+        ((0, 0, -1e13), 0),
+        ((2, 0, 0), 0xFF),
+        ((0, 1.5, 0), 0xFF00),
+        ((0, 0, 1e13), 0xFF0000),
+        ((1.4 / 255, 1.6 / 255, 0), 0x0201),
+    ],
+)
+def test_labels_of_colors_out_of_range_are_clamped_and_others_rounded(
+    color: tuple[float, float, float], label: int
+) -> None:
+    assert label_from_material(Material(base_color=(*color, 1.0))) == label
