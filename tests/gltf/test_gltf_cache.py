@@ -145,3 +145,9 @@ def test_threads_share_one_cache() -> None:
         expected = np.random.default_rng(seed).random((30, 3)).astype(np.float32)
         np.testing.assert_array_equal(mesh.positions, expected)
     assert len(cache.content) == 5
+
+
+@pytest.mark.parametrize(("given", "documents", "content"), [((101,), 50, 51), ((100, 30), 30, 70), ((100, 0), 0, 100)])
+def test_documents_and_content_share_the_size(given: tuple[int, ...], documents: int, content: int) -> None:
+    cache = GltfCache(*given)
+    assert (cache.documents.cache.max_bytes, cache.content.max_bytes) == (documents, content)
