@@ -104,7 +104,7 @@ class Buffers:
             path: Property that holds it, for the message.
         """
         check_stop()
-        uri = self._container.original_uri(json_uri)
+        uri = self._container.data_uris.get(json_uri, json_uri)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
             return self._from_file(uri, path)
         self.count_bytes(len(uri) * 3 // 4, path)

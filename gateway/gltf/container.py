@@ -32,10 +32,6 @@ class Container:
     binary_chunk: memoryview | None
     """Data of a ``.glb``."""
 
-    def original_uri(self, uri: str) -> str | memoryview:
-        """Return the data URI that a placeholder replaced, or any other URI unchanged."""
-        return self.data_uris.get(uri, uri)
-
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
     """Split a file into its JSON text and its binary data.

@@ -74,9 +74,7 @@ class DocumentContent:
     cameras: list[schema.Camera | None]
     lights: list[schema.Light | None]
     parts: Mapping[int, tuple[Part, ...]]
-    """Primitives by mesh index, for the meshes in use."""
-    used_meshes: tuple[int, ...]
-    """Indices of the meshes in use, in the order of their first use."""
+    """Primitives by mesh index, for the meshes in use in the order of their first use."""
     element_counts: Mapping[int, int]
     """Number of triangles, lines and points by mesh index."""
     morphed_meshes: int
@@ -134,10 +132,6 @@ class DocumentCache:
         if unchanged is not None:
             nbytes = content.mesh_bytes + len(document.data)  # an upper limit for images, which are kept encoded
             self.cache.put((document.prefix_digest, limits, textures), (unchanged, content), nbytes)
-
-    def clear(self) -> None:
-        """Drop everything."""
-        self.cache.clear()
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:

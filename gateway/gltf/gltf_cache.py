@@ -45,8 +45,3 @@ class GltfCache:
         document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
         self.documents: Final = DocumentCache(document_bytes)
         self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache(max_bytes - document_bytes)
-
-    def clear(self) -> None:
-        """Drop everything."""
-        self.documents.clear()
-        self.content.clear()

@@ -43,7 +43,6 @@ _CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
     "TANGENT": ("tangents", unit_tangents),
 }
 """Fields of ``Mesh`` and the functions that bring an attribute into their form."""
-_MODE_KEYS: Final = [bytes((mode,)) for mode in range(MODE_COUNT)]
 _DRACO: Final = "KHR_draco_mesh_compression"
 _RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart values, which glTF forbids, by the number of bytes of an index."""
@@ -57,7 +56,7 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     """A primitive whose accessors exist and have allowed types."""
 
     name: str
-    """``meshes[2].primitives[0]``, for messages."""
+    """For messages, such as ``meshes[2].primitives[0]``."""
     mode: int
     position: Accessor
     indices: Accessor | None
@@ -67,7 +66,7 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     @property
     def key(self) -> MeshKey:
         accessors = (self.indices, *map(self.attributes.get, _COMPONENTS))
-        return b"".join([_MODE_KEYS[self.mode], *[b"\0" if a is None else a.key for a in accessors]])
+        return bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
 
 
 class Meshes:

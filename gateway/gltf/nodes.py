@@ -38,12 +38,8 @@ class SceneNodes:
     X_world_node: NDArray[np.float64]
     """(N, 4, 4)."""
 
-    def used_meshes(self) -> tuple[int, ...]:
-        """Return the indices of the meshes in use, in the order of their first use."""
-        return tuple(self.first_node_by_mesh())
-
     def first_node_by_mesh(self) -> dict[int, int]:
-        """Return the index of the first node that uses a mesh, by the index of the mesh."""
+        """Return the meshes in use in the order of their first use: index of the mesh to index of its first node."""
         nodes: dict[int, int] = {}
         for node, mesh in zip(self.indices, self.meshes, strict=True):
             if mesh is not None:

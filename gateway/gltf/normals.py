@@ -53,7 +53,10 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 def _write_vertex_normals(
     positions: NDArray[np.float32], triangles: NDArray[np.uint32], normals: NDArray[np.float32], stop: int
 ) -> None:
-    """Write the result of ``vertex_normals``. Sums are float64, in the order of the triangles.
+    """Write the result of ``vertex_normals``.
+
+    A triangle a, b, c adds u x v to the sums of its vertices, with u = b - a and v = c - a. Sums are float64, in the
+    order of the triangles.
 
     Args:
         stop: Address of a ``StopFlag``; the result is incomplete once it is set.

@@ -69,7 +69,7 @@ def read_gltf(
     if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)
-        if nodes.used_meshes() == content.used_meshes:
+        if list(nodes.first_node_by_mesh()) == list(content.parts):
             return _combine(content, nodes, limits)
     check_stop()
     container = open_container(data)
@@ -126,7 +126,6 @@ def _read_content(
         lights=lights,
         parts=parts,
         element_counts=element_counts,
-        used_meshes=nodes.used_meshes(),
         morphed_meshes=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,

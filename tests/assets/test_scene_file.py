@@ -28,19 +28,19 @@ def bounds(scene: SceneFile) -> np.ndarray:
     return box
 
 
-LYING = ((-0.5, 1.0, -0.5), (0.5, 1.0, 0.5))
+ROTATED = ((-0.5, 1.0, -0.5), (0.5, 1.0, 0.5))
 """The triangle of ``forms.gltf``, x and y from -0.5 to 0.5 at z = -1, turned by +90 degrees about x."""
-AS_IT_IS = ((-0.5, -0.5, -1.0), (0.5, 0.5, -1.0))
+UNCHANGED = ((-0.5, -0.5, -1.0), (0.5, 0.5, -1.0))
 
 
 @pytest.mark.parametrize(
     ("generator", "up", "expected"),
     [
-        ("somebody", "auto", LYING),
-        ("somebody", "z", AS_IT_IS),
-        ("VTK", "auto", AS_IT_IS),
-        ("Drake glTF merger", "auto", AS_IT_IS),
-        ("VTK", "y", LYING),
+        ("other", "auto", ROTATED),
+        ("other", "z", UNCHANGED),
+        ("VTK", "auto", UNCHANGED),
+        ("Drake glTF merger", "auto", UNCHANGED),
+        ("VTK", "y", ROTATED),
     ],
 )
 def test_scenes_are_rotated_to_z_up(tmp_path: Path, generator: str, up: Up, expected: tuple[Any, Any]) -> None:
@@ -48,14 +48,14 @@ def test_scenes_are_rotated_to_z_up(tmp_path: Path, generator: str, up: Up, expe
     assert np.allclose(bounds(scene), expected, atol=1e-6)
     (camera,) = scene.cameras
     forward = camera.X_world_camera[:3, 2]
-    assert np.allclose(forward, (0, 1, 0) if expected is LYING else (0, 0, -1), atol=1e-12)
+    assert np.allclose(forward, (0, 1, 0) if expected is ROTATED else (0, 0, -1), atol=1e-12)
 
 
 def test_buffers_may_lie_beside_the_scene(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "a b.bin").write_bytes(base64.b64decode(forms.TRIANGLE_URI.split(",")[1]))
     path = written(tmp_path, buffers=[{"byteLength": 36, "uri": "data/a%20b.bin"}])
-    assert np.allclose(bounds(read_scene_file(path)), AS_IT_IS, atol=1e-6)
+    assert np.allclose(bounds(read_scene_file(path)), UNCHANGED, atol=1e-6)
 
 
 @pytest.mark.parametrize("uri", ["../secret.bin", "link.bin", "data/../../secret.bin"])

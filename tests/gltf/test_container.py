@@ -117,7 +117,7 @@ def test_extraction_of_uris_is_reversible(value: Any, indent: int | None) -> Non
 
         def restore(v: Any, container: Any = container) -> Any:
             if isinstance(v, str):
-                uri = container.original_uri(v)
+                uri = container.data_uris.get(v, v)
                 return uri if isinstance(uri, str) else bytes(uri).decode()
             if isinstance(v, list):
                 return [restore(item) for item in v]

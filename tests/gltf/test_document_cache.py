@@ -60,8 +60,6 @@ def test_moved_documents_are_hits() -> None:
         assert outcome(read_gltf(memoryview(data), cache=cache)) == outcome(read_gltf(data))
     assert cache.documents.cache.hits == 2
     assert cache.documents.cache.nbytes > len(dump(document()))
-    cache.clear()
-    assert cache.documents.cache.nbytes == 0
 
 
 def test_hits_return_the_same_parts() -> None:
@@ -109,9 +107,9 @@ def test_errors_in_nodes_are_the_same_with_a_cache(node: dict[str, Any]) -> None
     other = moved(document(), 3)
     other["nodes"][0].update(node)
     messages = []
-    for known in (None, cache):
+    for used_cache in (None, cache):
         with pytest.raises(GltfError) as caught:
-            read_gltf(dump(other), cache=known)
+            read_gltf(dump(other), cache=used_cache)
         messages.append(str(caught.value))
     assert messages[0] == messages[1]
 
@@ -252,9 +250,9 @@ def test_hits_are_limited_as_whole_documents_are(limit: str) -> None:
         read_gltf(small, cache=cache, limits=limits)
     assert cache.documents.cache.hits == 1
     messages = []
-    for known in (None, cache):
+    for used_cache in (None, cache):
         with pytest.raises(GltfError, match=rf"{limit} = {value}") as caught:
-            read_gltf(dump(large), cache=known, limits=limits)
+            read_gltf(dump(large), cache=used_cache, limits=limits)
         messages.append(str(caught.value))
     assert messages[0] == messages[1]
 

@@ -125,13 +125,6 @@ def test_meshes_with_warnings_are_not_shared() -> None:
     assert cache.content.nbytes == 0
 
 
-def test_clear_drops_everything() -> None:
-    cache = GltfCache()
-    read_gltf(scene(), cache=cache)
-    cache.clear()
-    assert (cache.content.nbytes, len(cache.content), cache.documents.cache.nbytes) == (0, 0, 0)
-
-
 def test_threads_share_one_cache() -> None:
     cache = GltfCache()
     texts = [scene(seed, 30) for seed in range(5)]
@@ -152,3 +145,9 @@ def test_threads_share_one_cache() -> None:
         expected = np.random.default_rng(seed).random((30, 3)).astype(np.float32)
         np.testing.assert_array_equal(mesh.positions, expected)
     assert len(cache.content) == 5
+
+
+@pytest.mark.parametrize(("given", "documents", "content"), [((101,), 50, 51), ((100, 30), 30, 70), ((100, 0), 0, 100)])
+def test_documents_and_content_share_the_size(given: tuple[int, ...], documents: int, content: int) -> None:
+    cache = GltfCache(*given)
+    assert (cache.documents.cache.max_bytes, cache.content.max_bytes) == (documents, content)

@@ -282,7 +282,7 @@ def test_image_names_are_those_of_each_document() -> None:
 
 
 def test_limits_do_not_depend_on_earlier_documents() -> None:
-    """An image that is known already counts as much as a new one."""
+    """A cached image counts as much as a new one."""
     data = png()
     b = Builder()
     view = b.add("bufferViews", {"buffer": b.buffer(data), "byteOffset": 0, "byteLength": len(data)})
@@ -422,3 +422,21 @@ def test_extensions() -> None:
     b.json["extensionsRequired"] += ["EXT_meshopt_compression", "ACME_x"]
     with pytest.raises(GltfError, match="extensionsRequired: ACME_x, EXT_meshopt_compression cannot be read"):
         b.read()
+
+
+@pytest.mark.parametrize(
+    ("color", "label"),
+    [
+        ((-1, 0, 0), 0),
+        ((0, -0.2, 0), 0),
+        ((0, 0, -1e13), 0),
+        ((2, 0, 0), 0xFF),
+        ((0, 1.5, 0), 0xFF00),
+        ((0, 0, 1e13), 0xFF0000),
+        ((1.4 / 255, 1.6 / 255, 0), 0x0201),
+    ],
+)
+def test_labels_of_colors_out_of_range_are_clamped_and_others_rounded(
+    color: tuple[float, float, float], label: int
+) -> None:
+    assert label_from_material(Material(base_color=(*color, 1.0))) == label

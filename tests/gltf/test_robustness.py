@@ -1,4 +1,4 @@
-"""Random damage to documents: the reader answers with a scene or a ``GltfError``, within bounds."""
+"""Random damage to documents: the reader returns a scene or raises a ``GltfError``, within its limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIMITS = GltfLimits(
 
 
 def everything() -> dict[str, Any]:
-    """A small document that uses all that the reader knows."""
+    """A small document with every property that the reader uses."""
     b = Builder("Drake glTF merger")
     b.json.update(scene=0, extensionsUsed=["KHR_texture_basisu"], extensionsRequired=[])
     positions = b.accessor(np.vstack([TRIANGLE, (1, 1, 0)]))

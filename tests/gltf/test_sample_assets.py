@@ -1,5 +1,5 @@
 """Every model of KhronosGroup/glTF-Sample-Assets in the checkout that SCENEGATE_FIDELITY names (``bench/fidelity.py``):
-it is drawn, or refused in one sentence for one of the reasons that are known."""
+it is drawn, or refused for one of the listed reasons."""
 
 from __future__ import annotations
 

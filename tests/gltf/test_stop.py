@@ -79,7 +79,7 @@ def vertices_of_nothing() -> bytes:
 
 
 def numbers_that_are_no_json() -> bytes:
-    """NaN: read by a slower parser, that is asked about every number."""
+    """NaN: read by a slower parser, which checks the flag at every number."""
     text = document([{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes())
     return text[:-1] + b', "extras": [NaN' + b",1.5" * 200_000 + b"]}"
 
@@ -106,7 +106,7 @@ DOCUMENTS: tuple[Callable[[], bytes], ...] = (
 
 
 class CountingFlag(StopFlag):
-    """Is set when it has been looked at so often from Python."""
+    """Is set at the check from Python with this number."""
 
     __slots__ = ("left",)
 
@@ -123,13 +123,13 @@ class CountingFlag(StopFlag):
 
 @pytest.mark.parametrize("make", DOCUMENTS)
 def test_stop_flag_ends_reading_anywhere(make: Callable[[], bytes]) -> None:
-    """At the first look, in the middle and at the last one; then it is read as if nothing had been."""
+    """At the first check, in the middle and at the last one. The same cache then gives the complete result."""
     data = make()
     counting = CountingFlag(1 << 62)
     whole = counting.run(lambda: read_gltf(data, cache=GltfCache()))
-    looks = (1 << 62) - counting.left
-    assert looks > 4
-    for last in (1, looks // 2, looks):
+    check_count = (1 << 62) - counting.left
+    assert check_count > 4
+    for last in (1, check_count // 2, check_count):
         flag, cache = CountingFlag(last), GltfCache()
         with pytest.raises(Enough):
             flag.run(partial(read_gltf, data, cache=cache))
@@ -150,12 +150,12 @@ def test_stop_flag_ends_kernels(make: Callable[[], bytes]) -> None:
     timer.start()
     read = partial(flag.run, partial(read_gltf, data, limits=GltfLimits()))
     with pytest.raises(Enough):
-        deque((read() for _ in repeat(None)), 0)  # until it meets one that is set
+        deque((read() for _ in repeat(None)), 0)  # until the flag is set
     timer.join()
 
 
 def test_many_siblings_of_one_name_are_fast() -> None:
-    """Each looked for its own number from the first on: 99,000 of them took five thousand million steps."""
+    """Counting from 1 for each of 99,000 siblings took five thousand million steps."""
     count = 99_000
     nodes = [{"mesh": 0, "name": "x"} for _ in range(count - 2)] + [{"name": "x#3"}, {"name": "x"}]
     scene = read_gltf(

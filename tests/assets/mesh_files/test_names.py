@@ -10,6 +10,7 @@ import pytest
 from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.assets.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
 from gateway.scene import transforms as tf
+from gateway.scene.geometry import PointCloud, Surface
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
 
 
@@ -47,7 +48,7 @@ def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: py
 
     monkeypatch.setattr(Packages, "scan", counted)
     for _ in range(50):
-        assert packages.folder("nobody") is None
+        assert packages.folder("missing") is None
     assert len(scans) == 1
     write(root / "late" / "package.xml", "<name>late</name>")
     now[0] = 60.0
@@ -180,3 +181,20 @@ def test_long_names_are_shortened_in_messages(files: MeshFiles, length: int, sho
         files.load(name)
     assert (name in str(caught.value)) != shortened
     assert ("..." in str(caught.value)) == shortened
+
+
+def test_the_size_of_a_loaded_file_is_that_of_its_arrays(root: Path) -> None:
+    """And a kilobyte for each part."""
+    head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    write(root / "p.ply", f"{head}{colors}end_header\n0 0 0 1 2 3\n1 0 0 4 5 6\n")
+    files = MeshFiles([root])
+    (part,) = files.load("p.ply")
+    assert isinstance(part.shape, PointCloud)
+    expected = 1024 + part.shape.points.nbytes + part.shape.channels["rgb"].nbytes
+    assert part.shape.points.nbytes == 2 * 12
+    assert files.cache.nbytes == expected
+    write(root / "t.obj", TRIANGLE)
+    (part,) = files.load("t.obj")
+    assert isinstance(part.shape, Surface)
+    assert files.cache.nbytes == expected + 1024 + part.shape.mesh.nbytes
