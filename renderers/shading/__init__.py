@@ -9,8 +9,8 @@ Usage::
 Each row of a visibility buffer goes through the same steps:
 
 1. ``spans``: neighbouring pixels that see one primitive, and segments of spans that see one instance.
-2. ``interpolation``: weighted sums of vertex attributes, linear along each span, evaluated at eight pixels at a time
-   into rows of attributes (``layout``, A_), at most PART pixels.
+2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel;
+   ``interpolation``: the sums at eight pixels at a time, into rows of attributes (``layout``, A_), at most PART pixels.
 3. ``material``: base colour, normal map and the other maps (``sampling``) into further rows.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background, bytes.

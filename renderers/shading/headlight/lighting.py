@@ -41,7 +41,7 @@ from renderers.shading.vec3 import load3, scale_to, store3, times
 
 
 @inlined
-def _base(varies, mf, pixels, x):
+def _base_color(varies, mf, pixels, x):
     """Base colour of eight pixels."""
     if varies:
         return load3(pixels, A_BASE * STRIDE + x, STRIDE)
@@ -49,7 +49,7 @@ def _base(varies, mf, pixels, x):
 
 
 @inlined
-def _put(job, pbr, direct, line, x, pixels, at, rgb):
+def _write_pixels(job, pbr, direct, line, x, pixels, at, rgb):
     """Write eight finished pixels to the packed row, or for the layers to the rows A_BASE."""
     if direct:
         write(job, pbr, line, x, rgb[0], rgb[1], rgb[2])
@@ -62,11 +62,11 @@ def _shade_unlit(job, mf, varies, pixels, begin, count, line):
     """The colour of a surface is its base colour."""
     direct, pbr = job[S_MODE] == DIRECT, job[S_PBR] != 0
     for at in range(0, count, vec.LANES):
-        _put(job, pbr, direct, line, begin + at, pixels, at, _base(varies, mf, pixels, at))
+        _write_pixels(job, pbr, direct, line, begin + at, pixels, at, _base_color(varies, mf, pixels, at))
 
 
 @inlined
-def _phong(pixels, at):
+def _headlight_cosine(pixels, at):
     """max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
     n = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
     return vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
@@ -74,16 +74,16 @@ def _phong(pixels, at):
 
 @device_function
 def _shade_phong(job, mf, varies, pixels, begin, count, line):
-    """Base colour times ``_phong``."""
+    """Shade by base colour times ``_headlight_cosine`` (Lambert)."""
     direct = job[S_MODE] == DIRECT
     if varies:
         for at in range(0, count, vec.LANES):
             base = load3(pixels, A_BASE * STRIDE + at, STRIDE)
-            _put(job, False, direct, line, begin + at, pixels, at, times(base, _phong(pixels, at)))
+            _write_pixels(job, False, direct, line, begin + at, pixels, at, times(base, _headlight_cosine(pixels, at)))
         return
-    base = _base(False, mf, pixels, np.int64(0))
+    base = _base_color(False, mf, pixels, np.int64(0))
     for at in range(0, count, vec.LANES):
-        r, g, b = times(base, _phong(pixels, at))
+        r, g, b = times(base, _headlight_cosine(pixels, at))
         write(job, False, line, begin + at, r, g, b)
 
 
@@ -115,18 +115,18 @@ def _shade_pbr(job, segment, varies, begin, count, line):
         m = metallic
         if rough:
             m = m * vec.load(pixels, (A_ROUGH + 2) * STRIDE + at)
-        diffuse, f0, grazing = vtk_colors(_base(varies, mf, pixels, at), m)
-        kept = ambient_share(mi, mf, pixels, at)
+        diffuse, f0, grazing = vtk_colors(_base_color(varies, mf, pixels, at), m)
+        ambient = ambient_share(mi, mf, pixels, at)
         e = emitted
         if emissive:
             texel = load3(pixels, A_EMISSIVE * STRIDE + at, STRIDE)
             e = emitted[0] * texel[0], emitted[1] * texel[1], emitted[2] * texel[2]
         rgb = (
-            vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], grazing[0]) * kept + e[0],
-            vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], grazing[1]) * kept + e[1],
-            vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], grazing[2]) * kept + e[2],
+            vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], grazing[0]) * ambient + e[0],
+            vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], grazing[1]) * ambient + e[1],
+            vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], grazing[2]) * ambient + e[2],
         )
-        _put(job, True, direct, line, begin + at, pixels, at, rgb)
+        _write_pixels(job, True, direct, line, begin + at, pixels, at, rgb)
 
 
 @inlined
@@ -148,7 +148,7 @@ def fill_spans(segment, span, last_span, line):
     for batch in range(span, last_span, vec.LANES):
         n = load3(spans, T_NORMAL * SPAN_ROOM + batch - span, SPAN_ROOM)
         light = vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
-        r, g, b = times(_base(False, mf, spans, np.int64(0)), light)
+        r, g, b = times(_base_color(False, mf, spans, np.int64(0)), light)
         vec.store(pixels, 0, packed(r, g, b))
         for k in range(min(last_span - batch, vec.LANES)):
             color = vec.i32(np.int64(pixels[k]))

@@ -12,7 +12,7 @@ from renderers.primitive_ids import instance_of
 from renderers.shading.headlight.layout import S_COUNTS, S_MODE, S_PLACES, S_STRIDE, S_WIDTH
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_phong, shade
 from renderers.shading.headlight.output_merge import DIRECT, GATHER, gather, put_line, write_background, write_under
-from renderers.shading.interpolation import interpolate, set_up_spans
+from renderers.shading.interpolation import interpolate
 from renderers.shading.layout import (
     G_MATERIAL_FLOATS,
     G_MATERIAL_INTEGERS,
@@ -23,6 +23,7 @@ from renderers.shading.layout import (
     S_FIRST,
 )
 from renderers.shading.materials import MF_CUTOFF, MI_ALPHA_MODE
+from renderers.shading.span_setup import set_up_spans
 from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
 
 

@@ -17,7 +17,7 @@ from renderers.compiler.kernel_calls import call_kernel, is_set
 from renderers.compiler.pointers import address, f32_at, i32_at, i64_at, u8_at
 from renderers.msaa import sample_band_at
 from renderers.primitive_ids import instance_of
-from renderers.shading.interpolation import interpolate, set_up_spans
+from renderers.shading.interpolation import interpolate
 from renderers.shading.layout import (
     G_COLUMNS,
     G_RECORDS,
@@ -27,6 +27,7 @@ from renderers.shading.layout import (
     S_FIRST,
     STRIDE,
 )
+from renderers.shading.span_setup import set_up_spans
 from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
 from renderers.shading.studio.layout import (
     EDGE_SHADER,
