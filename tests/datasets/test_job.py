@@ -22,7 +22,8 @@ OWN_VIEWS = (View("own", "fit"),)
 
 @pytest.fixture
 def job() -> Job:
-    return Job((REQUEST, MESH, SPECIAL), VIEWS, {"special.glb": OWN_VIEWS}, SETTINGS, Path("/out"), timeout=7.0)
+    overrides = {"special.glb": OWN_VIEWS}
+    return Job((REQUEST, MESH, SPECIAL), VIEWS, overrides, SETTINGS, Path("/out"), timeout=7.0)  # short: never waited
 
 
 def test_samples_are_numbered_in_the_order_of_scenes_and_views(job: Job) -> None:
