@@ -26,6 +26,7 @@ from renderers.shading.layout import (
     G_LANES,
     G_LENS,
     G_MASKS,
+    G_MATERIAL_INTEGERS,
     G_PIXELS,
     G_SPANS,
     G_SURFACE,
@@ -50,6 +51,7 @@ from renderers.shading.layout import (
     T_UV1,
     T_UV1_GRADIENT,
 )
+from renderers.shading.materials import MI_UV
 
 
 @inlined
@@ -83,7 +85,8 @@ def _clear(pixels, row, rows, begin, end):
 def interpolate(segment, begin, end, to):
     """Fill the rows A_ from value ``to`` on with the attributes of the pixels ``begin .. end``, after ``set_up_spans``.
 
-    Up to seven further values are overwritten. Texture coordinates that the mesh lacks, and their gradients, become 0.
+    Up to seven further values are overwritten. Texture coordinates that the material reads and the mesh lacks become 0,
+    as do their gradients.
     """
     spans, pixels = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS])
     masks, has, columns = i64_at(segment[G_MASKS]), segment[G_HAS], segment[G_COLUMNS]
@@ -129,8 +132,9 @@ def interpolate(segment, begin, end, to):
                         pixels, (A_TANGENT + j) * STRIDE + to_x, _along_span(spans, T_TANGENT + j, 4, at, lanes, t)
                     )
         at += vec.count_bits(starts)
+    uv_sets = i64_at(segment[G_MATERIAL_INTEGERS])[MI_UV]
     for which in range(2):
-        if not has & (HAS_UV0 << which):
+        if uv_sets & (1 << which) and not has & (HAS_UV0 << which):
             _clear(pixels, A_UV0 + 2 * which, 2, to, to + end - begin)
             if segment[G_SURFACE] != 0:
                 _clear(pixels, A_GRADIENT0 + 4 * which, 4, to, to + end - begin)
