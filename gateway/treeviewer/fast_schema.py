@@ -1,7 +1,7 @@
 """Types of the most frequent commands, which msgspec checks while it decodes them.
 
-Data that does not fit (other geometries, oddities, errors) fails to decode and is read field by field instead, which
-tolerates oddities and gives reasons. So nothing here decides what is valid.
+Data that does not fit (other geometries, unusual forms, errors) fails to decode and is read field by field instead
+(``request_reader``). A type here may therefore be stricter than the protocol, never more lenient.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ class Transform(msgspec.Struct, gc=False):
 
     def pose(self) -> Pose:
         """Return translation and quaternion in one tuple."""
-        t, q = self.translation or fields.ZERO_TRANSLATION, self.quaternion or fields.IDENTITY_QUATERNION
-        return t + q
+        return (self.translation or fields.ZERO_TRANSLATION) + (self.quaternion or fields.IDENTITY_QUATERNION)
 
 
 class _LocalTransform(msgspec.Struct, gc=False):
@@ -116,7 +115,7 @@ def message_type(limits: Limits) -> type:
     set_transform = msgspec.defstruct("SetTransform", [("path", path), ("transform", Transform)], gc=False)
     empty = dict[str, Any]
     return msgspec.defstruct(
-        "TypedMessage",
+        "Message",
         [
             ("setgeometry", list[set_geometry] | empty | None, None),  # type: ignore[valid-type]  # made above
             ("settransform", list[set_transform] | empty | None, None),  # type: ignore[valid-type]  # made above
@@ -137,14 +136,14 @@ def parts_of(command: Any) -> tuple[Part, ...] | None:
 
 def _part(solid: _Solid) -> Part:
     local = solid.transform
-    X = IDENTITY
+    X_node_part = IDENTITY
     if local is not None and (
         local.translation != fields.ZERO_TRANSLATION or local.quaternion != fields.IDENTITY_QUATERNION
     ):
-        X = from_pose(local.translation, local.quaternion)
-    return Part(solid.shape(), material(solid.color), X, _KINDS[type(solid)])
+        X_node_part = from_pose(local.translation, local.quaternion)
+    return Part(solid.shape(), material(solid.color), X_node_part, _TYPE_NAMES[type(solid)])
 
 
-_KINDS: Final[dict[type[_Solid], str]] = {
-    kind: str(kind.__struct_config__.tag) for kind in (_Box, _Sphere, _Ellipsoid, _Cylinder, _Capsule)
+_TYPE_NAMES: Final[dict[type[_Solid], str]] = {
+    solid: str(solid.__struct_config__.tag) for solid in (_Box, _Sphere, _Ellipsoid, _Cylinder, _Capsule)
 }

@@ -25,8 +25,8 @@ class JsonReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         super().__init__(limits, meshes)
-        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(message_type(self.limits))
-        self._untyped = msgspec.json.Decoder()
+        self._schema_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(message_type(self.limits))
+        self._plain_decoder = msgspec.json.Decoder()
 
     def read(self, data: memoryview) -> Request:
         context = self.context()
@@ -34,20 +34,20 @@ class JsonReader(RequestReader):
         if len(body) > self.limits.json_bytes:
             raise RequestError(f"the request has {len(body)} bytes of JSON, the limit is {self.limits.json_bytes}")
         try:
-            request = self.from_typed(self._typed.decode(body), context)
+            request = self.from_schema(self._schema_decoder.decode(body), context)
             if request is not None:
                 return request
         except DECODE_ERRORS:
             pass
         try:
-            return self.from_untyped(self._decode_any(body), context)
+            return self.from_plain(self._decode_any(body), context)
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
 
     def _decode_any(self, body: bytes | memoryview) -> Any:
         """Return plain objects, by Python's json if msgspec refuses: Python clients write bare NaN and Infinity."""
         try:
-            return self._untyped.decode(body)
+            return self._plain_decoder.decode(body)
         except DECODE_ERRORS:
             pass
         try:

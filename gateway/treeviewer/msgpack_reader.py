@@ -40,23 +40,23 @@ class MsgpackReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         super().__init__(limits, meshes)
-        self._typed: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(message_type(self.limits))
-        self._untyped = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
+        self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(message_type(self.limits))
+        self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
 
     def read(self, data: memoryview) -> Request:
         if len(data) > self.limits.binary_objects:  # each value takes a byte at least
             self._check_values(data)
         try:
-            request = self.from_typed(self._typed.decode(data), self.context())
+            request = self.from_schema(self._schema_decoder.decode(data), self.context())
             if request is not None:
                 return request
         except DECODE_ERRORS:
             pass
         try:
-            message = self._untyped.decode(data)
+            message = self._plain_decoder.decode(data)
         except DECODE_ERRORS as error:
             raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.from_untyped(message, self.context())
+        return self.from_plain(message, self.context())
 
     def _check_values(self, data: memoryview) -> None:
         """Raise RequestError if the request would become too many objects, before any is made."""

@@ -17,7 +17,7 @@ from gateway.treeviewer import json_kernels
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, columns_text, shape_text
 
 MIN_NUMBERS: Final = 256
-"""Shorter arrays stay in the JSON: more numbers than a path has elements, fewer than take noticeable time."""
+"""Shorter arrays stay in the JSON: paths must, and Python reads so few numbers quickly."""
 MAX_ARRAYS: Final = 65_536
 """Maximum number of arrays taken out of one message; further ones stay in the JSON."""
 _POWERS_OF_TEN: Final = json_kernels.powers_of_ten()
@@ -51,18 +51,18 @@ class NumberArrays:
         self._arrays: list[_TextArray] = []
 
     def extract(self, data: memoryview) -> bytes:
-        """Return the JSON text with strings in place of its long arrays. ``data`` is kept."""
+        """Return the JSON text with strings in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
         table = np.empty((MAX_ARRAYS if len(data) > MAX_ARRAYS else 64, 6), np.int64)
-        found = json_kernels.find_arrays(text, table, MIN_NUMBERS)
-        if not found:
+        array_count = json_kernels.find_arrays(text, table, MIN_NUMBERS)
+        if not array_count:
             return bytes(data)
         self._text = text
         self._prefix = f"\x00{os.urandom(12).hex()}:"
         escaped = '"\\u0000' + self._prefix[1:]
         pieces: list[bytes | memoryview] = []
         position = 0
-        for index, row in enumerate(table[:found].tolist()):
+        for index, row in enumerate(table[:array_count].tolist()):
             array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
@@ -72,7 +72,7 @@ class NumberArrays:
         return b"".join(pieces)
 
     def is_reference(self, value: str) -> bool:
-        """Return whether a string stands for an array that was taken out."""
+        """Return True if a string stands for an array that was taken out."""
         return bool(self._prefix) and value.startswith(self._prefix)
 
     def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
@@ -97,9 +97,9 @@ class NumberArrays:
         if isinstance(value, PackedArray):
             return value.indices(count, max_rows)
         values = self._read(value, (3,), max_rows)
-        wrong = ~((values >= 0.0) & (values < count) & (values == np.floor(values)))
-        if wrong.any():
-            row, column = divmod(int(np.argmax(wrong)), 3)
+        invalid = ~((values >= 0.0) & (values < count) & (values == np.floor(values)))
+        if invalid.any():
+            row, column = divmod(int(np.argmax(invalid)), 3)
             raise ArrayError(f"has {float(values[row, column]):.17g} in row {row}, but there are {count} vertices")
         return values.astype(np.uint32)
 
@@ -109,30 +109,30 @@ class NumberArrays:
         return _from_list(value, columns, max_rows)
 
     def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
-        width = _check_shape(array, columns, max_rows)
+        column_count = _check_shape(array, columns, max_rows)
         assert self._text is not None
         out = np.empty(array.count, np.float64)
-        wrong = json_kernels.read_numbers(self._text, array.begin, array.end, _POWERS_OF_TEN, out)
-        if wrong >= 0:
-            found = bytes(self._text[wrong : wrong + 12]).decode("ascii", "replace")
-            raise JsonError(f"at byte {wrong}: {found!r} where a number should be")
-        return out if width == 1 else out.reshape(-1, width)
+        error_at = json_kernels.read_numbers(self._text, array.begin, array.end, _POWERS_OF_TEN, out)
+        if error_at >= 0:
+            excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
+            raise JsonError(f"at byte {error_at}: {excerpt!r} where a number should be")
+        return out if column_count == 1 else out.reshape(-1, column_count)
 
 
 def _check_shape(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
     """Return the number of columns, which is one of ``columns``."""
     nested = array.dimensions == 2
     rows = array.rows if nested else array.count
-    width = array.columns if nested else 1
+    column_count = array.columns if nested else 1
     if rows > max_rows:
         raise ArrayError(f"has {rows} rows, the limit is {max_rows}")
-    if nested and width == json_kernels.RAGGED:
+    if nested and column_count == json_kernels.RAGGED:
         raise ArrayError("has rows of different lengths")
-    if nested and width == 1 and 1 in columns:
+    if nested and column_count == 1 and 1 in columns:
         return 1
-    if width not in columns or nested != (width != 1):
-        raise ArrayError(f"has {shape_text(array.dimensions, width)}, not {columns_text(columns)}")
-    return width
+    if column_count not in columns or nested != (column_count != 1):
+        raise ArrayError(f"has {shape_text(array.dimensions, column_count)}, not {columns_text(columns)}")
+    return column_count
 
 
 def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
@@ -150,9 +150,9 @@ def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[n
         raise ArrayError("has something that is not a number")
     if array.ndim == 2 and array.shape[1] == 1 and 1 in columns:
         array = array.reshape(-1)
-    width = array.shape[1] if array.ndim == 2 else 1
-    if array.ndim > 2 or width not in columns or (array.ndim == 2) != (width != 1):
-        raise ArrayError(f"has {shape_text(array.ndim, width)}, not {columns_text(columns)}")
+    column_count = array.shape[1] if array.ndim == 2 else 1
+    if array.ndim > 2 or column_count not in columns or (array.ndim == 2) != (column_count != 1):
+        raise ArrayError(f"has {shape_text(array.ndim, column_count)}, not {columns_text(columns)}")
     return array.astype(np.float64)
 
 

@@ -1,7 +1,8 @@
-"""Turn decoded data into a ``Request``: paths checked, geometry made, every failure with its reason.
+"""Turn a decoded message into a ``Request``: check paths, make geometry, give the reason of each failure.
 
-There are two ways. Data that fits ``fast_schema`` has been checked by msgspec while it was decoded: 1000 transforms
-take 1.6 ms instead of 11. All other data is read field by field, with the oddities of all known clients.
+Messages that fit ``fast_schema`` were checked by msgspec while they were decoded, which halves the time of 1000
+transforms (docs/decisions/0016-fast-tree-viewer-requests.md). All others are read field by field, which accepts all
+forms that known clients send.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class RequestReader:
         """Return the context for a new request."""
         return ReadContext(self.limits, meshes=self._meshes)
 
-    def from_typed(self, message: Any, context: ReadContext) -> Request | None:
-        """Read a message of type ``fast_schema.message_type``; return None if it needs ``from_untyped``."""
+    def from_schema(self, message: Any, context: ReadContext) -> Request | None:
+        """Read a message of type ``fast_schema.message_type``; return None if it needs ``from_plain``."""
         if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
             return None
         request = Request()
@@ -69,7 +70,7 @@ class RequestReader:
             request.transforms = [(command.path, command.transform.pose()) for command in transforms]
         return request
 
-    def from_untyped(self, message: Any, context: ReadContext) -> Request:
+    def from_plain(self, message: Any, context: ReadContext) -> Request:
         """Read a message of plain dicts and lists.
 
         Raises:
