@@ -35,5 +35,5 @@ def srgb_values_from_linear(linear: NDArray[Any]) -> NDArray[Any]:
     return np.where(linear > 0.0031308, 1.055 * linear ** (1.0 / 2.4) - 0.055, 12.92 * linear)
 
 
-BYTE_VALUES: Final[NDArray[np.float32]] = linear_values_from_srgb(np.arange(256) / 255.0).astype(np.float32)
+LINEAR_FROM_BYTE: Final[NDArray[np.float32]] = linear_values_from_srgb(np.arange(256) / 255.0).astype(np.float32)
 """(256,) float32, linear value of each sRGB byte. Texels are converted before filtering, as required by glTF 2.0."""

@@ -11,14 +11,14 @@ from gateway.settings import load
 from gateway.wiring import warmup
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
-PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
+SERVER_OF_SETTING = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
 """Name of the server behind each port setting."""
 
 
 def print_findings() -> bool:
     """Print the table; return whether there is no error in it."""
     settings = load()
-    ports = {label: port for name, label in PORTS.items() if (port := getattr(settings, name)) is not None}
+    ports = {label: port for name, label in SERVER_OF_SETTING.items() if (port := getattr(settings, name)) is not None}
     table = Table(box=None, pad_edge=False)
     for heading in ("what", "", "finding"):
         table.add_column(heading, overflow="fold")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gateway.state.service import PersistentState
     from gateway.wiring.context import Context
 
-HELP = """Serve every interface until SIGTERM or Ctrl+C.
+HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
 Each flag is also an environment variable (SCENEGATE_HTTP_PORT=9000) and a key of the TOML file (http_port = 9000).
 Flags override the environment, which overrides the file.

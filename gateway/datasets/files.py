@@ -17,7 +17,7 @@ TEMPORARY_SUFFIX: Final = ".part"
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     """Write a file under a temporary name and rename it. Missing folders are created.
 
-    If the process is killed before, the temporary file stays until ``remove_temporary_files``.
+    If the process is killed before the rename, the temporary file stays until ``remove_temporary_files``.
 
     Args:
         data: content, or the parts of it.

@@ -19,7 +19,7 @@ from gateway.datasets.job import Result, Task
 
 _PR_SET_PDEATHSIG: Final = 1
 """Option of prctl(2): send this process a signal when its parent ends."""
-DIED: Final = "the process that rendered it died twice (out of memory?)"
+DIED_MESSAGE: Final = "the process that rendered it died twice (out of memory?)"
 
 
 def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
@@ -41,11 +41,11 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
             try:
                 yield pool.submit(_work, task).result()
             except BrokenProcessPool:
-                yield task.failed(DIED)
+                yield task.failed(DIED_MESSAGE)
 
 
 def _run_in_parallel(pending: deque[Task], workers: int, died: list[Task]) -> Iterator[Result]:
-    """Run tasks. Each worker has a pool of its own: a broken pool then belongs to one task.
+    """Run tasks. Each worker is a pool of one process: when a process dies, all tasks of its pool fail.
 
     Args:
         died: gets the tasks whose process died.
@@ -89,6 +89,6 @@ def _initialize(parent: int) -> None:
 
 
 def _work(task: Task) -> Result:
-    from gateway.datasets.worker import work  # imports kernels, after the parent has set the cache folder
+    from gateway.datasets.worker import work  # late: it imports kernels, whose cache folder is set by then
 
     return work(task)

@@ -46,7 +46,7 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
 
 
 def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
-    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(render)
+    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(run_pickled_task)
     pending = iter(tasks)
     running: dict[Any, Task] = {}
     while True:
@@ -65,11 +65,11 @@ def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
                 yield task.failed(f"Ray gave up after {RETRIES} retries: {str(error).strip().splitlines()[0]}")
 
 
-def render(task: bytes) -> bytes:
+def run_pickled_task(task: bytes) -> bytes:
     """Return the pickled result of a pickled task.
 
-    They are pickled here and not by Ray, because importing their classes imports Numba, whose kernel cache must be
-    configured before.
+    Ray must not unpickle them itself: that imports their classes and so Numba, whose kernel cache must be configured
+    before its import.
     """
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup

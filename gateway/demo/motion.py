@@ -1,4 +1,4 @@
-"""Poses of the demo scene at a time."""
+"""Poses of the demo scene as a function of time."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from gateway.scene.tree import Path, Pose
 
 PERIOD: Final = 24.0
 """Period in seconds, so that recordings can be looped."""
-BALL: Final = (0.72, -1.0, 0.62)
+CRYSTAL_BALL: Final = (0.72, -1.0, 0.62)
 """Position of the crystal ball: below the default view of the stereo camera, as stereo matching fails on transparent
 objects."""
-ORBIT: Final = 0.17
+ORBIT_RADIUS: Final = 0.17
 """Radius of the ring around the ball, metres."""
 _X: Final = (1.0, 0.0, 0.0)
 _Y: Final = (0.0, 1.0, 0.0)
@@ -28,7 +28,7 @@ def poses(t: float) -> dict[Path, Pose]:
     base: Path = ("robot",)
     upper: Path = (*base, "turret", "upper arm")
     hand: Path = (*upper, "forearm", "wrist")
-    ball = 3 * phase
+    roll = 3 * phase
     hop = abs(math.sin(4 * phase))
     return {
         base: _pose((-0.35, 0.0, 0.75)),
@@ -39,9 +39,15 @@ def poses(t: float) -> dict[Path, Pose]:
         (*hand, "left finger"): _pose((0.0, grip, 0.10)),
         (*hand, "right finger"): _pose((0.0, -grip, 0.10)),
         ("turntable",): _pose((0.30, -0.28, 0.76), _Z, 2 * phase),
-        ("crystal ball",): _pose((*BALL,), _Z, -phase),
-        ("bouncing ball",): _pose((0.02, 0.36, 0.80 + 0.22 * hop), _X, ball),
-        ("satellite",): _pose((BALL[0] + ORBIT * math.cos(3 * phase), BALL[1] + ORBIT * math.sin(3 * phase), BALL[2])),
+        ("crystal ball",): _pose((*CRYSTAL_BALL,), _Z, -phase),
+        ("bouncing ball",): _pose((0.02, 0.36, 0.80 + 0.22 * hop), _X, roll),
+        ("satellite",): _pose(
+            (
+                CRYSTAL_BALL[0] + ORBIT_RADIUS * math.cos(3 * phase),
+                CRYSTAL_BALL[1] + ORBIT_RADIUS * math.sin(3 * phase),
+                CRYSTAL_BALL[2],
+            )
+        ),
         ("drone",): _pose(
             (0.9 * math.cos(phase), 0.9 * math.sin(phase), 1.75 + 0.06 * math.sin(5 * phase)),
             _Z,

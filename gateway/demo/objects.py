@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
-from gateway.demo.motion import BALL, ORBIT
+from gateway.demo.motion import CRYSTAL_BALL, ORBIT_RADIUS
 from gateway.demo.textures import checker, stripes, target, wood
 from gateway.scene.geometry import (
     Box,
@@ -118,7 +118,7 @@ def _tabletop_objects() -> dict[Path, tuple[Part, ...]]:
         ),
         ("satellite",): (Part(Sphere(0.02), _material("ef476f", roughness=0.3)),),
         ("bouncing ball",): (Part(Surface(globe()), _textured(stripes(), 0.35)),),
-        ("orbit",): (Part(Line(ring(BALL, ORBIT), radius=0.004, closed=True), _material("06d6a0")),),
+        ("orbit",): (Part(Line(ring(CRYSTAL_BALL, ORBIT_RADIUS), radius=0.004, closed=True), _material("06d6a0")),),
         ("arrow",): (
             Part(
                 Line(

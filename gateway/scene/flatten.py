@@ -189,7 +189,7 @@ class _TreeFlattener:
         self, entry: _Entry, node: Node, moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
     ) -> None:
         """Append the children to update to the next level, and drop the entries of removed ones."""
-        drawn = {name: child for name, child in node.children.items() if child.visible and child.geometry_count}
+        drawn = {name: child for name, child in node.children.items() if child.visible and child.nodes_with_parts}
         if list(entry.children) != list(drawn):
             self._materials_changed = True
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}

@@ -31,8 +31,8 @@ class Node:
         "_matrix",
         "_pose",
         "children",
-        "geometry_count",
         "node_count",
+        "nodes_with_parts",
         "owner",
         "parts",
         "visible",
@@ -41,8 +41,8 @@ class Node:
     children: dict[PathElement, Node]
     """By path element, in order of creation."""
     parts: tuple[Part, ...] | None
-    """Geometry; None: none was set. An empty tuple draws nothing, but counts as geometry."""
-    geometry_count: int
+    """The geometry, or None if it was never set. An empty tuple draws nothing, but counts as geometry."""
+    nodes_with_parts: int
     """Number of nodes with ``parts is not None`` in this subtree, this node included."""
     node_count: int
     """Number of nodes of this subtree, this node included."""
@@ -60,7 +60,7 @@ class Node:
         self.parts = parts
         self.children = {} if children is None else children
         self.visible = True
-        self.geometry_count = (parts is not None) + sum(c.geometry_count for c in self.children.values())
+        self.nodes_with_parts = (parts is not None) + sum(c.nodes_with_parts for c in self.children.values())
         self.node_count = 1 + sum(c.node_count for c in self.children.values())
         self._matrix: NDArray[np.float64] | None = matrix
         self._pose: Pose | None = None
@@ -68,7 +68,10 @@ class Node:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """X_parent_node, (4, 4) float64, affine. Computed from the pose at first use; do not write to it."""
+        """(4, 4) float64, affine, from this node's frame to its parent's (X_parent_node); do not write to it.
+
+        Computed from the pose at first use.
+        """
         if self._matrix is None:
             assert self._pose is not None
             self._matrix = from_pose(self._pose[:3], self._pose[3:])
@@ -88,7 +91,7 @@ class Node:
         self._matrix, self._pose = None, pose
 
     def same_transform(self, other: Node) -> bool:
-        """Return True if both have the transform of the same edit (by identity, not by value)."""
+        """Return True if both share one transform object. Equal values of two edits count as different."""
         return self._matrix is other._matrix if self._pose is None else self._pose is other._pose
 
     def find(self, path: Path) -> Node | None:
@@ -104,7 +107,7 @@ class Node:
         """Return the product of all transforms down to ``path``, this node's included; None without such a node.
 
         Returns:
-            (4, 4) float64 X_world_node, if this node is the root.
+            (4, 4) float64: X_world_node if this node is the root; else relative to the parent of this node.
         """
         node = self
         with np.errstate(all="ignore"):
@@ -131,7 +134,7 @@ class Node:
         node.parts = self.parts
         node.children = self.children.copy()
         node.visible = self.visible
-        node.geometry_count = self.geometry_count
+        node.nodes_with_parts = self.nodes_with_parts
         node.node_count = self.node_count
         if self._pose is not None:
             node.set_pose(self._pose)
@@ -165,7 +168,7 @@ class TreeEdit:
         leaf = nodes[-1]
         if leaf.parts is None:
             for node in nodes:
-                node.geometry_count += 1
+                node.nodes_with_parts += 1
         leaf.parts = parts
 
     def set_matrix(self, path: Path, matrix: NDArray[np.float64]) -> None:
@@ -188,16 +191,16 @@ class TreeEdit:
     def set_subtree(self, path: Path, node: Node) -> None:
         """Replace the subtree at ``path`` by a committed tree with its own transform."""
         if not path:
-            self._claim()
+            self._begin_change()
             self._root = node
             return
         parents = self._own(path[:-1])
         old = parents[-1].children.get(path[-1])
-        geometries, nodes = (old.geometry_count, old.node_count) if old is not None else (0, 0)
+        old_nodes_with_parts, old_node_count = (old.nodes_with_parts, old.node_count) if old is not None else (0, 0)
         parents[-1].children[path[-1]] = node
         for parent in parents:
-            parent.geometry_count += node.geometry_count - geometries
-            parent.node_count += node.node_count - nodes
+            parent.nodes_with_parts += node.nodes_with_parts - old_nodes_with_parts
+            parent.node_count += node.node_count - old_node_count
 
     def delete(self, path: Path) -> bool:
         """Remove the node at ``path`` and all below it. The root is replaced by an empty node.
@@ -207,7 +210,7 @@ class TreeEdit:
         """
         if not path:
             existed = bool(self._root.children) or self._root.parts is not None
-            owner = self._claim()
+            owner = self._begin_change()
             self._root = Node()
             self._root.owner = owner
             return existed
@@ -217,7 +220,7 @@ class TreeEdit:
         parents = self._own(path[:-1])
         del parents[-1].children[path[-1]]
         for parent in parents:
-            parent.geometry_count -= target.geometry_count
+            parent.nodes_with_parts -= target.nodes_with_parts
             parent.node_count -= target.node_count
         return True
 
@@ -226,7 +229,7 @@ class TreeEdit:
         self._owner = None
         return self._root
 
-    def _claim(self) -> object:
+    def _begin_change(self) -> object:
         """Mark the tree as changed, and return the token of nodes that this edit may change."""
         if self._owner is None:
             raise RuntimeError("this edit was committed")
@@ -235,7 +238,7 @@ class TreeEdit:
 
     def _own(self, path: Path) -> list[Node]:
         """Return the nodes from the root to ``path``, copied or created as needed."""
-        owner = self._claim()
+        owner = self._begin_change()
         node = self._root
         if node.owner is not owner:
             node = self._root = node.copy(owner)
@@ -255,8 +258,8 @@ class TreeEdit:
             node = child
         if self.created != before:  # created nodes are the last ones of the path
             created = self.created - before
-            for above, owned in enumerate(reversed(nodes)):
-                owned.node_count += min(above, created)
+            for below, owned in enumerate(reversed(nodes)):
+                owned.node_count += min(below, created)
         return nodes
 
 
@@ -307,7 +310,7 @@ def changes(old: Node, new: Node) -> Iterator[Change]:
 
 
 def _reordered(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
-    """Return the names in both mappings that stand behind the first change of order."""
+    """Return the names that both mappings have, from the first one whose order differs."""
     new_order = list(after)
     old_order = [name for name in before if name in after]
     if new_order[: len(old_order)] == old_order:

@@ -92,7 +92,7 @@ class SceneApi:
         snapshot = self._tree.snapshot
         return {
             "revision": snapshot.revision,
-            "geometries": snapshot.root.geometry_count,
+            "geometries": snapshot.root.nodes_with_parts,
             "pictures": self._image_count,
         }
 

@@ -93,7 +93,7 @@ class RequestApplier:
             if refused:
                 self._failures.append(Failure("settransform", index, path, refused))
                 continue
-            if not edit.set_pose(path, pose).geometry_count:
+            if not edit.set_pose(path, pose).nodes_with_parts:
                 self._missing[path] = None
             self._moved[path] = None
         return count

@@ -114,7 +114,7 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
     watch(
         "scenegate_tree_geometry_nodes",
         "Number of nodes with geometry in the live scene.",
-        lambda: tree.snapshot.root.geometry_count,
+        lambda: tree.snapshot.root.nodes_with_parts,
     )
 
 

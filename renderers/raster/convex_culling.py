@@ -1,10 +1,10 @@
 """Closed meshes whose back faces are hidden from every point outside: spheres, boxes, cylinders, capsules.
 
-A closed surface covers every pixel centre by as many front faces as back faces, because coverage is exact on snapped
-corners and each edge occurs once in each direction. If all triangles also face away from one inner point, a ray from
-outside meets a front face first. A camera outside the bounding box of such a mesh needs no back faces. The image and
-its depths are the same, except where snapping moves a silhouette over a pixel centre, or where front and back are
-closer than float32 can tell: there the front shows.
+On a closed mesh, as many front faces as back faces cover each pixel centre. This holds exactly, because corners are
+snapped to a grid and each edge occurs once in each direction. If all triangles also face away from one inner point, a
+ray from outside meets a front face first. A camera outside the bounding box of such a mesh needs no back faces. The
+image and its depths are the same, except where snapping moves a silhouette over a pixel centre, or where front and back
+are closer than float32 can tell: there the front shows.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_
 from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
-"""Coordinates below this times the mesh's extent count as 0. Where seams meet, mesh generators write the sine of a
-whole turn, which is 2e-16 instead of 0."""
+"""Coordinates below this times the mesh's extent count as 0. Mesh generators end a ring at sin(2 pi), which they
+compute as 2e-16; as 0, it meets the start of the ring."""
 
 _BLOCK: Final = 1 << 16
 """Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
@@ -39,16 +39,18 @@ def _hash(value):
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
-def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_at, out_at, stop_at):
+def check_back_faces_hidden(
+    positions_at, vertex_count, indices_at, triangle_count, cleaned_at, hashes_at, out_at, stop_at
+):
     """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
 
     Each edge from a to b adds A(a) B(b) - A(b) B(a), modulo 2^64, where A and B are two hashes of a position. If each
     edge occurs as often in the other direction, the sum is 0; otherwise it is 0 with a probability of about 2^-60.
 
     Args:
-        positions_at, count, indices_at, triangles: the mesh, float32 and uint32.
-        cleaned_at: address of (count, 3) float32; gets the positions with values near zero set to zero.
-        hashes_at: address of (count, 2) uint64 of scratch.
+        positions_at, vertex_count, indices_at, triangle_count: the mesh, float32 and uint32.
+        cleaned_at: address of (vertex_count, 3) float32; gets the positions with values near zero set to zero.
+        hashes_at: address of (vertex_count, 2) uint64 of scratch.
         out_at: address of 8 float64: 1 if it is closed and faces away, else 0; 1 if the cleaned positions differ, else
             0; centre and half extents of the bounding box.
         stop_at: address of a ``StopFlag``; the result means nothing if it was set.
@@ -60,36 +62,36 @@ def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_
     for axis in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         finite = True
-        for k in range(count):
+        for k in range(vertex_count):
             value = positions[3 * k + axis]
             finite = finite & (abs(value) < np.float32(1e18))
             low, high = min(low, value), max(high, value)
-        if not finite or count == 0:
+        if not finite or vertex_count == 0:
             return
         out[2 + axis] = 0.5 * (np.float64(low) + np.float64(high))
         out[5 + axis] = 0.5 * (np.float64(high) - np.float64(low))
         extent = max(extent, out[5 + axis])
-    cx, cy, cz = out[2], out[3], out[4]
+    center_x, center_y, center_z = out[2], out[3], out[4]
     # Most other meshes fail here, at one of their first triangles.
-    for t in range(triangles):
+    for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
             return
         a, b, c = 3 * np.int64(indices[3 * t]), 3 * np.int64(indices[3 * t + 1]), 3 * np.int64(indices[3 * t + 2])
-        ax, ay, az = positions[a] - cx, positions[a + 1] - cy, positions[a + 2] - cz
-        bx, by, bz = positions[b] - cx, positions[b + 1] - cy, positions[b + 2] - cz
-        dx, dy, dz = positions[c] - cx, positions[c + 1] - cy, positions[c + 2] - cz
-        volume = ax * (by * dz - bz * dy) + ay * (bz * dx - bx * dz) + az * (bx * dy - by * dx)
+        ax, ay, az = positions[a] - center_x, positions[a + 1] - center_y, positions[a + 2] - center_z
+        bx, by, bz = positions[b] - center_x, positions[b + 1] - center_y, positions[b + 2] - center_z
+        cx, cy, cz = positions[c] - center_x, positions[c + 1] - center_y, positions[c + 2] - center_z
+        volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
         if not volume > 0.0:
             # Degenerate triangles, as at the poles of a sphere, are never visible.
             tolerance = 4.0 * NEAR_ZERO * extent
             coincide = (abs(ax - bx) <= tolerance) & (abs(ay - by) <= tolerance) & (abs(az - bz) <= tolerance)
-            coincide |= (abs(bx - dx) <= tolerance) & (abs(by - dy) <= tolerance) & (abs(bz - dz) <= tolerance)
-            coincide |= (abs(dx - ax) <= tolerance) & (abs(dy - ay) <= tolerance) & (abs(dz - az) <= tolerance)
+            coincide |= (abs(bx - cx) <= tolerance) & (abs(by - cy) <= tolerance) & (abs(bz - cz) <= tolerance)
+            coincide |= (abs(cx - ax) <= tolerance) & (abs(cy - ay) <= tolerance) & (abs(cz - az) <= tolerance)
             if not coincide:
                 return
     near_zero = np.float32(NEAR_ZERO * extent)
     changed = False
-    for k in range(count):
+    for k in range(vertex_count):
         if k % _BLOCK == 0 and is_set(stop_at):
             return
         for axis in range(3):
@@ -102,19 +104,19 @@ def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_
         hashes[2 * k] = np.int64(first_hash)
         hashes[2 * k + 1] = np.int64(_hash(first_hash + np.uint64(0x9E3779B97F4A7C15)))
     edge_sum = np.int64(0)
-    for t in range(triangles):
+    for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
             return
         a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
-        # Of its three edges.
+        # The terms of its three edges, expanded around corner a.
         edge_sum += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1]) - (hashes[c] - hashes[a]) * (
             hashes[b + 1] - hashes[a + 1]
         )
-    out[0] = 1.0 if edge_sum == 0 and triangles > 0 else 0.0
+    out[0] = 1.0 if edge_sum == 0 and triangle_count > 0 else 0.0
     out[1] = 1.0 if changed else 0.0
 
 
-def convex_bounds(
+def cullable_mesh(
     positions: NDArray[np.float32], indices: NDArray[np.uint32]
 ) -> tuple[Bounds, NDArray[np.float32]] | None:
     """Return the bounding box of a mesh whose back faces are hidden from outside; None for other meshes.
@@ -124,15 +126,15 @@ def convex_bounds(
         indices: (M, 3) uint32, C-contiguous, below N.
 
     Returns:
-        Centre and half extents of the box, and the positions to draw the mesh with, in which vertices that differ by
-        rounding only are equal.
+        Centre and half extents of the box, and the positions to draw the mesh with: values near zero are exactly zero,
+        so that vertices on the two sides of a seam are equal.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
     """
     stop = current_stop()
     cleaned, hashes, out = np.empty_like(positions), np.empty((len(positions), 2), np.int64), np.empty(8)
-    check_convex(
+    check_back_faces_hidden(
         address_of(positions, np.float32),
         len(positions),
         address_of(indices, np.uint32),

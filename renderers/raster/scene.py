@@ -14,7 +14,7 @@ from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
 from renderers.raster.cluster_culling import MIN_TRIANGLES, bound_clusters, cluster_values
-from renderers.raster.convex_culling import convex_bounds
+from renderers.raster.convex_culling import cullable_mesh
 from renderers.raster.layout import INSTANCE, MAX_POINT_SIZE
 from renderers.stop import check_stop, current_stop
 
@@ -133,7 +133,7 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         drawn_positions = np.ascontiguousarray(positions[used])
     box = NOT_CONVEX
     if topology == Topology.TRIANGLES:
-        convex = convex_bounds(drawn_positions, drawn_indices)
+        convex = cullable_mesh(drawn_positions, drawn_indices)
         if convex is not None:
             box, drawn_positions = convex
     drawn_addresses = address_of(drawn_positions, np.float32), address_of(drawn_indices, np.uint32)

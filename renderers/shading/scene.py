@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.color import BYTE_VALUES
+from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f32_at, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Topology
@@ -133,7 +133,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             address_of(floats, np.float32),
             address_of(texture_integers, np.int64),
             address_of(texture_floats, np.float32),
-            address_of(BYTE_VALUES, np.float32),
+            address_of(LINEAR_FROM_BYTE, np.float32),
             address_of(DECODED, np.float32),
             address_of(LANE_TABLES, np.int32),
         ),

@@ -18,7 +18,7 @@ WINDOW: Final = 5
 BASE_ERROR: Final = 0.2
 """Sub-pixel error of a match on good texture, pixels (measured against exact disparity)."""
 NOISE_WEIGHT: Final = 1.5
-"""Weight of image noise, in proportion to texture, in the error."""
+"""Weight of the ratio of image noise to texture in the error."""
 MIN_SIGMA: Final = 0.3
 """Minimum image noise, grey levels: images without noise still have rounding errors."""
 
@@ -38,12 +38,12 @@ def match_pair(
     """
     wait_until_compiled("stereo")
     check_stop()
-    searched = -(-disparity_count // 16) * 16
-    # OpenCV leaves the first `searched` columns invalid; a border of that width keeps all columns of the image.
-    padded = [cv2.copyMakeBorder(i, 0, 0, searched, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
+    searched_count = -(-disparity_count // 16) * 16
+    # OpenCV leaves the first `searched_count` columns invalid; a border of that width keeps all columns of the image.
+    padded = [cv2.copyMakeBorder(i, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
-        numDisparities=searched,
+        numDisparities=searched_count,
         blockSize=WINDOW,
         P1=8 * WINDOW * WINDOW,
         P2=32 * WINDOW * WINDOW,
@@ -54,7 +54,7 @@ def match_pair(
         speckleRange=0,
         mode=cv2.StereoSGBM_MODE_SGBM,
     )
-    matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched:]
+    matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched_count:]
     check_stop()  # OpenCV itself cannot be stopped: half a second for 1280 x 960 pixels
     images = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
     _rate_matches(
@@ -69,16 +69,16 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
     """Write the valid disparities with their error and confidence, from windows of 5 x 5 pixels.
 
     The error follows from texture and noise. The confidence is low for windows without texture, and where the two
-    windows differ by more than a small part of their texture.
+    windows differ, beyond the noise, by more than about 30 % of their texture.
     """
     height, width = matches.shape
     for row in range(height):
         for column in range(width):
-            units = int(matches[row, column])
+            sixteenths = int(matches[row, column])
             # Zero and below: no match. Beyond the left edge of the right image: a match with the added border.
-            if units <= 0 or units > disparity_count * 16 or column * 16 < units:
+            if sixteenths <= 0 or sixteenths > disparity_count * 16 or column * 16 < sixteenths:
                 continue
-            d = units / 16.0
+            d = sixteenths / 16.0
             level_sum, square_sum, difference_sum, count = 0.0, 0.0, 0.0, 0
             for window_row in range(row - 2, row + 3):
                 y = min(max(window_row, 0), height - 1)
@@ -107,6 +107,6 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
             # Calibrated on rendered scenes with exact disparity, on the pessimistic side.
             doubt = 1.0 - agreement
             probability = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
-            disparity[row, column] = units
+            disparity[row, column] = sixteenths
             error[row, column] = int(min(max(np.rint(d_eps * 16.0), 1.0), 255.0))
             confidence[row, column] = int(probability * 255.0)

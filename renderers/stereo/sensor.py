@@ -57,13 +57,13 @@ def sensor_image(
     image = np.empty((height, width, 3 if color else 1), np.uint8)
     key = np.uint64(key)
     response, sigma = _curves(exposure, noise)
-    step_factor = exposure.factor / exposure.saturation * (kernels.STEPS - 1)
+    step_factor = exposure.factor / exposure.saturation * (kernels.RESPONSE_STEPS - 1)
     # Without dots a grey level depends on one byte or luma step: a table of noisy levels halves the time.
     if dots is not None:
         light = 1.0 + dot_light * np.arange(256) / 255.0
         dot_factors = (light ** (1.0 / DISPLAY_GAMMA) * step_factor).astype(np.float32)
         weights = np.diag(exposure.channels / 255.0) if color else (exposure.channels * LUMA / 255.0)[None]
-        total = kernels.with_dots(
+        total = kernels.image_with_dots(
             rendered, dots, dot_factors, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
         )
     elif color:
@@ -96,14 +96,14 @@ def _noisy_levels(
         (count, 128) uint8.
     """
     values = np.arange(count, dtype=np.float32) / (count - 1) * np.float32(step_factor)
-    step = np.minimum(values, kernels.STEPS - 1).astype(np.int32)
+    step = np.minimum(values, kernels.RESPONSE_STEPS - 1).astype(np.int32)
     levels = response[step][:, None] + sigma[step][:, None] * _QUANTILES
     return np.clip(levels, 0.0, 255.0).astype(np.uint8)
 
 
 def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return grey level and noise by step of the multiplied display-encoded value, both (4096,) float32."""
-    x = np.arange(kernels.STEPS) / (kernels.STEPS - 1) * exposure.saturation
+    x = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation
     grey = 255.0 * exposure.response(x)
     amplification = exposure.amplification
     if exposure.hdr:

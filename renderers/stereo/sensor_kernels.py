@@ -9,12 +9,12 @@ import numpy as np
 from renderers.compiler.jit import kernel
 from renderers.stereo.noise import random64
 
-STEPS: Final = 4096
-"""Entries of the response curve over the display-encoded value."""
+RESPONSE_STEPS: Final = 4096
+"""Number of samples of the response curve along the display-encoded value."""
 LUMA_STEPS: Final = 1024
-"""Rows of the table of grey levels: finer than grey levels, to avoid banding."""
+"""Number of luma steps of ``levels``: more than the 256 grey levels, to avoid banding."""
 _WHITE_LUMA: Final = 255 * 256
-_STEPS_PER_LUMA: Final = 1028
+_STEPS_PER_LUMA_Q16: Final = 1028
 """Luma steps per unit of luma, times 2^16: the brightest luma is the last step."""
 
 
@@ -24,7 +24,7 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
 
     Args:
         rendered: (H, W, 3) uint8 RGB.
-        levels: (``LUMA_STEPS``, 128) uint8: grey levels of each luma for 128 equally likely noises.
+        levels: (``LUMA_STEPS``, 128) uint8: grey level by luma step and by one of 128 equally likely noise values.
         luma_weights: (3,) int64, weights of red, green and blue, units of 1/256.
         key: random key.
         image: (H, W) uint8, output.
@@ -39,7 +39,7 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
             if column & 7 == 0:
                 random_bits = random64(key, row * width + column)
             luma = red * rendered[row, column, 0] + green * rendered[row, column, 1] + blue * rendered[row, column, 2]
-            level = levels[(min(luma, white) * _STEPS_PER_LUMA) >> 16, random_bits & np.uint64(127)]
+            level = levels[(min(luma, white) * _STEPS_PER_LUMA_Q16) >> 16, random_bits & np.uint64(127)]
             random_bits >>= np.uint64(8)
             image[row, column] = level
             total += level
@@ -48,7 +48,7 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
 
 @kernel("int64(uint8[:,:,::1], uint8[:,:,::1], uint64, uint8[:,:,::1])")
 def color_from_table(rendered, levels, key, image):
-    """Write an RGB image; ``levels`` is (3, 256, 128) uint8, for each byte of a channel as in ``grey_from_table``."""
+    """Write an RGB image. ``levels`` is (3, 256, 128) uint8: level by channel, byte and noise value."""
     height, width = image.shape[:2]
     total = 0
     for row in range(height):
@@ -66,28 +66,29 @@ def color_from_table(rendered, levels, key, image):
     "int64(uint8[:,:,::1], uint8[:,::1], float32[::1], float32[:,::1], float32[::1], float32[::1], float32[::1], "
     "uint64, uint8[:,:,::1])"
 )
-def with_dots(rendered, dots, dot_factors, channel_weights, response, sigma, normal_table, key, image):
+def image_with_dots(rendered, dots, dot_factors, channel_weights, response, sigma, normal_table, key, image):
     """Write a grey or RGB image under the projector's light.
 
     Args:
         rendered: (H, W, 3) uint8 RGB.
         dots: (H, W) uint8, the projector's light.
-        dot_factors: (256,) float32, factor of display-encoded values for each light, in steps of ``response``.
+        dot_factors: (256,) float32; for each value of ``dots``, the factor from a display-encoded value to an index
+                of ``response``.
         channel_weights: (1 or 3, 3) float32, weights of red, green and blue in each channel of the image.
-        response: (``STEPS``,) float32, grey level of each step.
-        sigma: (``STEPS``,) float32, standard deviation of the noise of each step, grey levels.
+        response: (``RESPONSE_STEPS``,) float32, grey level of each step.
+        sigma: (``RESPONSE_STEPS``,) float32, standard deviation of the noise of each step, grey levels.
         normal_table: ``noise.NORMAL_TABLE``.
         key: random key.
         image: (H, W, 1 or 3) uint8, output.
     """
     height, width, channels = image.shape
-    last_step = np.float32(STEPS - 1)
-    pixels_per_draw = 4 // channels
+    last_step = np.float32(RESPONSE_STEPS - 1)
+    pixels_per_random = 4 // channels
     total = 0
     for row in range(height):
         random_bits = np.uint64(0)
         for column in range(width):
-            if column % pixels_per_draw == 0:
+            if column % pixels_per_random == 0:
                 random_bits = random64(key, row * width + column)
             factor = dot_factors[dots[row, column]]
             for channel in range(channels):

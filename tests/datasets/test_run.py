@@ -290,7 +290,9 @@ def test_a_worker_that_dies_fails_only_its_own_task(
     monkeypatch.setattr(local_tasks, "_work", _killer)
     job = job_of(scenes, tmp_path / "out")
     progress = run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
-    assert [(failure.scene, failure.reason) for failure in progress.failures] == [("a.gltf", local_tasks.DIED)] * 2
+    assert [(failure.scene, failure.reason) for failure in progress.failures] == [
+        ("a.gltf", local_tasks.DIED_MESSAGE)
+    ] * 2
     monkeypatch.undo()
     draw(job)
     draw(job_of(scenes, tmp_path / "whole"))

@@ -11,7 +11,7 @@ import pytest
 
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import (
-    BYTE_VALUES,
+    LINEAR_FROM_BYTE,
     linear_colors_from_srgb,
     linear_from_srgb,
     linear_values_from_srgb,
@@ -76,8 +76,8 @@ def test_arrays_follow_the_scalar_functions() -> None:
     np.testing.assert_allclose(linear_values_from_srgb(values), [linear_from_srgb(v) for v in values])
     np.testing.assert_allclose(srgb_values_from_linear(values), [srgb_from_linear(v) for v in values])
     np.testing.assert_allclose(srgb_values_from_linear(linear_values_from_srgb(values)), values, atol=1e-6)
-    assert (BYTE_VALUES[0], BYTE_VALUES[255], BYTE_VALUES.shape) == (0.0, 1.0, (256,))
-    assert BYTE_VALUES[188] == np.float32(linear_from_srgb(188 / 255))
+    assert (LINEAR_FROM_BYTE[0], LINEAR_FROM_BYTE[255], LINEAR_FROM_BYTE.shape) == (0.0, 1.0, (256,))
+    assert LINEAR_FROM_BYTE[188] == np.float32(linear_from_srgb(188 / 255))
 
 
 @pytest.mark.parametrize("columns", [3, 4])

@@ -128,7 +128,7 @@ class TreeMachine(RuleBasedStateMachine):
     def counts_are_exact(self) -> None:
         for path, node in self.edit.root.walk():
             below = [values for p, values in self.model.items() if p[: len(path)] == path]
-            assert node.geometry_count == sum(values["parts"] is not None for values in below)
+            assert node.nodes_with_parts == sum(values["parts"] is not None for values in below)
             assert node.node_count == len(below)
 
     @invariant()
@@ -210,7 +210,7 @@ def test_deep_paths_do_not_recurse() -> None:
     edit = TreeEdit(Node())
     edit.set_parts(path, (BOX,))
     root = edit.commit()
-    assert root.geometry_count == 1
+    assert root.nodes_with_parts == 1
     assert sum(1 for _ in root.walk()) == root.node_count == 5001
     assert sum(1 for _ in changes(Node(), root)) == 5000
 
@@ -245,7 +245,7 @@ def test_deleting_the_root_removes_its_own_parts() -> None:
     edit = TreeEdit(root)
     assert edit.delete(())
     assert edit.root.parts is None
-    assert edit.root.geometry_count == 0
+    assert edit.root.nodes_with_parts == 0
     assert not edit.delete(())
     assert root.parts == (BOX,)
 
@@ -257,5 +257,5 @@ def test_deleting_the_root_removes_its_children_and_transform() -> None:
     edit = TreeEdit(edit.commit())
     assert edit.delete(())
     root = edit.commit()
-    assert (root.children, root.node_count, root.geometry_count, root.pose) == ({}, 1, 0, None)
+    assert (root.children, root.node_count, root.nodes_with_parts, root.pose) == ({}, 1, 0, None)
     np.testing.assert_array_equal(root.matrix, np.eye(4))

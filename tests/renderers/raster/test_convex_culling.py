@@ -17,7 +17,7 @@ from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.raster import renderer as renderer_module
-from renderers.raster.convex_culling import convex_bounds
+from renderers.raster.convex_culling import cullable_mesh
 from renderers.raster.frame import FrameJob
 from renderers.raster.scene import prepare
 
@@ -66,23 +66,23 @@ SOLIDS = {
 @pytest.mark.parametrize("name", SOLIDS)
 def test_common_simulator_meshes_are_convex(name: str) -> None:
     mesh = SOLIDS[name]
-    known = convex_bounds(mesh.positions, mesh.elements)
+    known = cullable_mesh(mesh.positions, mesh.elements)
     assert known is not None
     bounds, positions = known
     low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
     np.testing.assert_allclose(bounds, (*(low + high) / 2, *(high - low) / 2), atol=1e-7)
     assert np.abs(positions - mesh.positions).max() < 1e-12
     flipped = np.ascontiguousarray(mesh.elements[:, ::-1])
-    assert convex_bounds(mesh.positions, flipped) is None
+    assert cullable_mesh(mesh.positions, flipped) is None
     one = len(mesh.elements) // 2  # not at a pole, where some have no area
-    assert convex_bounds(mesh.positions, np.delete(mesh.elements, one, axis=0)) is None
-    assert convex_bounds(mesh.positions, np.concatenate((mesh.elements, mesh.elements[one : one + 1]))) is None
+    assert cullable_mesh(mesh.positions, np.delete(mesh.elements, one, axis=0)) is None
+    assert cullable_mesh(mesh.positions, np.concatenate((mesh.elements, mesh.elements[one : one + 1]))) is None
 
 
 def test_a_seam_is_closed_where_its_vertices_are_drawn() -> None:
     mesh = SOLIDS["ball with a seam"]
     assert len(np.unique(mesh.positions, axis=0)) > 2 + 16 * 8
-    known = convex_bounds(mesh.positions, mesh.elements)
+    known = cullable_mesh(mesh.positions, mesh.elements)
     assert known is not None
     assert len(np.unique(known[1], axis=0)) == 2 + 16 * 8
 
@@ -108,7 +108,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_other_meshes_are_not_convex(name: str) -> None:
     mesh = REFUSED[name]
-    assert convex_bounds(mesh.positions, mesh.elements) is None
+    assert cullable_mesh(mesh.positions, mesh.elements) is None
 
 
 def drawn_both_ways(scene: DrawList, view: Camera) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:

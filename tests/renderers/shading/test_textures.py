@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from renderers.camera import Camera
-from renderers.color import BYTE_VALUES
+from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler import simd as vec
 from renderers.compiler.pointers import address_of, f32_at, i32_at, i64_at
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
@@ -108,7 +108,7 @@ def read_all(texture: Texture, u: np.ndarray, v: np.ndarray, *, srgb: bool = Fal
     job, segment = np.zeros(S_COMMON, np.int64), np.zeros(G_VALUES, np.int64)
     job[S_TEXTURES] = address_of(integers, np.int64)
     job[S_TEXTURE_FLOATS] = address_of(floats, np.float32)
-    job[S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
+    job[S_BYTE_VALUES] = address_of(LINEAR_FROM_BYTE, np.float32)
     pixels = np.zeros((A_ROWS, STRIDE), np.float32)
     segment[G_PIXELS] = address_of(pixels, np.float32)
     with np.errstate(over="ignore"):

@@ -14,7 +14,7 @@ from renderers.shading import prepare
 from renderers.shading.gamma import DECODED, THRESHOLDS
 from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.scalar.kernels import shade_rows
-from tests.renderers.shading.scalar.sampling import BYTE_VALUES
+from tests.renderers.shading.scalar.sampling import LINEAR_FROM_BYTE
 from tests.renderers.shading.scalar.tables import instance_table, normal_matrices
 from tests.renderers.shading.scalar.transfer import GUESSES
 
@@ -36,7 +36,7 @@ def shaded(scene: DrawList, seen: Visibility, camera: Camera, look: Look) -> np.
         shading.material_floats,
         shading.texture_integers,
         shading.texture_floats,
-        BYTE_VALUES,
+        LINEAR_FROM_BYTE,
         DECODED,
         THRESHOLDS,
         GUESSES,

@@ -68,7 +68,7 @@ def shade_rows(
         X: (I, 4, 4) float64, N: (I, 3, 3) float64: mesh to optical frame, of points and of normals.
         intrinsics: (4,) float64: fx, fy, cx, cy.
         instances ... texture_floats: the tables of ``ShadingScene``.
-        values: ``BYTE_VALUES``; decoded: ``DECODED``; thresholds, guesses: see ``gamma_byte``.
+        values: ``LINEAR_FROM_BYTE``; decoded: ``DECODED``; thresholds, guesses: see ``gamma_byte``.
         background: (3,) uint8.
         color: (H, W, 3) uint8.
     """

@@ -31,7 +31,7 @@ def _byte_values() -> NDArray[np.float32]:
     return np.stack((stored, linear)).astype(np.float32)
 
 
-BYTE_VALUES = _byte_values()
+LINEAR_FROM_BYTE = _byte_values()
 """(2, 256) float32: what a byte means, by colour space (``AS_STORED``, ``SRGB``). Alpha is always as stored.
 Texels are converted before they are filtered, as the glTF specification asks."""
 
@@ -69,7 +69,7 @@ def sample(integers, floats, values, space, u, v):
 
     Args:
         integers, floats: addresses of the texture's rows in the tables of ``TextureTable``.
-        values: address of ``BYTE_VALUES``.
+        values: address of ``LINEAR_FROM_BYTE``.
         space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
         u, v: float64 texture coordinates; texel centres are at (i + 0.5) / width, (j + 0.5) / height.
     """
