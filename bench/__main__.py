@@ -147,8 +147,8 @@ def measured(name: str, python: str | None, found: dict[str, str], reason: str, 
         shown += " --peers PYTHON"
     print(f"$ {shown}", flush=True)
     ran = run(command, LIMIT)
-    before, _, after = ran.output.partition(HEAD)
-    rows = [_parsed(line) for line in after.splitlines()[2:] if line.startswith("|")] + bench.rows(ran.output)
+    before, _, _ = ran.output.partition(HEAD)
+    rows = rows_in(ran.output) + bench.rows(ran.output)
     if missing:
         why = reason or f"the interpreter of --peers has no {', '.join(missing)}"
         rows.append(skipped(f"{name} against {', '.join(bench.peers)}", why))
@@ -158,6 +158,12 @@ def measured(name: str, python: str | None, found: dict[str, str], reason: str, 
         print(row.markdown())
     print(f"({ran.seconds:.0f} s)\n", flush=True)
     return Result(name, shown, rows, before.strip("\n"))
+
+
+def rows_in(output: str) -> list[Row]:
+    """Return the rows of the table at the end of a bench's output; none if it has no table."""
+    _, _, table_rows = output.partition(HEAD)
+    return [_parsed(line) for line in table_rows.splitlines() if line.startswith("|")]
 
 
 def _parsed(line: str) -> Row:
