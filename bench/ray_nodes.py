@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from gateway.datasets.ray_tasks import run_pickled_task
+
 if TYPE_CHECKING:
     from gateway.client.manifest import Settings
     from gateway.datasets.job import Job
@@ -77,7 +79,7 @@ def drawing_workers() -> list[int]:
     found: list[int] = []
     for pid in children():
         with contextlib.suppress(OSError):
-            if Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"ray::render"):
+            if Path(f"/proc/{pid}/cmdline").read_bytes().startswith(f"ray::{run_pickled_task.__name__}".encode()):
                 found.append(pid)
     return found
 
@@ -118,10 +120,11 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
 
     cluster = two_nodes(Cluster)
     killed: list[int] = []
+    finished = threading.Event()
     begin = time.monotonic()
 
     def kill_one() -> None:
-        while not killed:
+        while not finished.is_set():
             for pid in drawing_workers():
                 os.kill(pid, signal.SIGKILL)
                 killed.append(pid)
@@ -136,6 +139,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
             if not started and number >= KILL_AFTER * len(tasks):
                 killer.start()
                 started = True
+        finished.set()  # without a worker to kill, the run reports 0 killed instead of waiting
         killer.join()
 
     try:
