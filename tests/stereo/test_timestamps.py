@@ -45,6 +45,8 @@ def test_malformed_timestamps_are_refused(text: str) -> None:
 def test_frames_are_found_by_both_of_their_timestamps() -> None:
     history = [record(1, 10**9, 10**9), record(2, 2 * 10**9, 2_040_000_000)]
     assert find_frame(history, "").number == 2
+    assert find_frame([*history, record(3, 3 * 10**9, 3 * 10**9)], "").number == 3
+    assert find_frame(history[:1], "").number == 1
     assert find_frame(history, "1.0").number == 1
     assert find_frame(history, "2.0").number == find_frame(history, "2.04").number == 2
     with pytest.raises(LookupError) as missing:

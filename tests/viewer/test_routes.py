@@ -30,9 +30,9 @@ from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import RenderSummary, StereoImages
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Image, Material
+from renderers.drawlist import DrawList, Image, ImageError, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
-from renderers.images import ImageError, image_from_bytes
+from renderers.images import image_from_bytes
 from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
 from tests.support.endless import EndlessRenderer
@@ -417,3 +417,30 @@ async def test_textures_of_the_scene_are_sent_as_png(world: World) -> None:
     response = await world.http.get(f"/view/image/{numbers['broken']}")
     assert response.status_code == 415
     assert response.text.startswith(f"image {numbers['broken']}: ")
+
+
+@pytest.mark.parametrize(("path", "quality"), [("frame.jpg", 85), ("stream.mjpg", 80)])
+async def test_default_and_requested_quality(
+    world: World, path: str, quality: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests: list[ImageRequest] = []
+
+    async def jpeg(request: ImageRequest) -> tuple[bytes, int]:
+        requests.append(request)
+        return b"", 1
+
+    monkeypatch.setattr(world.images, "jpeg", jpeg)
+    world.app.state.closing = lambda: True
+    for query in ("", "?quality=1", "?quality=100"):
+        assert (await world.http.get(f"/view/{path}{query}")).status_code == 200
+    assert [request.quality for request in requests] == [quality, 1, 100]
+    for value in (0, 101):
+        assert (await world.http.get(f"/view/{path}?quality={value}")).status_code == 422
+
+
+@pytest.mark.parametrize(("look", "samples"), [("studio", 4), ("phong", 1), ("pbr", 1), ("plain", 1)])
+async def test_only_the_studio_look_has_several_samples(world: World, look: str, samples: int) -> None:
+    await world.http.get(f"/view/frame.jpg?width=32&height=24&look={look}")
+    (chosen,) = world.renderer.looks
+    assert chosen is not None
+    assert (chosen.name, chosen.samples) == (look, samples)
