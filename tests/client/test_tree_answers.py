@@ -67,9 +67,7 @@ def test_paths_and_warnings_of_a_response(viewer: TreeViewer) -> None:
             "warnings": ["odd"],
         }
     ]
-    assert viewer["a"].set(Sphere(1)) == Answer(
-        0, (("a",),), (("b", 1),), (("c",), ("d",)), (), ("odd",), ""
-    )
+    assert viewer["a"].set(Sphere(1)) == Answer(0, (("a",),), (("b", 1),), (("c",), ("d",)), (), ("odd",), "")
 
 
 @pytest.mark.parametrize(("errors", "more"), [(0, ""), (1, ""), (2, " (2 commands failed)")])
@@ -122,7 +120,7 @@ def test_the_second_responses_error_is_raised(viewer: TreeViewer) -> None:
 
 
 def test_times_of_requests_increase(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(viewer_module.time, "time_ns", lambda: 5_000_999)
+    monkeypatch.setattr("time.time_ns", lambda: 5_000_999)
     connection(viewer).bodies = [{"status": 0}] * 3
     for _ in range(3):
         viewer["a"].delete()

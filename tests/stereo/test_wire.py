@@ -148,6 +148,5 @@ def test_the_length_of_a_field(length: int) -> None:
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
-    large = np.arange(wire._LARGE + extra - 6, dtype=np.uint32).astype(np.uint8)  # noqa: SLF001
-    chunks = [b"abc", memoryview(large), b"def"]
-    assert wire.join(chunks) == b"abc" + large.tobytes() + b"def"
+    large = np.arange(wire._LARGE + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()  # noqa: SLF001
+    assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"

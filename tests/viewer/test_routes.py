@@ -444,3 +444,10 @@ async def test_only_the_studio_look_has_several_samples(world: World, look: str,
     (chosen,) = world.renderer.looks
     assert chosen is not None
     assert (chosen.name, chosen.samples) == (look, samples)
+
+
+def test_times_of_renders_are_in_milliseconds() -> None:
+    recent = RecentRenders(max_count=3, max_bytes=100)
+    recent.add(RenderSummary(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
+    (entry,) = recent.listing()
+    assert (entry["milliseconds"], entry["queued"]) == (12.35, 3.46)
