@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from gateway.treeviewer import wire
-from gateway.treeviewer.client_queue import size_of
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.dispatch import Dispatcher
+from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
@@ -257,3 +258,33 @@ async def test_closing_cancels_what_waits() -> None:
     await world.dispatcher.close()
     assert (world.published, world.dispatcher.waiting_bytes, world.dispatcher.status()["waiting"]) == ([], 0, 0)
     assert asyncio.all_tasks() == {asyncio.current_task()}
+
+
+async def test_waiting_messages_count_with_their_overhead() -> None:
+    world = World(offload_bytes=0)
+    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == len(ONE_BOX) + OVERHEAD_BYTES
+    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == 2 * (len(ONE_BOX) + OVERHEAD_BYTES)
+    await world.dispatcher.close()
+
+
+async def test_only_the_first_undecodable_messages_are_logged(world: World) -> None:
+    with capture_logs() as entries:
+        for _ in range(1000):
+            world.receive(b"junk")
+        assert len(entries) == MAX_LOGGED + 1, "and every thousandth"
+        for _ in range(999):
+            world.receive(b"junk")
+    assert len(entries) == MAX_LOGGED + 1
+
+
+@pytest.mark.parametrize(("commands", "slice_", "steps"), [(6, 3, 2), (7, 3, 3), (2, 3, 1), (3, 3, 1), (0, 3, 1)])
+def test_commands_are_executed_in_slices(commands: int, slice_: int, steps: int) -> None:
+    viewer = Viewer()
+    entries = [{"path": [str(number)], "geometry": BOX} for number in range(commands)]
+    applier = viewer.protocol.open(viewer.protocol.header(message({"setgeometry": entries})))
+    done = [len(viewer.live.snapshot.root.children)]
+    while applier.step(slice_):
+        done.append(len(viewer.live.snapshot.root.children))
+    done.append(len(viewer.live.snapshot.root.children))
+    assert len(done) == steps + 1
+    assert done == [min(slice_ * number, commands) for number in range(steps)] + [commands]

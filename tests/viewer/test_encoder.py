@@ -323,3 +323,22 @@ def test_indices_are_left_out_where_they_count_the_vertices(corners: int, elemen
 def test_colours_are_rounded_and_clamped() -> None:
     colors = np.array([-1.0, -0.001, 0.0, 0.499 / 255, 0.5 / 255, 1.0, 1.5, np.nan, np.inf, -np.inf], np.float32)
     assert colors_to_uint8(colors).tolist() == [0, 0, 0, 0, 1, 255, 255, 0, 255, 0]
+
+
+def test_nodes_are_written_with_what_they_have() -> None:
+    tree, encoder = LiveTree(), Encoder(Resources())
+    with tree.edit() as edit:
+        edit.set_parts(("a", "b"), (Part(Box((1, 1, 1)), MATERIAL),))
+        edit.set_parts(("empty",), ())
+        edit.set_visible(("hidden",), False)
+    encoder.advance(tree.snapshot)
+    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY))[0].frame)
+    nodes = {node["name"]: set(node) - {"id", "name", "parent"} for node in header["nodes"]}
+    assert nodes == {"a": set(), "b": {"parts"}, "empty": {"parts"}, "hidden": {"visible"}}
+    before = tree.snapshot
+    with tree.edit() as edit:
+        edit.set_visible(("a",), False)
+        edit.set_parts(("empty",), (Part(Box((1, 1, 1)), MATERIAL),))
+    encoder.advance(tree.snapshot)
+    header, _ = parse_frame(asyncio.run(encoder.update(before))[0].frame)
+    assert sorted(sorted(set(node) - {"id"}) for node in header["nodes"]) == [["parts"], ["visible"]]
