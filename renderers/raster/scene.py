@@ -136,13 +136,12 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         if convex is not None:
             box, drawn_positions = convex
     drawn_addresses = address_of(drawn_positions, np.float32), address_of(drawn_indices, np.uint32)
-    arrays = (drawn_positions, drawn_indices)
     return PreparedMesh(
         (len(drawn_positions), len(elements), int(topology)),
         drawn_addresses,
         mesh_addresses,
         box,
-        tuple([array for array in arrays if array is not None and array is not positions and array is not elements]),
+        tuple([array for array in (drawn_positions, drawn_indices) if array is not positions and array is not elements]),
     )
 
 
