@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
@@ -41,7 +40,6 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     Raises:
         Exception: the error of the current ``StopFlag``, if it was set. The image is partly smoothed then.
     """
-    wait_until_compiled("antialiasing")
     height, width = color.shape[:2]
     copy, luma = np.empty(color.shape, np.uint8), np.empty((height, width), np.float32)
     may_be_edge = np.ones(width, np.uint8)  # the first and last columns are not examined by _find_edges

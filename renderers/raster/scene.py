@@ -141,7 +141,7 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         drawn_addresses,
         mesh_addresses,
         box,
-        tuple([array for array in (drawn_positions, drawn_indices) if array is not positions and array is not elements]),
+        tuple([new for new in (drawn_positions, drawn_indices) if new is not positions and new is not elements]),
     )
 
 
