@@ -161,6 +161,6 @@ async def test_the_number_of_log_entries(rest: httpx.AsyncClient) -> None:
 
 
 async def test_unknown_names_are_shortened_to_80_characters(rest: httpx.AsyncClient) -> None:
-    for path in ("/api/v2/nodes", "/api/v2/logs"):
+    for path in ("/api/v2/nodes", "/api/v2/logs", NODES):
         message = (await rest.get(f"{path}/{'x' * 90}")).json()["message"]
         assert f" '{'x' * 80}'; " in message

@@ -446,6 +446,14 @@ async def test_only_the_studio_look_has_several_samples(world: World, look: str,
     assert (chosen.name, chosen.samples) == (look, samples)
 
 
+@pytest.mark.parametrize(("max_bytes", "images"), [(12, 2), (11, 1), (6, 1), (5, 0)])
+def test_images_of_renders_at_the_byte_limit(max_bytes: int, images: int) -> None:
+    recent = RecentRenders(max_count=3, max_bytes=max_bytes)
+    for _ in range(3):
+        recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    assert [entry["image"] for entry in recent.listing()] == [True] * images + [False] * (3 - images)
+
+
 def test_times_of_renders_are_in_milliseconds() -> None:
     recent = RecentRenders(max_count=3, max_bytes=100)
     recent.add(RenderSummary(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
