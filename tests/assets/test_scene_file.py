@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
+from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
 from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from tests.support import forms
@@ -78,3 +79,31 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
     missing = written(tmp_path, buffers=[{"byteLength": 36, "uri": "gone.bin"}])
     with pytest.raises(SceneFileError, match=r"gone\.bin cannot be read: No such file or directory"):
         read_scene_file(missing)
+
+
+@pytest.mark.parametrize(("up", "position", "direction"), [("y", (1, -3, 2), (0, 1, 0)), ("z", (1, 2, 3), (0, 0, -1))])
+def test_lights_are_rotated_with_the_scene(
+    tmp_path: Path, up: Up, position: tuple[float, ...], direction: tuple[float, ...]
+) -> None:
+    node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    lights = {"KHR_lights_punctual": {"lights": [{"type": "spot"}]}}
+    path = written(tmp_path, nodes=[node], scenes=[{"nodes": [0]}], extensions=lights)
+    (light,) = read_scene_file(path, up=up).lights
+    assert light.position == pytest.approx(position)
+    assert light.direction == pytest.approx(direction)
+
+
+def test_the_files_that_were_read_are_listed_with_their_digests(tmp_path: Path) -> None:
+    (tmp_path / "corners.bin").write_bytes(bytes(36))
+    path = written(tmp_path, buffers=[{"byteLength": 36, "uri": "corners.bin"}])
+    files = FolderFiles(path)
+    read_scene_file(path, files=files)
+    expected = {each: hashlib.sha256((tmp_path / each).read_bytes()).hexdigest() for each in (path.name, "corners.bin")}
+    assert files.digests == expected
+    assert list(files.digests) == [path.name, "corners.bin"]
+
+
+@pytest.mark.parametrize(("generator", "from_drake"), [("VTK", True), ("Drake glTF merger", True), ("other", False)])
+def test_documents_of_drake_are_recognised(tmp_path: Path, generator: str, from_drake: bool) -> None:
+    scene = read_scene_file(written(tmp_path, generator=generator))
+    assert (scene.generator, scene.from_drake) == (generator, from_drake)
