@@ -16,12 +16,12 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, allocate, as_f32, i32_at, i64_at, release, stack_array, u8_at
+from renderers.compiler.pointers import address, allocate, i32_at, i64_at, release, stack_array, u8_at
 from renderers.compiler.structs import I32, I64, Struct, array_of, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.raster.layout import frame_at
 from renderers.raster.msaa.coverage import draw_sample_rows
-from renderers.raster.msaa.edge_merge import CACHE, find_pairs, find_separate_pairs, share_smooth_edge
+from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
 from renderers.shading.headlight.layout import (
     S_BACKGROUND,
@@ -135,26 +135,18 @@ def _mix_pixel(frame, sample_ids, column, entries, groups, cache):
 
 
 @device_function
-def _find_entries(frame, band, rows, columns, pairs_address, entries):
+def _find_entries(frame, band, rows, columns, entries):
     """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
 
     Args:
         rows: number of rows.
         columns: pointer to stride + 8 int32 of scratch.
-        pairs_address: address of three times as much.
         entries: an _ENTRIES with room for all entries of a row.
     """
     stride, width, room = frame.stride, frame.width, band.room
     lane_lists, sample_ids = frame.lane_lists, band.sample_ids
     groups, cache = _new_groups(), _new_cache()
     cache.first_id = cache.end_id = cache.indices = 0
-    length = stride + vec.LANES
-    # Of each pair: the id that is shown, the other id, and column << 8 | samples of the other.
-    shown_ids, other_ids, pair_marks = (
-        i32_at(pairs_address),
-        i32_at(pairs_address + 4 * length),
-        i32_at(pairs_address + 8 * length),
-    )
     for row in range(rows):
         slots = i32_at(address(band.slots) + 4 * row * stride)
         ids = i32_at(address(band.ids) + 4 * row * stride)
@@ -170,34 +162,7 @@ def _find_entries(frame, band, rows, columns, pairs_address, entries):
             edge_count += vec.count_bits(pending)
         while edge_count > 0 and columns[edge_count - 1] >= width:
             edge_count -= 1
-        # Most edge pixels see two primitives. Without a branch, since it cannot be predicted.
-        pair_count, other_count = np.int64(0), np.int64(0)
-        for begin in range(0, edge_count, vec.LANES):
-            used = vec.iota() < vec.i32(edge_count - begin)
-            xs = vec.select(used, vec.load(columns, begin), vec.i32(columns[begin]))
-            samples = vec.load_octets(as_f32(sample_ids), vec.gather(slots, xs) << vec.i32(3))
-            is_pair, shown, other, samples_of_other = find_pairs(samples)
-            vec.scatter(ids, xs, shown)
-            pairs = vec.movemask(used & is_pair)
-            pair_lanes = vec.load(lane_lists, vec.LANES * pairs)
-            vec.store(shown_ids, pair_count, vec.permute(shown, pair_lanes))
-            vec.store(other_ids, pair_count, vec.permute(other, pair_lanes))
-            vec.store(pair_marks, pair_count, vec.permute((xs << vec.i32(8)) | samples_of_other, pair_lanes))
-            pair_count += vec.count_bits(pairs)
-            others = vec.movemask(used & ~is_pair)
-            vec.store(columns, other_count, vec.permute(xs, vec.load(lane_lists, vec.LANES * others)))
-            other_count += vec.count_bits(others)
-        for begin in range(0, pair_count, vec.LANES):
-            separate = find_separate_pairs(frame, shown_ids, other_ids, begin, pair_count - begin, cache)
-            while separate != 0:
-                k = begin + vec.lowest_bit(separate)
-                separate &= separate - 1
-                mark = np.int64(pair_marks[k])
-                x_pair, samples_pair = mark >> 8, mark & 255
-                _insert_entry(entries, other_ids[k], x_pair, samples_pair)
-                mixed[mixed_count] = (x_pair << 8) | ((vec.LANES - samples_pair) << 4)
-                mixed_count += 1
-        for k in range(other_count):
+        for k in range(edge_count):
             x = np.int64(columns[k])
             seen_ids = vec.load(sample_ids, vec.LANES * np.int64(slots[x]))
             shown_id, own, background = _mix_pixel(frame, seen_ids, x, entries, groups, cache)
@@ -225,15 +190,13 @@ def find_edges(frame_address, first_row, end_row, band_address):
     """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
     frame, band = frame_at(frame_address), sample_band_at(band_address)
     room = band.room + _MAX_MOVE + vec.LANES
-    length = frame.stride + vec.LANES
-    pairs = length
-    first_entry = pairs + 3 * length + _MAX_MOVE
+    first_entry = frame.stride + vec.LANES + _MAX_MOVE
     heap = allocate(4 * (first_entry + 2 * room))
     entries = _new_entries()
     entries.ids, entries.marks = i32_at(heap + 4 * first_entry), i32_at(heap + 4 * (first_entry + room))
     for k in range(1, _MAX_MOVE + 1):
         entries.ids[-k] = -1
-    _find_entries(frame, band, end_row - first_row, i32_at(heap), heap + 4 * pairs, entries)
+    _find_entries(frame, band, end_row - first_row, i32_at(heap), entries)
     release(heap)
 
 
