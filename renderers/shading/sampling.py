@@ -135,7 +135,7 @@ def _mix(texels, stride, width, height, wrap_s, wrap_t, srgb, values, i, j, fx, 
     """Return RGBA between four texels, from the result of ``_locate``."""
     zero, last, lowest = vec.i32(0), vec.i32(width - 1), vec.i32(height - 1)
     if vec.movemask((i >= zero) & (j >= zero) & (i < last) & (j < lowest)) == 255:  # nearly always
-        a, b, c, d = vec.gather_squares(texels, j * vec.i32(stride) + i, stride)
+        a, b, c, d = vec.gather_2x2(texels, j * vec.i32(stride) + i, stride)
     else:
         a, b, c, d = _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j)
     a, b = _channels(a, srgb, values), _channels(b, srgb, values)
@@ -297,7 +297,7 @@ def sample(job, segment, row, begin, end, out, alpha):
             vec.store(pixels, at + 2 * STRIDE + x, fx)
             vec.store(pixels, at + 3 * STRIDE + x, fy)
             if prefetches:
-                vec.prefetch_more_rows(texels, j * vec.i32(stride) + i, stride)
+                vec.prefetch_pair_rows(texels, j * vec.i32(stride) + i, stride)
         for x in range(begin, end, vec.LANES):
             i, j = vec.load(integer_pixels, at + x), vec.load(integer_pixels, at + STRIDE + x)
             fx, fy = vec.load(pixels, at + 2 * STRIDE + x), vec.load(pixels, at + 3 * STRIDE + x)

@@ -156,10 +156,14 @@ scatter = define(
 """``scatter(pointer, indices, v)``: write each lane to its index, lane 0 first."""
 
 
-def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+def _prefetch(builder: Any, pointer: Any, index: Any) -> None:
     address = builder.bitcast(builder.gep(pointer, [index]), I8.as_pointer())
     read, high_locality, data_cache = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
     call_llvm(builder, "llvm.prefetch.p0", ir.VoidType(), [address, read, high_locality, data_cache])
+
+
+def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+    _prefetch(builder, pointer, index)
     return ir.Constant(I32, 0)
 
 
@@ -168,3 +172,19 @@ prefetch = define(
     _emit_prefetch,
 )
 """``prefetch(pointer, i)``: fetch the cache line of value i; the address need not be valid."""
+
+
+def _emit_prefetch_pair_rows(builder: Any, sig: Any, pointer: Any, indices: Any, stride: Any) -> Any:
+    next_row = builder.gep(pointer, [stride])
+    for lane in (0, 3, 5, LANES - 1):
+        offset = offset_of(builder, indices, lane)
+        _prefetch(builder, pointer, offset)
+        _prefetch(builder, next_row, offset)
+    return ir.Constant(I32, 0)
+
+
+prefetch_pair_rows = define(
+    lambda pointer, indices, stride: types.int32 if indices is i32x8 else None, _emit_prefetch_pair_rows
+)
+"""``prefetch_pair_rows(pointer, indices, stride)``: fetch the cache lines of the values at four of eight indices, and
+those ``stride`` (int64) values further on. The addresses need not be valid."""

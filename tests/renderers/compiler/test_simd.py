@@ -259,9 +259,8 @@ def _lookups(values, whole, offsets, lanes, out, number):
     o, n = f32_at(out), i32_at(number)
     at, lane = vec.load(i32_at(offsets), 0), vec.load(i32_at(lanes), 0)
     floats, integers = vec.load(f32_at(values), 0), vec.load(i32_at(whole), 0)
-    vec.prefetch_rows(i32_at(whole), at, 5)
-    vec.prefetch_more_rows(i32_at(whole), at, 5)
-    for k, part in enumerate(vec.gather_squares(i32_at(whole), at, 5)):
+    vec.prefetch_pair_rows(i32_at(whole), at, 5)
+    for k, part in enumerate(vec.gather_2x2(i32_at(whole), at, 5)):
         vec.store(n, 8 * k, part)
     vec.store(n, 32, vec.permute(integers, lane))
     vec.store(o, 0, vec.permute(floats, lane))
@@ -277,57 +276,6 @@ def test_permutations_and_gathers() -> None:
     np.testing.assert_array_equal(number[:32].reshape(4, 8), whole[offsets + np.array((0, 1, 5, 6))[:, None]])
     np.testing.assert_array_equal(number[32:40], whole[lanes])
     np.testing.assert_array_equal(out[:8], values[lanes])
-
-
-@njit
-def _squares(texels, found, shares, out):
-    f = f32_at(found)
-    n = i32_at(shares)
-    vec.copy_squares(i32_at(texels), 16, f, vec.SQUARE_VALUES, 0)
-    fx, fy, light, color = vec.load(n, 0), vec.load(n, 8), vec.load(n, 16), vec.load(n, 24)
-    vec.store(i32_at(out), 0, vec.mix_squares(f, 0, fx, fy, light, color))
-
-
-def test_squares_of_texels_are_mixed_to_half_a_level() -> None:
-    rng = np.random.default_rng(3)
-    texels = rng.integers(0, 256, (16, 16, 4)).astype(np.uint8)
-    texels[:3] = 255
-    for _ in range(50):
-        i, j = rng.integers(0, 15, (2, 8))
-        shares = rng.choice(np.array((0, 1, 9000, 16384, 32766, 32767)), (3, 8))
-        color = rng.choice(np.array((0, 20000, 32767)), 4)
-        found, out = np.zeros(40, np.float32), np.zeros((8, 4), np.uint8)
-        found[32:] = (16 * j + i).astype(np.int32).view(np.float32)
-        words = np.concatenate((np.repeat(shares, 2).reshape(3, 16), np.tile(color, 4)[None])).astype(np.int16)
-        _squares(texels.ctypes.data, found.ctypes.data, words.ctypes.data, out.ctypes.data)
-        fx, fy, light = (share[:, None] / 32768 for share in shares)
-        upper = texels[j, i] * (1 - fx) + texels[j, i + 1] * fx
-        lower = texels[j + 1, i] * (1 - fx) + texels[j + 1, i + 1] * fx
-        expected = (upper * (1 - fy) + lower * fy) * light * (color / 32768)
-        assert np.abs(out - expected).max() < 0.55
-    shares = np.full((4, 16), 32767, np.int16)
-    shares[:2] = rng.integers(0, 32768, 32).reshape(2, 16)
-    found[32:] = np.arange(8, dtype=np.int32).view(np.float32)
-    _squares(texels.ctypes.data, found.ctypes.data, shares.ctypes.data, out.ctypes.data)
-    assert (out == 255).all()  # white stays white
-
-
-@njit
-def _along(planes, found, out):
-    for k, part in enumerate(vec.load_lines(f32_at(planes), f32_at(found), 0, 8, 16)):
-        vec.store(f32_at(out), 8 * k, part)
-
-
-def test_planes_along_lines() -> None:
-    rng = np.random.default_rng(4)
-    planes = rng.normal(size=(10, 3, 8)).astype(np.float32)
-    which = rng.permutation(10)[:8].astype(np.int32)
-    right, down = rng.integers(-50, 50, (2, 8)).astype(np.float32)
-    found, out = np.concatenate(((24 * which).view(np.float32), right, down)), np.zeros((2, 8, 8), np.float32)
-    _along(planes.ctypes.data, found.ctypes.data, out.ctypes.data)
-    here, below, beside = planes[which].transpose(1, 2, 0)
-    np.testing.assert_array_equal(out[0], here + (down * below + right * beside))
-    np.testing.assert_array_equal(out[1], beside)
 
 
 @njit
