@@ -19,7 +19,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address, f32_at, u8_at
 from renderers.shading.studio.layout import OUTPUT, channel_values_in_kernel
-from renderers.shading.vec3 import load3
+from renderers.shading.vec3 import load3, saturate
 
 TONES: Final = ("neutral", "aces", "none")
 _NEUTRAL_START: Final = 0.8 - 0.04
@@ -80,7 +80,7 @@ def _aces(r, g, b):
     x = _aces_channel(_matrix_row(0.59719, 0.35458, 0.04823, r, g, b))
     y = _aces_channel(_matrix_row(0.07600, 0.90834, 0.01566, r, g, b))
     z = _aces_channel(_matrix_row(0.02840, 0.13383, 0.83777, r, g, b))
-    return _clamped(
+    return _saturate3(
         _matrix_row(1.60475, -0.53108, -0.07367, x, y, z),
         _matrix_row(-0.10208, 1.10813, -0.00605, x, y, z),
         _matrix_row(-0.00327, -0.07276, 1.07602, x, y, z),
@@ -88,13 +88,8 @@ def _aces(r, g, b):
 
 
 @inlined
-def _clamped(r, g, b):
-    zero, one = vec.f32(0.0), vec.f32(1.0)
-    return (
-        vec.minimum(vec.maximum(r, zero), one),
-        vec.minimum(vec.maximum(g, zero), one),
-        vec.minimum(vec.maximum(b, zero), one),
-    )
+def _saturate3(r, g, b):
+    return saturate(r), saturate(g), saturate(b)
 
 
 @device_function
@@ -104,7 +99,7 @@ def tone_map(tone, r, g, b):
         return _neutral(r, g, b)
     if tone == 1:
         return _aces(r, g, b)
-    return _clamped(r, g, b)
+    return _saturate3(r, g, b)
 
 
 def _level_thresholds() -> NDArray[np.float32]:

@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 
 
 def camera(width: int = 48, height: int = 36, *, focal: float = 40.0) -> Camera:
-    """At the origin, looking along +Z, off-centre, fx != fy."""
+    """Return a camera at the origin that looks along +Z, off-centre, fx != fy."""
     return Camera(width, height, focal, focal * 1.1, width / 2 - 0.5, height / 2 + 0.75, 0.05, 100.0, np.eye(4))
 
 
 def rays(view: Camera) -> Array:
-    """(H * W, 3): direction of every pixel's ray, z = 1."""
+    """Return the direction of every pixel's ray, z = 1, (H * W, 3)."""
     x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
     return np.stack(((x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)), axis=-1).reshape(-1, 3)
 
 
 def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
-    """Moeller and Trumbore's intersection of all rays with one triangle: z (nan where missed) and (n, 3) weights."""
+    """Intersect all rays with one triangle (Moeller and Trumbore): z, NaN where missed, and weights (n, 3)."""
     e1, e2 = corners[1] - corners[0], corners[2] - corners[0]
     h = np.cross(direction, e2)
     a = h @ e1
@@ -78,24 +78,24 @@ class BruteForce:
             points = instance.mesh.positions.astype(np.float64) @ X[i, :3, :3].T + X[i, :3, 3]
             mirrored = np.linalg.det(X[i, :3, :3]) < 0
             for e, element in enumerate(instance.mesh.elements):
-                record = first[i] + e
+                primitive_id = first[i] + e
                 corners = points[element]
                 if len(element) == 3:
                     if cull_back is not None and cull_back[i] and (np.linalg.det(corners) > 0) != mirrored:
                         continue
                     z, _ = hits(direction, corners)
                 else:
-                    z = strokes(direction, corners, camera)
+                    z = line_depths(direction, corners, camera)
                 inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
                 seen = (inv > 1 / camera.far) & (inv < 1 / camera.near)
                 if beyond is not None:
                     b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
-                    seen &= (b >= 0) & ((inv < at) | ((inv == at) & (record > b)))
+                    seen &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id > b)))
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
-                    seen &= (b < 0) | (inv > at) | ((inv == at) & (record < b))
+                    seen &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
                 nearer = seen & ((ids < 0) | (inv > best))
-                best[nearer], ids[nearer] = inv[nearer], record
+                best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
 
@@ -115,8 +115,8 @@ class BruteForce:
             work(unit)
 
 
-def strokes(direction: Array, ends: Array, view: Camera) -> Array:
-    """z of a point or segment where it passes within 0.6 pixels of the ray, else nan; closest approach by sampling."""
+def line_depths(direction: Array, ends: Array, view: Camera) -> Array:
+    """Return z of a point or line where it passes within 0.6 pixels of the ray, else NaN; found by sampling."""
     t = np.linspace(0.0, 1.0, 513)[:, None]
     along = ends[0] + t * (ends[-1] - ends[0])
     projected = along[:, :2] / along[:, 2:]
@@ -136,8 +136,8 @@ def painted(
     return color.astype(np.int64)
 
 
-def picture(pixels: NDArray[np.uint8]) -> Image:
-    """An image of these (H, W, 4) texels."""
+def image_of(pixels: NDArray[np.uint8]) -> Image:
+    """Return an image of (H, W, 4) texels."""
     return Image(pixels.tobytes(), lambda: pixels)
 
 
@@ -146,7 +146,7 @@ def srgb_to_linear(c: Array) -> Array:
 
 
 def lookup(texture: Texture, u: float, v: float, srgb: bool) -> Array:
-    """(4,): one texture read, texel by texel."""
+    """Sample a texture at (u, v): (4,)."""
     texels = texture.image.decode().astype(np.float64) / 255.0
     if srgb:
         texels[..., :3] = srgb_to_linear(texels[..., :3])
@@ -184,8 +184,10 @@ def unit(v: Array) -> Array:
 
 
 def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughness: float) -> Array:
-    """glTF 2.0, appendix B, with Drake's head light: l = (0, 0, -1), radiance 1; F90 and the map of
-    roughness are VTK's."""
+    """Return the radiance of a surface under Drake's headlight, l = (0, 0, -1), radiance 1.
+
+    glTF 2.0, appendix B, with VTK's F90 and roughness.
+    """
     l = np.array((0.0, 0.0, -1.0))
     if n @ l <= 0:
         return np.zeros(3)
@@ -210,7 +212,7 @@ def surface_color(
     X: Array,
     look: str,
 ) -> tuple[Array, float]:
-    """Colour as shown (0..1, before rounding) and alpha of one pixel of one triangle."""
+    """Return the encoded colour, 0 .. 1 before rounding, and alpha of one pixel of one triangle."""
     mesh, material = instance.mesh, instance.material
     if look == "pbr" and material.vtk_export:
         material = replace(material, roughness=0.5, metallic=0.0)
@@ -268,7 +270,7 @@ def surface_color(
 
 
 def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
-    """(H, W, 3) float64, 0 .. 255, not rounded: all surfaces of every pixel, sorted and composited back to front."""
+    """Blend all surfaces of every pixel from back to front: (H, W, 3) float64, 0 .. 255, not rounded."""
     direction = rays(view)
     background = np.array(look.background, dtype=np.float64) / 255.0
     layers: list[list[tuple[float, Array, float]]] = [[] for _ in direction]
@@ -299,7 +301,7 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
 
 
 def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Mesh:
-    """A square in the plane z, its front (counter-clockwise) towards the camera, u to the right, v downwards."""
+    """Return a square in the plane z, front (counter-clockwise) towards the camera, u to the right, v downwards."""
     s = size
     positions = np.array(((-s, -s, z), (-s, s, z), (s, s, z), (s, -s, z)), dtype=np.float32)
     given: dict[str, NDArray[np.float32]] = {
@@ -310,7 +312,7 @@ def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Me
 
 
 def ball(rings: int = 8, radius: float = 1.0, **arrays: NDArray[np.float32]) -> Mesh:
-    """A sphere about the origin with normals, coordinates and tangents."""
+    """Return a sphere about the origin with normals, texture coordinates and tangents."""
     polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1))
     n = np.stack((np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)), -1).reshape(-1, 3)
     uv = np.stack((azimuth / (2 * np.pi), polar / np.pi), -1).reshape(-1, 2)
@@ -327,7 +329,7 @@ def ball(rings: int = 8, radius: float = 1.0, **arrays: NDArray[np.float32]) -> 
 
 
 def placed(mesh: Mesh, material: Material | None = None, *, z: float = 0.0, linear: Array | None = None) -> Instance:
-    """The mesh moved along z, behind a linear map."""
+    """Return an instance of a mesh, transformed by ``linear`` and moved along z."""
     X = np.eye(4)
     if linear is not None:
         X[:3, :3] = linear
