@@ -129,10 +129,10 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     )
 
 
-def shading_job_values(
-    shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, matrices: int
-) -> tuple[object, ...]:
-    """Return the values of a SHADING_JOB, and fill its INSTANCE_MATRICES.
+def fill_shading_job(
+    job: NDArray[Any], shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, matrices: int
+) -> None:
+    """Fill one SHADING_JOB, and the INSTANCE_MATRICES that it refers to.
 
     Args:
         first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
@@ -140,8 +140,8 @@ def shading_job_values(
     """
     count = len(shading.cull_back)
     compute_instance_matrices(X_camera_mesh, matrices, count)
-    lens = camera.fx, camera.fy, camera.cx, camera.cy
-    return (count, first_ids, X_camera_mesh, matrices, *lens, *shading.tables)
+    intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
+    job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)
 
 
 @kernel("void(int64, int64, int64)", releases_gil=False)

@@ -13,9 +13,10 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, f32_at, u8_at
-from renderers.shading.gamma import byte_from_unit, encode_gamma, gamma_pixels
+from renderers.shading.gamma import byte_from_unit, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER
 from renderers.shading.layout import STRIDE
+from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
 
@@ -33,7 +34,7 @@ def packed(r, g, b):
 def write_pixels(job, pbr, line, x, r, g, b):
     """Pack eight shaded pixels (f32x8 each) into a line."""
     if pbr:
-        vec.store(line, x, gamma_pixels(r, g, b, job.gamma_cells))
+        vec.store(line, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
         vec.store(line, x, packed(r, g, b))
 

@@ -13,12 +13,12 @@ from renderers.compiler.pointers import Table, address_of, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
-from renderers.shading.depth_peeling import MAX_LAYERS, peeled
+from renderers.shading.depth_peeling import peeled
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, HEADLIGHT_JOB, UNDER
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
-from renderers.shading.scene import ShadingScene, shading_job_values
+from renderers.shading.scene import ShadingScene, fill_shading_job
 
 if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, Visibility
@@ -35,9 +35,6 @@ def paint(
     camera: Camera,
     look: Look,
     color: NDArray[np.uint8],
-    *,
-    first: Visibility | None = None,
-    max_layers: int = MAX_LAYERS,
 ) -> None:
     """Render the colour image.
 
@@ -49,15 +46,9 @@ def paint(
         rasterizer: renders visibility and runs bands.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
-        first: visibility of the whole scene with both faces, if there is one already (for depth or label). It is used
-            if colour needs the same, and never changed or closed.
-        max_layers: as for ``peeled``.
     """
     cull = shading.cull_back if shading.culls else None
     if not shading.has_transparency:
-        if first is not None and cull is None:
-            _shade(rasterizer, shading, first, camera, look, DIRECT, _NO_LAYERS, color)
-            return
         with rasterizer.visibility(scene, camera, cull_back=cull) as visible:
             _shade(rasterizer, shading, visible, camera, look, DIRECT, _NO_LAYERS, color)
         return
@@ -65,7 +56,7 @@ def paint(
         gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
         gathered[3] = 1.0
         has_layers = False
-        for layer in peeled(rasterizer, scene, camera, shading.transparent, cull, behind, max_layers):
+        for layer in peeled(rasterizer, scene, camera, shading.transparent, cull, behind):
             has_layers = True
             _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
             # Nothing is visible behind an opaque pixel: no more layers there.
@@ -121,9 +112,8 @@ class HeadlightJob:
             0,
             0,
         )
-        array[job_end // 8 : matrices // 8].view(SHADING_JOB.dtype)[0] = shading_job_values(
-            shading, camera, first_ids, X_camera_mesh, address + matrices
-        )
+        shading_job = array[job_end // 8 : matrices // 8].view(SHADING_JOB.dtype)
+        fill_shading_job(shading_job, shading, camera, first_ids, X_camera_mesh, address + matrices)
         self.address = address
         """Valid while this object is alive."""
         self._keep = (shading, array, keep)

@@ -20,7 +20,7 @@ from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.depth_peeling import peeled
 from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
-from renderers.shading.scene import ShadingScene, shading_job_values
+from renderers.shading.scene import ShadingScene, fill_shading_job
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
 from renderers.shading.studio.lights import light_structs
@@ -32,7 +32,7 @@ from renderers.shading.studio.shadows import (
     shadow_map_structs,
     visible_points,
 )
-from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, finish_rows
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, write_image_rows
 from renderers.stop import current_stop
 
 if TYPE_CHECKING:  # the rasterizer imports this module
@@ -115,7 +115,7 @@ def paint(
             if samples > 1:
                 mean += accumulated * np.float32(1.0 / samples)
         mean_address = address_of(mean, np.float32)
-        _for_bands(rasterizer, camera.height, partial(finish_rows, mean_address, output_address, camera.width))
+        _for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
 
 
 def _for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
@@ -239,7 +239,8 @@ def _job(
     """Return a STUDIO_JOB, and the objects that its addresses point into."""
     matrices = np.empty(len(shading.instances), INSTANCE_MATRICES.dtype)
     shading_job = np.zeros(1, SHADING_JOB.dtype)
-    shading_job[0] = shading_job_values(
+    fill_shading_job(
+        shading_job,
         shading,
         camera,
         address_of(first_ids, np.int64),

@@ -25,7 +25,7 @@ from renderers.shading.spans import begin_rows, find_spans, next_part, row_memor
 from renderers.shading.studio.layout import EDGE_SHADER, OUTPUT, STUDIO_JOB, SURFACES, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
 from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
-from renderers.shading.studio.tone_mapping import finish_row
+from renderers.shading.studio.tone_mapping import write_image_row
 
 ADD: Final = 0
 """Add the layer's colours with full coverage, whatever their alpha."""
@@ -249,7 +249,7 @@ def shade_rows(
             row.weights = u8_at(address(band.entry_weights) + first_entry)
             instance = _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids)
         if target_address == 0:
-            finish_row(row.accumulated, output, y, width, rgb_bytes)
+            write_image_row(row.accumulated, output, y, width, rgb_bytes)
     # The pointers above do not keep the arrays alive.
     own_surfaces[0] = own_columns[0] = own_row[0] = own_bytes[0] = own_memory[0] = 0
 

@@ -16,7 +16,6 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
 from renderers.shading import paint, prepare
-from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
 Array = NDArray[np.float64]
@@ -126,13 +125,11 @@ def line_depths(direction: Array, ends: Array, view: Camera) -> Array:
     return np.where(distance.min(axis=1) < 0.6, along[nearest, 2], np.nan)
 
 
-def painted(
-    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = MAX_LAYERS
-) -> Array:
+def painted(scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None) -> Array:
     """Return the image that ``renderers.shading`` paints: (H, W, 3) int64."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
     prepared = prepare(scene.instances, look.name)
-    paint(rasterizer or BruteForce(), scene, prepared, view, look, color, max_layers=max_layers)
+    paint(rasterizer or BruteForce(), scene, prepared, view, look, color)
     return color.astype(np.int64)
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Texture
 from renderers.interface import Look, LookName
-from renderers.shading import paint, prepare
+from renderers.shading import prepare
+from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.reference import BruteForce, ball, camera, image_of, painted, placed, quad, reference_color
 
@@ -86,13 +87,14 @@ def test_coplanar_translucent_surfaces_are_each_drawn_once() -> None:
     np.testing.assert_allclose(color, under * 0.7 + np.array(GLASS.base_color[:3]) * 0.3, atol=0.6 / 255)
 
 
-def test_number_of_layers_is_limited() -> None:
-    panes = tuple(placed(quad(z=2.0 + 0.1 * i), replace(GLASS, base_color=(1.0, 0, 0, 0.2))) for i in range(6))
-    scene = DrawList((*panes, placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))))
-    for limit in (1, 3, 6, 32):
-        color = painted(scene, VIEW, Look(), max_layers=limit)[12, 16]
-        transmittance = 0.8 ** min(limit, 6)
-        assert np.abs(color - 255 * np.array((1 - transmittance, 0, transmittance))).max() <= 0.51
+@pytest.mark.parametrize("panes", [MAX_LAYERS - 1, MAX_LAYERS, MAX_LAYERS + 3])
+def test_number_of_layers_is_limited(panes: int) -> None:
+    red = replace(GLASS, base_color=(1.0, 0, 0, 0.02))
+    stack = tuple(placed(quad(z=2.0 + 0.1 * k), red) for k in range(panes))
+    wall = placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))
+    color = painted(DrawList((*stack, wall)), camera(8, 6, focal=7.0), Look())[3, 4]
+    transmittance = 0.98 ** min(panes, MAX_LAYERS)
+    assert np.abs(color - 255 * np.array((1 - transmittance, 0, transmittance))).max() <= 0.51
 
 
 class CountingRasterizer(BruteForce):
@@ -131,15 +133,3 @@ def test_peeling_stops_behind_opaque_layers() -> None:
 )
 def test_only_translucent_instances_are_peeled(material: Material, mesh: Mesh, layered: bool) -> None:
     assert prepare((placed(mesh, material),), "phong").has_transparency is layered
-
-
-def test_given_visibility_is_reused_and_not_changed() -> None:
-    scene = DrawList((placed(quad(), WALL),))
-    rasterizer = CountingRasterizer()
-    first = rasterizer.visibility(scene, VIEW)
-    before = first.ids.copy()
-    color = np.zeros((VIEW.height, VIEW.width, 3), np.uint8)
-    paint(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
-    assert rasterizer.calls == 1
-    assert (first.ids == before).all()
-    assert (color == painted(scene, VIEW, Look())).all()

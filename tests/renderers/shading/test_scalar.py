@@ -97,8 +97,9 @@ def assert_within_a_level(scene: DrawList, camera: Camera, look: Look, exception
         The kernels' image.
     """
     color = np.full((camera.height, camera.width, 3), 99, np.uint8)
-    with RENDERER.visibility(scene, camera) as visible:
-        paint(RENDERER, scene, prepare(scene.instances, look.name), camera, look, color, first=visible)
+    shading = prepare(scene.instances, look.name)
+    paint(RENDERER, scene, shading, camera, look, color)
+    with RENDERER.visibility(scene, camera, cull_back=shading.cull_back) as visible:
         expected = shaded(scene, visible, camera, look)
     differences = np.abs(color.astype(np.int64) - expected)
     assert (differences > 1).sum() <= exceptions
@@ -106,35 +107,29 @@ def assert_within_a_level(scene: DrawList, camera: Camera, look: Look, exception
     return color
 
 
-def double_sided(scene: DrawList) -> DrawList:
-    """Return the scene without culling, so that ``paint`` uses the given visibility."""
-    return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in scene.instances))
-
-
 @pytest.mark.parametrize("name", ["phong", "plain", "pbr"])
 @pytest.mark.parametrize("seed", range(6))
 def test_random_scenes_to_a_level(name: LookName, seed: int) -> None:
-    scene = double_sided(random_scene(np.random.default_rng(seed)))
+    scene = random_scene(np.random.default_rng(seed))
     assert_within_a_level(scene, view(83, 61), Look(name))
 
 
 @pytest.mark.parametrize("width", range(1, 18))
 def test_narrow_images(width: int) -> None:
-    scene = double_sided(random_scene(np.random.default_rng(3)))
+    scene = random_scene(np.random.default_rng(3))
     for name in ("phong", "pbr"):
         assert_within_a_level(scene, view(width, 33), Look(name))
 
 
 def test_writes_nothing_outside_the_image() -> None:
     """Values after the rows of an image inside a larger array stay unchanged."""
-    scene = double_sided(random_scene(np.random.default_rng(4)))
+    scene = random_scene(np.random.default_rng(4))
     for width, height in ((1, 1), (7, 5), (13, 33), (64, 3)):
         camera = view(width, height)
         memory = np.full(3 * width * height + 64, 77, np.uint8)
         color = memory[: 3 * width * height].reshape(height, width, 3)
         for name in ("phong", "pbr"):
-            with RENDERER.visibility(scene, camera) as visible:
-                paint(RENDERER, scene, prepare(scene.instances, name), camera, Look(name), color, first=visible)
+            paint(RENDERER, scene, prepare(scene.instances, name), camera, Look(name), color)
             assert (memory[3 * width * height :] == 77).all()
 
 
@@ -262,7 +257,7 @@ def test_neighbouring_instances_to_a_level(focal: float) -> None:
         X[:3, 3] = rng.uniform((-1.5, -1.0, 3.0), (1.5, 1.0, 5.0))
         instances.append(Instance(ball(int(rng.choice((4, 9, 40))), float(rng.choice((0.02, 0.3, 0.6)))), material, X))
     instances.append(placed(quad(9.0, 9.0), Material((1.0, 0.0, 0.5, 1.0)), z=5.5))
-    color = assert_within_a_level(double_sided(DrawList(tuple(instances))), camera, Look("pbr"))
+    color = assert_within_a_level(DrawList(tuple(instances)), camera, Look("pbr"))
     assert color.any()
 
 

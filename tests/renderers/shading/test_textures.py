@@ -30,9 +30,9 @@ from renderers.shading.gamma import (
     byte_from_unit,
     decode_gamma,
     encode_gamma,
-    gamma_pixels,
 )
 from renderers.shading.layout import MIP_LEVEL, PIXELS, SEGMENT, SHADING_JOB, TEXTURE
+from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.sampling import sample
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
@@ -63,9 +63,9 @@ def _gamma_bytes(values, out, count):
     for k in range(0, count, 8):
         # Each channel by itself; the values of the others do not matter.
         value, zero, one = vec.load(f32_at(values), k), vec.f32(0.0), vec.f32(1.0)
-        red = gamma_pixels(value, zero, zero, i32_at(CELLS))
-        green = gamma_pixels(zero, value, one, i32_at(CELLS)) ^ vec.i32(0xFF0000)
-        blue = gamma_pixels(one, one, value, i32_at(CELLS)) ^ vec.i32(0xFFFF)
+        red = encoded_pixels(value, zero, zero, i32_at(CELLS))
+        green = encoded_pixels(zero, value, one, i32_at(CELLS)) ^ vec.i32(0xFF0000)
+        blue = encoded_pixels(one, one, value, i32_at(CELLS)) ^ vec.i32(0xFFFF)
         same = (red == (green >> vec.i32(8))) & (red == (blue >> vec.i32(16)))
         vec.store(i32_at(out), k, vec.select(same, red, vec.i32(-1)))
 

@@ -17,7 +17,7 @@ from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.shading.mipmaps import halve, make_chain
 from renderers.shading.studio.layout import OUTPUT, channel_values
-from renderers.shading.studio.tone_mapping import SRGB_CELLS, finish_rows
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, write_image_rows
 from renderers.shading.texture_table import TextureTable
 from tests.renderers.shading.reference import ball
 from tests.renderers.shading.studio import reference as ref
@@ -75,7 +75,7 @@ def test_every_level_of_srgb() -> None:
     color = np.zeros((1, len(values), 3), np.uint8)
     output = np.zeros(1, OUTPUT.dtype)
     output["srgb_cells"], output["color"] = address_of(SRGB_CELLS, np.int32), address_of(color, np.uint8)
-    finish_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
+    write_image_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
     assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 

@@ -28,7 +28,7 @@ def renderer() -> Iterator[CpuRenderer]:
 
 
 def lit(scene: DrawList, camera: Camera, rig: Rig, visible: ref.VisibleSurfaces) -> ref.Array:
-    """(n, 3): scene light of opaque untextured instances under the rig's lights, 0 where nothing is."""
+    """Return the radiance of opaque untextured instances under the rig's lights, 0 for the background, (n, 3)."""
     color = np.zeros((len(visible.point), 3))
     v = ref.normalized(-visible.point)
     for k, instance in enumerate(scene.instances):
@@ -38,31 +38,30 @@ def lit(scene: DrawList, camera: Camera, rig: Rig, visible: ref.VisibleSurfaces)
         base = np.broadcast_to(np.array(material.base_color[:3]), color.shape)
         total = np.array(material.emissive) * material.emissive_strength * np.ones_like(color)
         for light in rig.lights:
-            l, part = ref.incident_light(light, camera, visible.point)
-            shape = np.ones((len(color), 1))
-            total = total + part * ref.brdf(
-                n, v, l, base, material, material.roughness * shape, material.metallic * shape
-            )
+            l, irradiance = ref.incident_light(light, camera, visible.point)
+            one = np.ones((len(color), 1))
+            brdf = ref.brdf(n, v, l, base, material, material.roughness * one, material.metallic * one)
+            total = total + irradiance * brdf
         color = np.where((visible.instance == k)[:, None], total, color)
     return color
 
 
 def inner(visible: ref.VisibleSurfaces, camera: Camera) -> np.ndarray[Any, Any]:
-    """(H, W): pixels whose neighbours see the same instance: coverage is not under test here."""
+    """Return the pixels whose neighbours see the same instance, (H, W): coverage is not tested here."""
     shape = (camera.height, camera.width)
-    which = visible.instance.reshape(shape)
+    instance = visible.instance.reshape(shape)
     same = np.zeros(shape, np.bool_)
     same[1:-1, 1:-1] = True
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            same &= np.roll(which, (dy, dx), (0, 1)) == which
-    return same & (which >= 0)
+            same &= np.roll(instance, (dy, dx), (0, 1)) == instance
+    return same & (instance >= 0)
 
 
-def assert_near(color: np.ndarray[Any, Any], expected: ref.Array, where: np.ndarray[Any, Any], within: float) -> None:
+def assert_near(color: np.ndarray[Any, Any], expected: ref.Array, where: np.ndarray[Any, Any], limit: float) -> None:
     wrong = np.abs(color.astype(float) - expected.reshape(color.shape))[where]
     assert where.sum() > 100
-    assert wrong.max() <= within, (wrong.max(), float(wrong.mean()))
+    assert wrong.max() <= limit, (wrong.max(), float(wrong.mean()))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -99,26 +98,24 @@ def test_dielectrics(renderer: CpuRenderer, material: dict[str, Any]) -> None:
 
 def test_lights_of_the_scene_replace_the_rigs(renderer: CpuRenderer) -> None:
     scene, camera = two_balls(), view()
-    both = replace(DARK, lights=(KINDS["point"],))
-    lamps = replace(scene, lights=(KINDS["spot"],))
-    assert (
-        rendered(renderer, lamps, camera, both) == rendered(renderer, scene, camera, replace(DARK, lights=lamps.lights))
-    ).all()
-    same = rendered(renderer, lamps, camera, replace(both, scene_lights=False))
-    assert (same == rendered(renderer, scene, camera, both)).all()
+    with_spot = replace(scene, lights=(KINDS["spot"],))
+    point_rig, spot_rig = (replace(DARK, lights=(KINDS[kind],)) for kind in ("point", "spot"))
+    assert (rendered(renderer, with_spot, camera, point_rig) == rendered(renderer, scene, camera, spot_rig)).all()
+    without_scene_lights = rendered(renderer, with_spot, camera, replace(point_rig, scene_lights=False))
+    assert (without_scene_lights == rendered(renderer, scene, camera, point_rig)).all()
 
 
 @pytest.mark.parametrize("tone", ref.TONES)
 def test_tone_curve_and_encoding(renderer: CpuRenderer, tone: Any) -> None:
-    """Emission alone: any colour, far beyond white, goes through the curve."""
+    """Emission alone, of any colour and far beyond white."""
     rng = np.random.default_rng(1)
     camera = view()
     for _ in range(6):
         emissive = tuple(rng.uniform(0, 1, 3) ** 2)
         strength = float(10 ** rng.uniform(-1.5, 2))
-        lamp = Material((0, 0, 0, 1), metallic=0.0, specular=0.0, emissive=emissive, emissive_strength=strength)
+        glowing = Material((0, 0, 0, 1), metallic=0.0, specular=0.0, emissive=emissive, emissive_strength=strength)
         wall = sheet([(-9, -9, 4), (9, -9, 4), (9, 9, 4), (-9, 9, 4)])
-        color = rendered(renderer, DrawList((Instance(wall, lamp, np.eye(4)),)), camera, replace(DARK, tone=tone))
+        color = rendered(renderer, DrawList((Instance(wall, glowing, np.eye(4)),)), camera, replace(DARK, tone=tone))
         expected = ref.srgb(ref.TONES[tone](np.array(emissive) * strength))
         assert np.abs(color - expected).max() <= 0.501
 
@@ -138,7 +135,7 @@ SAMPLERS = {
 @pytest.mark.parametrize("name", SAMPLERS)
 @pytest.mark.parametrize("transform", [None, (0.6, 0.8, 0.1, -0.8, 0.6, 0.2)], ids=["", "transformed"])
 def test_texture_filters(renderer: CpuRenderer, name: str, transform: Any) -> None:
-    """A floor from magnified at the feet to eight levels down at the horizon."""
+    """A floor that is magnified near the camera, and at the horizon eight levels smaller."""
     floor = sheet([(-2, 0.6, 0.6), (2, 0.6, 0.6), (2, 0.9, 30), (-2, 0.9, 30)], 4.0)
     texture = Texture(noise(), SAMPLERS[name], uv_transform=transform)
     material = Material(unlit=True, base_color_texture=texture, double_sided=True)
@@ -146,9 +143,9 @@ def test_texture_filters(renderer: CpuRenderer, name: str, transform: Any) -> No
     visible = ref.cast_rays(scene, camera)
     uv = ref.attribute(scene, visible, 0, "uv0")
 
-    def beside(dx: float, dy: float) -> ref.Array:
+    def uv_at(dx: float, dy: float) -> ref.Array:
         d = rays(camera) + np.array((dx / camera.fx, dy / camera.fy, 0.0))
-        # On the plane of the floor, also outside of it.
+        # On the plane of the floor, also beyond its edges.
         p = floor.positions.astype(float)
         inverse = np.linalg.inv(p[[0, 1, 3]].T)
         b = d @ inverse.T
@@ -158,28 +155,28 @@ def test_texture_filters(renderer: CpuRenderer, name: str, transform: Any) -> No
         return result
 
     h = 0.001
-    right = np.stack((beside(h, 0), beside(-h, 0)), 1) / (2 * h)
-    below = np.stack((beside(0, h), beside(0, -h)), 1) / (2 * h)
+    right = np.stack((uv_at(h, 0), uv_at(-h, 0)), 1) / (2 * h)
+    below = np.stack((uv_at(0, h), uv_at(0, -h)), 1) / (2 * h)
     expected = ref.srgb(ref.textured(texture, uv, right, below, True)[:, :3])
     color = rendered(renderer, scene, camera, DARK).astype(float)
     where = inner(visible, camera)
     wrong = np.abs(color - expected.reshape(color.shape)).max(axis=-1)[where]
     assert where.sum() > 400
-    # Levels are kept as bytes, each rounded from the one before; a nearest texel may be the next one at its border.
+    # Levels are bytes, each rounded from the one before. At borders of texels, rounding decides the nearest one.
     smooth = texture.sampler.min_linear and texture.sampler.mag_linear and texture.sampler.mip_linear
     assert (wrong > (2.0 if smooth else 2.5)).mean() <= (0.0 if smooth else 0.02), np.sort(wrong)[-5:]
 
 
 def test_normal_map(renderer: CpuRenderer) -> None:
-    """A map that leans to +u and up the picture, on a sheet without tangents, mirrored and not."""
+    """A map that leans to +u and up in the image, on a sheet without tangents, mirrored and not."""
     pixels = np.zeros((1, 1, 4), np.uint8)
     pixels[...] = (178, 152, 235, 255)
     image = Image(b"lean", lambda: pixels)
     rig = replace(DARK, lights=(KINDS["directional"],))
     for mirror in (1.0, -1.0):
-        plain = sheet([(-1, -1, 3), (1, -1, 3), (1, 1, 3), (-1, 1, 3)])
-        assert plain.uv0 is not None
-        mesh = replace(plain, uv0=(plain.uv0 * np.array((mirror, 1))).astype(np.float32))
+        sheet_mesh = sheet([(-1, -1, 3), (1, -1, 3), (1, 1, 3), (-1, 1, 3)])
+        assert sheet_mesh.uv0 is not None
+        mesh = replace(sheet_mesh, uv0=(sheet_mesh.uv0 * np.array((mirror, 1))).astype(np.float32))
         material = Material((0.6, 0.6, 0.6, 1), metallic=0.0, normal_texture=Texture(image), normal_scale=0.8)
         color = rendered(renderer, DrawList((Instance(mesh, material, np.eye(4)),)), view(), rig)
         m = pixels[0, 0, :3] / 255.0 * 2 - 1
@@ -187,53 +184,53 @@ def test_normal_map(renderer: CpuRenderer) -> None:
         n = ref.normalized(np.array((mirror * m[0] * 0.8, -m[1] * 0.8, -m[2])))
         camera = view()
         p = rays(camera) * 3.0
-        l, part = ref.incident_light(rig.lights[0], camera, p)
+        l, irradiance = ref.incident_light(rig.lights[0], camera, p)
         one = np.ones((len(p), 1))
-        light = part * ref.brdf(n + 0 * p, ref.normalized(-p), l, 0.6 * np.ones_like(p), material, one, 0 * one)
+        radiance = irradiance * ref.brdf(
+            n + 0 * p, ref.normalized(-p), l, 0.6 * np.ones_like(p), material, one, 0 * one
+        )
         visible = ref.cast_rays(DrawList((Instance(mesh, material, np.eye(4)),)), camera)
-        assert_near(color, ref.srgb(ref.neutral(light)), inner(visible, camera), 0.501)
+        assert_near(color, ref.srgb(ref.neutral(radiance)), inner(visible, camera), 0.501)
 
 
 def test_blended_surfaces_are_sorted_by_pixel(renderer: CpuRenderer) -> None:
-    """Two sheets that cut through each other, before a wall: nearest over farther over wall over background."""
-    a = sheet([(-1, -1, 2.5), (1, -1, 4.5), (1, 1, 4.5), (-1, 1, 2.5)])
-    b = sheet([(-1, -1, 4.5), (1, -1, 2.5), (1, 1, 2.5), (-1, 1, 4.5)])
-    wall = sheet([(-0.6, -9, 6), (9, -9, 6), (9, 9, 6), (-0.6, 9, 6)])
-    layers = {
-        "a": Material((0.9, 0.2, 0.1, 0.6), unlit=True, alpha_mode=AlphaMode.BLEND, double_sided=True),
-        "b": Material((0.1, 0.3, 0.9, 0.4), unlit=True, alpha_mode=AlphaMode.BLEND, double_sided=True),
-        "wall": Material((0.2, 0.6, 0.2, 1.0), unlit=True, double_sided=True),
-    }
-    parts = {"a": a, "b": b, "wall": wall}
-    scene = DrawList(tuple(Instance(parts[k], layers[k], np.eye(4)) for k in ("wall", "a", "b")))
+    """Two sheets that intersect each other, before a wall: nearest over farther over wall over background."""
+    meshes = (
+        sheet([(-0.6, -9, 6), (9, -9, 6), (9, 9, 6), (-0.6, 9, 6)]),
+        sheet([(-1, -1, 2.5), (1, -1, 4.5), (1, 1, 4.5), (-1, 1, 2.5)]),
+        sheet([(-1, -1, 4.5), (1, -1, 2.5), (1, 1, 2.5), (-1, 1, 4.5)]),
+    )
+    colors = np.array(((0.2, 0.6, 0.2, 1.0), (0.9, 0.2, 0.1, 0.6), (0.1, 0.3, 0.9, 0.4)))
+    instances = tuple(
+        Instance(
+            mesh,
+            Material(
+                tuple(color),
+                unlit=True,
+                alpha_mode=AlphaMode.BLEND if color[3] < 1.0 else AlphaMode.OPAQUE,
+                double_sided=True,
+            ),
+            np.eye(4),
+        )
+        for mesh, color in zip(meshes, colors, strict=True)
+    )
     camera, background = view(), (30, 60, 90)
     shape = (camera.height, camera.width)
-    depth = {}
-    for k, mesh in parts.items():
-        z = ref.cast_rays(DrawList((Instance(mesh, layers[k], np.eye(4)),)), camera)
-        depth[k] = np.where(z.instance >= 0, z.point[:, 2], np.inf)
-    color = np.broadcast_to(ref.linear(np.array(background) / 255.0), (len(depth["a"]), 3)).copy()
-    for far_to_near in np.argsort(-np.array([depth[k] for k in ("wall", "a", "b")]), axis=0, kind="stable"):
-        for index, name in enumerate(("wall", "a", "b")):
-            here = (far_to_near == index) & np.isfinite(depth[name])
-            alpha = layers[name].base_color[3]
-            color[here] = alpha * np.array(layers[name].base_color[:3]) + (1 - alpha) * color[here]
-    expected = ref.srgb(color).reshape(*shape, 3)
-    got = rendered(renderer, scene, camera, DARK, background=background)
-    where = np.ones(shape, np.bool_)
-    for name in parts:  # not the borders
-        edge = np.isfinite(depth[name]).reshape(shape)
+    each_visible = [ref.cast_rays(DrawList((instance,)), camera) for instance in instances]
+    depth = np.array([np.where(visible.instance >= 0, visible.point[:, 2], np.inf) for visible in each_visible])
+    color = np.broadcast_to(ref.linear(np.array(background) / 255.0), (depth.shape[1], 3))
+    for k in np.argsort(-depth, axis=0, kind="stable"):  # far to near
+        is_hit = np.isfinite(np.take_along_axis(depth, k[None], axis=0)[0])
+        alpha = np.where(is_hit, colors[k, 3], 0.0)[:, None]
+        color = alpha * colors[k, :3] + (1 - alpha) * color
+    is_inside = np.ones(shape, np.bool_)  # not at a border
+    for is_hit in np.isfinite(depth).reshape(3, *shape):
         for axis in (0, 1):
-            where &= (np.roll(edge, 1, axis) == edge) & (np.roll(edge, -1, axis) == edge)
-    where &= (
-        np.abs(
-            np.subtract(
-                depth["a"], depth["b"], where=np.isfinite(depth["a"]) & np.isfinite(depth["b"]), out=np.ones(len(color))
-            )
-        ).reshape(shape)
-        > 1e-3
-    )
-    assert_near(got, expected, where, 0.51)
+            is_inside &= (np.roll(is_hit, 1, axis) == is_hit) & (np.roll(is_hit, -1, axis) == is_hit)
+    with np.errstate(invalid="ignore"):
+        is_inside &= ~(np.abs(depth[1] - depth[2]) <= 1e-3).reshape(shape)
+    actual = rendered(renderer, DrawList(instances), camera, DARK, background=background)
+    assert_near(actual, ref.srgb(color).reshape(*shape, 3), is_inside, 0.51)
 
 
 def test_alpha_mask(renderer: CpuRenderer) -> None:
