@@ -262,7 +262,7 @@ class CpuRenderer:
         A band is shaded while it is in the cache, before the back faces that only geometry shows are drawn on top.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
-        culled = shading.cull_at if shading.culls else 0
+        culled = address_of(shading.cull_back, np.bool_)
         scratch = self._scratch.take()
         try:
             if look.samples == 1:

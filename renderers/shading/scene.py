@@ -42,14 +42,10 @@ class ShadingScene:
     """(m,) MATERIAL; at least one."""
     textures: NDArray[Any]
     """(t,) TEXTURE; at least one."""
-    cull_back: NDArray[np.bool_]
-    """(n,) instances whose back faces are not shaded."""
+    cull_back: NDArray[np.bool_] | None
+    """(n,) instances whose back faces are not shaded; None if there are none."""
     transparent: NDArray[np.bool_]
     """(n,) instances that are blended or cut out, and not opaque everywhere."""
-    culls: bool
-    """True if ``cull_back`` is set for any instance."""
-    cull_at: int
-    """Address of ``cull_back``."""
     has_transparency: bool
     """True if ``transparent`` is set for any instance: an image may need more than one layer."""
     tables: tuple[int, ...]
@@ -112,10 +108,8 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         instances=table,
         materials=material_structs,
         textures=texture_structs,
-        cull_back=cull_back,
+        cull_back=cull_back if cull_back.any() else None,
         transparent=transparent,
-        culls=bool(cull_back.any()),
-        cull_at=address_of(cull_back, np.bool_),
         has_transparency=bool(transparent.any()),
         tables=(
             address_of(table, INSTANCE.dtype),
@@ -138,7 +132,7 @@ def fill_shading_job(
         first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
         matrices: address of an INSTANCE_MATRICES per instance.
     """
-    count = len(shading.cull_back)
+    count = len(shading.transparent)
     compute_instance_matrices(X_camera_mesh, matrices, count)
     intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
     job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)

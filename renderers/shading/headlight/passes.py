@@ -23,8 +23,6 @@ from renderers.shading.scene import ShadingScene, fill_shading_job
 if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
-_NO_LAYERS: Final = np.zeros((4, 0, LANES), dtype=np.float32)
-_NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
 _GAMMA_TABLES: Final = address_of(GAMMA_CELLS, np.int32), address_of(GAMMA_FROM_LINEAR, np.float32)
 
 
@@ -47,10 +45,10 @@ def paint(
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
     """
-    cull = shading.cull_back if shading.culls else None
+    cull = shading.cull_back
     if not shading.has_transparency:
         with rasterizer.visibility(scene, camera, cull_back=cull) as visible:
-            _shade(rasterizer, shading, visible, camera, look, DIRECT, _NO_LAYERS, color)
+            _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
         return
     with rasterizer.visibility(scene, camera, select=~shading.transparent, cull_back=cull) as behind:
         gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
@@ -58,7 +56,7 @@ def paint(
         has_layers = False
         for layer in peeled(rasterizer, scene, camera, shading.transparent, cull, behind):
             has_layers = True
-            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
+            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
             # Nothing is visible behind an opaque pixel: no more layers there.
             layer.ids[gathered[3, :, : camera.width] <= 0.0] = -1
         _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
@@ -126,8 +124,8 @@ def _shade(
     camera: Camera,
     look: Look,
     mode: int,
-    gathered: NDArray[np.float32],
-    color: NDArray[np.uint8],
+    gathered: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
 ) -> None:
     """Shade all bands of a layer."""
     from renderers.visibility_buffer import BAND_ROWS, band_count

@@ -66,7 +66,7 @@ def paint(
         SurroundingsError: the rig's image of the surroundings cannot be used.
         ValueError: ``samples``.
     """
-    cull = shading.cull_back if shading.culls else None
+    cull = shading.cull_back
     opaque = ~shading.transparent if shading.has_transparency else None
     cameras = sample_cameras(camera, samples)
     lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]

@@ -86,14 +86,14 @@ class BruteForce:
                 else:
                     z = line_depths(direction, corners, camera)
                 inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
-                seen = (inv > 1 / camera.far) & (inv < 1 / camera.near)
+                is_candidate = (inv > 1 / camera.far) & (inv < 1 / camera.near)
                 if beyond is not None:
                     b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
-                    seen &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id > b)))
+                    is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id > b)))
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
-                    seen &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
-                nearer = seen & ((ids < 0) | (inv > best))
+                    is_candidate &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
+                nearer = is_candidate & ((ids < 0) | (inv > best))
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
@@ -142,7 +142,7 @@ def srgb_to_linear(c: Array) -> Array:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def lookup(texture: Texture, u: float, v: float, srgb: bool) -> Array:
+def sample_texture(texture: Texture, u: float, v: float, srgb: bool) -> Array:
     """Sample a texture at (u, v): (4,)."""
     texels = texture.image.decode().astype(np.float64) / 255.0
     if srgb:
@@ -202,7 +202,7 @@ def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughne
 
 def surface_color(
     instance: Instance,
-    element: NDArray[np.uint32],
+    triangle: NDArray[np.uint32],
     weights: Array,
     direction: Array,
     points: Array,
@@ -214,56 +214,56 @@ def surface_color(
     if look == "pbr" and material.vtk_export:
         material = replace(material, roughness=0.5, metallic=0.0)
 
-    def at(values: NDArray[np.float32]) -> Array:
-        mixed: Array = weights @ values[element].astype(np.float64)
+    def interpolated(values: NDArray[np.float32]) -> Array:
+        mixed: Array = weights @ values[triangle].astype(np.float64)
         return mixed
 
-    def read(texture: Texture, srgb: bool) -> Array:
+    def sampled(texture: Texture, srgb: bool) -> Array:
         coordinates = mesh.uv1 if texture.uv_set else mesh.uv0
         assert coordinates is not None
-        uv = at(coordinates)
-        return lookup(texture, float(uv[0]), float(uv[1]), srgb)
+        uv = interpolated(coordinates)
+        return sample_texture(texture, float(uv[0]), float(uv[1]), srgb)
 
     pbr = look == "pbr"
     base = np.array(material.base_color, dtype=np.float64)
     if mesh.colors is not None:
-        color = at(mesh.colors)
+        vertex_color = interpolated(mesh.colors)
         if pbr:
-            color[:3] **= 2.2
+            vertex_color[:3] **= 2.2
             base[:3] = base[:3] if material.unlit else 1.0
-        base *= color
+        base *= vertex_color
     if material.base_color_texture:
-        base *= read(material.base_color_texture, pbr)
-    shown = base[:3]
+        base *= sampled(material.base_color_texture, pbr)
+    color = base[:3]
     if not material.unlit:
         R = X[:3, :3]
         outward = np.cross(points[1] - points[0], points[2] - points[0]) * np.sign(np.linalg.det(R))
         side = 1.0 if outward @ points[0] < 0 else -1.0
-        n = unit(np.linalg.inv(R).T @ at(mesh.normals)) if mesh.normals is not None else unit(outward)
+        n = unit(np.linalg.inv(R).T @ interpolated(mesh.normals)) if mesh.normals is not None else unit(outward)
         if pbr and material.normal_texture and mesh.tangents is not None:
-            tangent = at(mesh.tangents)
+            tangent = interpolated(mesh.tangents)
             t = R @ tangent[:3]
             t = unit(t - (t @ n) * n)
             b = np.cross(n, t) * np.sign(tangent[3]) * np.sign(np.linalg.det(R))
-            m = read(material.normal_texture, False)[:3] * 2 - 1
+            m = sampled(material.normal_texture, False)[:3] * 2 - 1
             n = unit(m[0] * material.normal_scale * t + m[1] * material.normal_scale * b + m[2] * n)
         n = n * side
         if not pbr:
-            shown = shown * max(0.0, -n[2])
+            color = color * max(0.0, -n[2])
         else:
-            rough, metal = material.roughness, material.metallic
+            roughness, metallic = material.roughness, material.metallic
             if material.metallic_roughness_texture:
-                g = read(material.metallic_roughness_texture, False)
-                rough, metal = rough * g[1], metal * g[2]
-            shown = metallic_roughness(n, unit(-direction), base[:3], metal, rough)
+                texel = sampled(material.metallic_roughness_texture, False)
+                roughness, metallic = roughness * texel[1], metallic * texel[2]
+            color = metallic_roughness(n, unit(-direction), base[:3], metallic, roughness)
             if material.occlusion_texture:
-                shown = shown * (1 + material.occlusion_strength * (read(material.occlusion_texture, False)[0] - 1))
+                color = color * (1 + material.occlusion_strength * (sampled(material.occlusion_texture, False)[0] - 1))
             emitted = np.array(material.emissive)
             if material.emissive_texture:
-                emitted = emitted * read(material.emissive_texture, True)[:3]
-            shown = shown + emitted
-    shown = np.clip(shown, 0, 1)
-    return (shown ** (1 / 2.2) if pbr else shown), float(base[3])
+                emitted = emitted * sampled(material.emissive_texture, True)[:3]
+            color = color + emitted
+    color = np.clip(color, 0, 1)
+    return (color ** (1 / 2.2) if pbr else color), float(base[3])
 
 
 def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
@@ -275,13 +275,13 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
         X = view.X_camera_world @ instance.X_world_mesh
         points = instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3]
         mirrored = np.linalg.det(X[:3, :3]) < 0
-        for element in instance.mesh.elements:
-            corners = points[element]
+        for triangle in instance.mesh.elements:
+            corners = points[triangle]
             if not instance.material.double_sided and (np.linalg.det(corners) > 0) != mirrored:
                 continue
             z, weights = hits(direction, corners)
             for p in np.flatnonzero((z > view.near) & (z < view.far)):
-                color, alpha = surface_color(instance, element, weights[p], direction[p], corners, X, look.name)
+                color, alpha = surface_color(instance, triangle, weights[p], direction[p], corners, X, look.name)
                 mode = instance.material.alpha_mode
                 if mode is AlphaMode.OPAQUE:
                     alpha = 1.0
@@ -290,10 +290,10 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
                 layers[p].append((float(z[p]), color, min(max(alpha, 0.0), 1.0)))
     result = np.empty((len(direction), 3))
     for pixel, surfaces in enumerate(layers):
-        shown = background
+        mixed = background
         for _, color, alpha in sorted(surfaces, key=lambda surface: -surface[0]):
-            shown = shown * (1 - alpha) + color * alpha
-        result[pixel] = shown * 255.0
+            mixed = mixed * (1 - alpha) + color * alpha
+        result[pixel] = mixed * 255.0
     return result.reshape(view.height, view.width, 3)
 
 

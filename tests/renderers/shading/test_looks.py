@@ -165,20 +165,20 @@ def test_lines_and_points_show_their_color_unlit() -> None:
     ends = np.array(((-0.8, -0.5, 2.0), (0.8, 0.5, 4.0)), np.float32)
     colors = np.array(((1, 0, 0.5, 1), (0, 1, 0.5, 1)), np.float32)
     line = Mesh(ends, np.array(((0, 1),), np.uint32), colors=colors)
-    shown = painted(DrawList((placed(line, Material(base_color=(1.0, 1.0, 0.5, 1.0))),)), view, Look("phong"))
-    drawn = (shown != (204, 229, 255)).any(axis=-1)
+    color = painted(DrawList((placed(line, Material(base_color=(1.0, 1.0, 0.5, 1.0))),)), view, Look("phong"))
+    is_drawn = (color != (204, 229, 255)).any(axis=-1)
     # Perspective-correct: the middle of the line in the image is nearer to the near end.
-    ys, xs = np.nonzero(drawn)
+    ys, xs = np.nonzero(is_drawn)
     for x, y in zip(xs, ys, strict=True):
         ray = np.array(((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy))
         samples = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
         t = np.linspace(0, 1, 2001)[np.abs(samples[:, :2] / samples[:, 2:] - ray).sum(axis=1).argmin()]
         expected = 255 * np.array((1 - t, t, 0.25))
-        assert np.abs(shown[y, x] - expected).max() <= 255 * 0.02
+        assert np.abs(color[y, x] - expected).max() <= 255 * 0.02
     points = Mesh(ends, np.array(((0,), (1,)), np.uint32), colors=colors)
-    shown = painted(DrawList((placed(points),)), view, Look("pbr"))
-    drawn = (shown != (204, 229, 255)).any(axis=-1)
-    assert {tuple(c) for c in shown[drawn]} == {(255, 0, 128), (0, 255, 128)}
+    color = painted(DrawList((placed(points),)), view, Look("pbr"))
+    is_drawn = (color != (204, 229, 255)).any(axis=-1)
+    assert {tuple(pixel) for pixel in color[is_drawn]} == {(255, 0, 128), (0, 255, 128)}
 
 
 def test_look_material() -> None:

@@ -36,7 +36,7 @@ from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.sampling import sample
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
-from tests.renderers.shading.reference import image_of, lookup
+from tests.renderers.shading.reference import image_of, sample_texture
 from tests.support.waiting import SECONDS
 
 segment_at = SEGMENT.at
@@ -129,7 +129,7 @@ def test_sampling_matches_the_reference(
     u: float, v: float, wrap_s: Wrap, wrap_t: Wrap, linear: bool, srgb: bool
 ) -> None:
     texture = Texture(image_of(TEXELS), Sampler(wrap_s, wrap_t, mag_linear=linear))
-    actual, expected = sample_one(texture, u, v, srgb=srgb), lookup(texture, u, v, srgb)
+    actual, expected = sample_one(texture, u, v, srgb=srgb), sample_texture(texture, u, v, srgb)
     if not linear:  # exactly between two texels, either is right
         x, y = u * TEXELS.shape[1], v * TEXELS.shape[0]
         if min(abs(x - round(x)), abs(y - round(y))) < 2e-6:
@@ -147,7 +147,7 @@ def test_a_texel_center_reads_that_texel(linear: bool) -> None:
 
 def test_transformed_coordinates() -> None:
     texture = Texture(image_of(TEXELS), uv_transform=(0.5, -1.5, 0.2, 2.0, 0.25, -0.1))
-    np.testing.assert_allclose(sample_one(texture, 0.3, 0.7), lookup(texture, 0.3, 0.7, False), atol=1e-6)
+    np.testing.assert_allclose(sample_one(texture, 0.3, 0.7), sample_texture(texture, 0.3, 0.7, False), atol=1e-6)
 
 
 @pytest.mark.parametrize("wrap", Wrap)
@@ -171,7 +171,7 @@ def test_rows_of_a_page_size_are_padded() -> None:
         for wrap in Wrap:
             texture = Texture(image, Sampler(wrap, wrap, mag_linear=linear))
             for u, v in ((0.37201, 0.51), (0.99999, 0.93), (-0.0003, 1.2), (0.00001, 0.02)):
-                np.testing.assert_allclose(sample_one(texture, u, v), lookup(texture, u, v, False), atol=2e-3)
+                np.testing.assert_allclose(sample_one(texture, u, v), sample_texture(texture, u, v, False), atol=2e-3)
 
 
 def test_texels_are_decoded_once_and_collected_with_their_image() -> None:
@@ -316,10 +316,10 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
     corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
     uv = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
     square = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)
-    drawn = DrawList((Instance(square, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
+    scene = DrawList((Instance(square, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
     view = Camera(100, 100, 100.0, 100.0, 50.0, 50.0, 0.05, 100.0, np.eye(4))
-    with CpuRenderer(1).render(drawn, view, Output.COLOR) as frame:
+    with CpuRenderer(1).render(scene, view, Output.COLOR) as frame:
         assert frame.color is not None
-        shown = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
+        row = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
         expected = 255 * (np.arange(100) + 0.5) / 100
-        assert np.abs(shown - expected).max() <= 1.5
+        assert np.abs(row - expected).max() <= 1.5

@@ -67,7 +67,7 @@ def shade_rows(pbr, ids, first_ids, X_camera_mesh, normal_matrices, lens, tables
     """
     tables = _tables_at(tables_address)
     height, width = ids.shape
-    a = np.zeros((A_ROWS, width), dtype=np.float32)
+    rows = np.zeros((A_ROWS, width), dtype=np.float32)
     weights = np.empty((3, width), dtype=np.float32)
     i = 0
     for y in range(height):
@@ -99,18 +99,18 @@ def shade_rows(pbr, ids, first_ids, X_camera_mesh, normal_matrices, lens, tables
                     span_begin,
                     x,
                     weights,
-                    a,
+                    rows,
                 )
-            base_colors(pbr, instance.colors != 0, material, tables, begin, x, a)
+            base_colors(pbr, instance.colors != 0, material, tables, begin, x, rows)
             if material.unlit == 0:
                 mapped = material.normal_texture >= 0 and instance.tangents != 0
-                unit_normals(mapped, material, tables, begin, x, a)
+                unit_normals(mapped, material, tables, begin, x, rows)
                 if pbr:
-                    light_pbr(material, tables, lens, y, begin, x, a)
+                    light_pbr(material, tables, lens, y, begin, x, rows)
                 else:
-                    light_phong(begin, x, a)
+                    light_phong(begin, x, rows)
             for column in range(begin, x):
                 for k in range(3):
-                    c = a[A_BASE + k, column]
+                    c = rows[A_BASE + k, column]
                     byte = gamma_byte(c, tables.thresholds, tables.guesses) if pbr else plain_byte(c)
                     color[y, column, k] = byte

@@ -300,9 +300,9 @@ def test_feature(renderer: CpuRenderer, name: str) -> None:
     at, inside = sheet_pixels()
     where = inside & is_inside_texel(at.uv) & is_inside_texel(second(at)) & is_inside_texel(transformed(at))
     assert where.mean() > 0.5
-    shown = ref.srgb(expected(at))[where]
-    wrong = np.abs(render_document(renderer, b, replace(DARK, tone="none")).reshape(-1, 3)[where] - shown)
-    assert shown.std() > 3.0
+    expected_color = ref.srgb(expected(at))[where]
+    wrong = np.abs(render_document(renderer, b, replace(DARK, tone="none")).reshape(-1, 3)[where] - expected_color)
+    assert expected_color.std() > 3.0
     assert wrong.max() <= 0.52, (wrong.max(), wrong.mean())  # half a level of rounding, and float32
 
 
