@@ -10,34 +10,26 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, allocate, i32_at, i64_at, release, stack_array, u8_at
+from renderers.compiler.pointers import address, allocate, i32_at, i64_at, release, u8_at
 from renderers.compiler.structs import I32, I64, Struct, array_of, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.raster.layout import frame_at
 from renderers.raster.msaa.coverage import draw_sample_rows
 from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
-from renderers.shading.headlight.layout import (
-    S_BACKGROUND,
-    S_COLOR,
-    S_COLUMNS,
-    S_COUNTS,
-    S_PLACES,
-    S_STRIDE,
-    S_WIDTH,
-)
+from renderers.shading.headlight.layout import HEADLIGHT_JOB, headlight_job_at
 
 _MAX_MOVE: Final = 32
 """Positions by which an entry may move to lie beside those of its instance; rows are nearly sorted anyway."""
 _LAST_ID: Final = 2**31 - 1
 """Greater than any primitive id."""
-_job_array = stack_array(types.int64, S_COLUMNS)
+_JOB_VALUES: Final = HEADLIGHT_JOB.size // 8
+_new_job = HEADLIGHT_JOB.local
 
 _ENTRIES: Final = Struct(
     "RowEntries",
@@ -244,27 +236,27 @@ def shade_mixed(own_address, band_address, stride, first_row, end_row):
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
     Args:
-        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and a ``Painter``'s job in
-            the mode DIRECT.
+        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and the address of a
+            HEADLIGHT_JOB in the mode DIRECT.
         band_address: address of a SAMPLE_BAND.
         stride: as in FRAME.
         first_row, end_row: the band's rows of the image.
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
-    job, band = i64_at(job_address), sample_band_at(band_address)
+    job, band = headlight_job_at(job_address), sample_band_at(band_address)
     call_kernel(shade_kernel, (job_address, address(band.ids) - 4 * first_row * stride, first_row, end_row))
     max_count = np.int64(0)
     for row in range(end_row - first_row):
         max_count = max(max_count, np.int64(band.counts[row]))
     if max_count > 0:
-        entry_job = _job_array()
-        for k in range(S_COLUMNS):
-            entry_job[k] = job[k]
+        entry_job = _new_job()
+        for k in range(_JOB_VALUES):
+            i64_at(address(entry_job))[k] = i64_at(job_address)[k]
         # Shading counts rows from the image's first one.
         offset = 4 * first_row * band.room
-        entry_job[S_WIDTH], entry_job[S_STRIDE] = max_count, band.room
-        entry_job[S_PLACES] = address(band.entry_columns) - offset
-        entry_job[S_COUNTS] = address(band.counts) - 4 * first_row
-        entry_job[S_COLOR] = address(band.entry_colors) - 3 * first_row * max_count
+        entry_job.width, entry_job.stride = max_count, band.room
+        entry_job.columns = address(band.entry_columns) - offset
+        entry_job.counts = i32_at(address(band.counts) - 4 * first_row)
+        entry_job.color = u8_at(address(band.entry_colors) - 3 * first_row * max_count)
         call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids) - offset, first_row, end_row))
-    _mix_colors(band, stride, job[S_WIDTH], first_row, end_row, job[S_BACKGROUND], job[S_COLOR], max_count)
+    _mix_colors(band, stride, job.width, first_row, end_row, job.background, address(job.color), max_count)

@@ -130,7 +130,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     e2_range = vec.i32(e2_max - vec.minimum_of(e2_offsets))
     lane, zero = vec.iota(), vec.i32(0)
     skipped_rows, rows = top - box_y, bottom - top
-    lane_lists, edge_pixel_count = frame.lane_lists, np.int64(0)
+    lane_lists, edge_pixel_count = frame.lane_lists, 0
     for row in range(0, rows, vec.LANES):
         box_row = vec.to_f32(vec.i32(skipped_rows + row) + lane)
         vec.store(scratch.row_inv_z, row, vec.f32(inv_z_base) + vec.f32(inv_z_dy) * box_row)
