@@ -33,7 +33,7 @@ def choose_exposure(
     dark: NDArray[np.float32],
     bright: NDArray[np.float32],
     *,
-    out1: bool,
+    out1_high: bool,
     settings: StreamSettings,
     memory: ExposureMemory,
 ) -> tuple[Exposure, float]:
@@ -43,7 +43,7 @@ def choose_exposure(
         dark: (h, w) float32, ``brightness_of`` the left image at 1/``DIVISOR`` of the resolution, without the light of
             Out1.
         bright: (h, w) float32, the same with the light of Out1.
-        out1: True if Out1 is high in this image.
+        out1_high: True if Out1 is high in this image.
         settings: parameters of the frame.
         memory: state, changed.
     """
@@ -55,10 +55,10 @@ def choose_exposure(
         low, high = auto_exposure(dark, limits, manual), auto_exposure(bright, limits, manual)
         return high, min(max(1.0 - high.light / low.light, 0.0), 1.0)
     if settings.auto_exposure_mode == "Out1High":
-        if out1 or memory.out1_high is None:
+        if out1_high or memory.out1_high is None:
             memory.out1_high = auto_exposure(bright, limits, manual)
         return memory.out1_high, 0.0
-    return auto_exposure(bright if out1 or settings.alternate else dark, limits, manual), 0.0
+    return auto_exposure(bright if out1_high or settings.alternate_exposure else dark, limits, manual), 0.0
 
 
 def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:

@@ -109,7 +109,7 @@ class FramePublisher:
         duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS)
-        timestamp = frame.depth.timestamp
+        timestamp = frame.depth_capture.timestamp
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
         await self.make(frame, kinds)
 

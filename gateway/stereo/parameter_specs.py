@@ -32,26 +32,27 @@ class Spec:
 
 
 def _float(name: str, low: float, high: float, default: float, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "float64", float(default), float(low), float(high), _text(text, effect), effect)
+    return Spec(name, "float64", float(default), float(low), float(high), _describe(text, effect), effect)
 
 
 def _int(name: str, low: int, high: int, default: int, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "int32", default, low, high, _text(text, effect), effect)
+    return Spec(name, "int32", default, low, high, _describe(text, effect), effect)
 
 
 def _bool(name: str, default: bool, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "bool", default, False, True, _text(text, effect), effect)
+    return Spec(name, "bool", default, False, True, _describe(text, effect), effect)
 
 
-def _enum(name: str, choices: str, default: str, text: str, *, effect: bool = True, alias: str = "") -> Spec:
-    other, _, meant = alias.partition("=")
-    aliases = {other: meant} if meant else {}
+def _enum(
+    name: str, choices: str, default: str, text: str, *, aliases: Mapping[str, str] = MappingProxyType({})
+) -> Spec:
+    """``choices`` are separated by ``|``."""
     names = tuple(choices.split("|"))
-    full = f"{_text(text, effect)}: {', '.join(names)}"
-    return Spec(name, "string", default, "", "", full, effect, names, MappingProxyType(aliases))
+    description = f"{text}: {', '.join(names)}"
+    return Spec(name, "string", default, "", "", description, choices=names, aliases=aliases)
 
 
-def _text(text: str, effect: bool) -> str:
+def _describe(text: str, effect: bool) -> str:
     return text if effect else text + NO_EFFECT
 
 
@@ -60,7 +61,7 @@ def _by_name(*specs: Spec) -> Mapping[str, Spec]:
 
 
 _OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
-_OUT_ALIAS: Final = "AlternateExposureActive=ExposureAlternateActive"
+_OUT_ALIASES: Final = MappingProxyType({"AlternateExposureActive": "ExposureAlternateActive"})
 """Spelling in the protocol document of the image stream."""
 
 NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
@@ -103,8 +104,8 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             _int("roi_height", 0, 8191, 0, "Height of the depth region, 0 is all"),
         ),
         "rc_iocontrol": _by_name(
-            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", alias=_OUT_ALIAS),
-            _enum("out2_mode", _OUT_MODES, "Low", "Output 2", alias=_OUT_ALIAS),
+            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", aliases=_OUT_ALIASES),
+            _enum("out2_mode", _OUT_MODES, "Low", "Output 2", aliases=_OUT_ALIASES),
         ),
     }
 )

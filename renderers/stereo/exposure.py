@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 REFERENCE_EXPOSURE: Final = 0.005
 """Seconds; the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
+"""Light is the display-encoded value to this power."""
 LUMA: Final = np.array((0.299, 0.587, 0.114))
 """Rec. 601 weights of red, green and blue."""
 READ_NOISE: Final = 0.2

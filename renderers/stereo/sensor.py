@@ -58,7 +58,7 @@ def sensor_image(
     key = np.uint64(key)
     response, sigma = _curves(exposure, noise)
     step_factor = exposure.factor / exposure.saturation * (kernels.RESPONSE_STEPS - 1)
-    # Without dots a grey level depends on one byte or luma step: a table of noisy levels halves the time.
+    # Without dots, a grey level depends on one byte or luma step only: a table of noisy levels halves the time.
     if dots is not None:
         light = 1.0 + dot_light * np.arange(256) / 255.0
         dot_factors = (light ** (1.0 / DISPLAY_GAMMA) * step_factor).astype(np.float32)

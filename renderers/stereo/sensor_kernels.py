@@ -12,8 +12,9 @@ from renderers.stereo.noise import random64
 RESPONSE_STEPS: Final = 4096
 """Number of samples of the response curve along the display-encoded value."""
 LUMA_STEPS: Final = 1024
-"""Number of luma steps of ``levels``: more than the 256 grey levels, to avoid banding."""
+"""Number of luma steps of the table of grey levels: more than 256, to avoid banding."""
 _WHITE_LUMA: Final = 255 * 256
+"""Luma of white, units of 1/256 grey level."""
 _STEPS_PER_LUMA_Q16: Final = 1028
 """Luma steps per unit of luma, times 2^16: the brightest luma is the last step."""
 

@@ -22,7 +22,7 @@ from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
-from gateway.stereo.pair_files import geometry_in
+from gateway.stereo.pair_files import read_geometry
 from gateway.stereo.truth import truth_router
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
@@ -118,7 +118,7 @@ async def test_exposure_and_gpios_are_written_on_request(start: Start, tmp_path:
     assert 0 < data["left_brightness"] < data["disparity_brightness"]
     assert (data["left_gpio_values"], data["disparity_gpio_values"]) == (0, 1)
     assert (data["left_gpio_outputs"], data["left_gpio_inputs"]) == (3, 12)
-    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
+    assert list(read_geometry(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
 
 
 def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyPatch) -> None:

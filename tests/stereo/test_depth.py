@@ -96,14 +96,14 @@ def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
         assert set(np.unique(add_errors(true, sigma, np.uint64(9)).error)) == {unit}
 
 
-@pytest.mark.parametrize("d_eps", [0.25, 0.7])
+@pytest.mark.parametrize("disparity_error", [0.25, 0.7])
 @pytest.mark.parametrize(("quality", "averaged"), [*((q, 1) for q in Quality), (Quality.FULL, 8), (Quality.HIGH, 8)])
 def test_error_image_is_the_standard_deviation_within_five_percent(
-    quality: Quality, averaged: int, d_eps: float
+    quality: Quality, averaged: int, disparity_error: float
 ) -> None:
     # Not a multiple of 1/16 anywhere: disparities on a slope too small for outliers.
     true = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
-    sigma = d_eps / quality.divisor / averaged**0.5
+    sigma = disparity_error / quality.divisor / averaged**0.5
     scale = choose_error_scale(sigma, MODEL.disparity_count(quality.divisor, 0.1))
     images = add_errors(true, sigma, np.uint64(9), scale)
     (unit,) = np.unique(images.error)

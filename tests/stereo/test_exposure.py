@@ -36,37 +36,37 @@ def scene(level: float = 0.2) -> NDArray[np.float32]:
 
 
 def test_only_the_exposure_region_is_metered() -> None:
-    whole, _ = choose_exposure(scene(), scene(), out1=False, settings=settings(), memory=ExposureMemory())
+    whole, _ = choose_exposure(scene(), scene(), out1_high=False, settings=settings(), memory=ExposureMemory())
     region = settings(exp_offset_x=640, exp_width=600, exp_height=900)
-    right, _ = choose_exposure(scene(), scene(), out1=False, settings=region, memory=ExposureMemory())
+    right, _ = choose_exposure(scene(), scene(), out1_high=False, settings=region, memory=ExposureMemory())
     expected = auto_exposure(scene()[:, 80:], AutoExposure())
     assert right == expected
     assert right.light < whole.light
     beside = settings(exp_offset_x=5000, exp_width=600, exp_height=900)
-    assert choose_exposure(scene(), scene(), out1=False, settings=beside, memory=ExposureMemory())[0] == whole
+    assert choose_exposure(scene(), scene(), out1_high=False, settings=beside, memory=ExposureMemory())[0] == whole
 
 
 def test_normal_mode_meters_every_image_except_in_alternate_exposure() -> None:
     dark, bright = scene(0.1), scene(0.25)
-    low, reduction = choose_exposure(dark, bright, out1=False, settings=settings(), memory=ExposureMemory())
-    high, _ = choose_exposure(dark, bright, out1=True, settings=settings(), memory=ExposureMemory())
+    low, reduction = choose_exposure(dark, bright, out1_high=False, settings=settings(), memory=ExposureMemory())
+    high, _ = choose_exposure(dark, bright, out1_high=True, settings=settings(), memory=ExposureMemory())
     assert (low, high) == (auto_exposure(dark, AutoExposure()), auto_exposure(bright, AutoExposure()))
     assert reduction == 0
-    alternate = replace(settings(), out1="ExposureAlternateActive")
-    assert choose_exposure(dark, bright, out1=False, settings=alternate, memory=ExposureMemory())[0] == high
+    alternate = replace(settings(), out1_mode="ExposureAlternateActive")
+    assert choose_exposure(dark, bright, out1_high=False, settings=alternate, memory=ExposureMemory())[0] == high
 
 
 def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
     mode, memory = settings(exp_auto_mode="Out1High"), ExposureMemory()
-    high, _ = choose_exposure(scene(0.1), scene(0.25), out1=True, settings=mode, memory=memory)
+    high, _ = choose_exposure(scene(0.1), scene(0.25), out1_high=True, settings=mode, memory=memory)
     # It has become brighter since.
-    assert choose_exposure(scene(0.2), scene(0.3), out1=False, settings=mode, memory=memory)[0] == high
-    assert choose_exposure(scene(0.2), scene(0.3), out1=True, settings=mode, memory=memory)[0] != high
+    assert choose_exposure(scene(0.2), scene(0.3), out1_high=False, settings=mode, memory=memory)[0] == high
+    assert choose_exposure(scene(0.2), scene(0.3), out1_high=True, settings=mode, memory=memory)[0] != high
 
 
 def test_adaptive_mode_reduces_images_with_out1_low() -> None:
     mode = settings(exp_auto_mode="AdaptiveOut1")
-    low, reduction = choose_exposure(scene(0.1), scene(0.25), out1=False, settings=mode, memory=ExposureMemory())
+    low, reduction = choose_exposure(scene(0.1), scene(0.25), out1_high=False, settings=mode, memory=ExposureMemory())
     alone = auto_exposure(scene(0.1), AutoExposure())
     assert low == auto_exposure(scene(0.25), AutoExposure())
     assert 0 < reduction < 1
@@ -213,7 +213,7 @@ async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> 
 
 
 async def test_static_scenes_are_averaged(start: Start) -> None:
-    camera = await start(d_eps=0.5)
+    camera = await start(disparity_error=0.5)
     settings = camera.service.settings
     assert settings.averaged_images == 1
     camera.service.set_parameters("rc_stereomatching", [("static_scene", True)])

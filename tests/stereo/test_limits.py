@@ -13,7 +13,7 @@ from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.pairs import Pair, Pairs
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, check
-from gateway.stereo.request import RequestError, set_kind_of
+from gateway.stereo.request import RequestError, read_set_kind
 from gateway.stereo.settings import Region
 from gateway.stereo.truth import parse_timestamp
 from renderers.drawlist import ImageError
@@ -155,12 +155,12 @@ def test_the_minimum_of_mesh_points() -> None:
         return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
 
     for points in (0, 1000):
-        kind = set_kind_of(mesh(points))
+        kind = read_set_kind(mesh(points))
         assert kind.mesh is not None
         assert kind.mesh.max_points == points
     for points in (1, 999):
         with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
-            set_kind_of(mesh(points))
+            read_set_kind(mesh(points))
 
 
 def test_timestamps_have_twelve_and_nine_digits() -> None:

@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from gateway.client.stream_files import save
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.node_routes import node_router
-from gateway.stereo.pair_files import geometry_in, pairs_in
+from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import Pair, Pairs, pair_imaging
 from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
@@ -58,10 +58,10 @@ async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
 
 async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camera: Camera, tmp_path: Path) -> None:
     save(recorded, tmp_path)
-    geometry = geometry_in(tmp_path)
+    geometry = read_geometry(tmp_path)
     assert geometry is not None
     assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
-    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), *geometry))
+    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), *geometry))
     one = await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
     assert (pixels(one.left) == pixels(recorded.left)).all()
     assert (pixels(one.right) == pixels(recorded.right)).all()
@@ -184,7 +184,7 @@ async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Came
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
         (tmp_path / f"{number}_right.png").write_bytes(right)
-    imaging = pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), 0.8, 0.1)
+    imaging = pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), 0.8, 0.1)
     camera.service.show_pairs(imaging)
     call = camera.stream(left_enabled=True, right_enabled=True)
     with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
@@ -199,24 +199,24 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(image)
-    assert len(pairs_in(tmp_path, 2, LIMIT)) == 2
+    assert len(find_pairs(tmp_path, 2, LIMIT)) == 2
     with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
-        pairs_in(tmp_path, 1, LIMIT)
+        find_pairs(tmp_path, 1, LIMIT)
     with pytest.raises(ValueError, match="nowhere is no folder"):
-        pairs_in(tmp_path / "nowhere", 10, 10_000_000)
+        find_pairs(tmp_path / "nowhere", 10, 10_000_000)
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match=r"empty holds no images \(\.png, "):
-        pairs_in(tmp_path / "empty", 10, 10_000_000)
+        find_pairs(tmp_path / "empty", 10, 10_000_000)
     with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 images"):
-        pairs_in(tmp_path / "right", 1, LIMIT)
+        find_pairs(tmp_path / "right", 1, LIMIT)
 
 
 def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
     text = "# Created by grpc_image_client\ncamera.A=[552.18500 0 320.00000; 0 552.18500 240.00000; 0 0 1]\n"
     text += "camera.height=480\ncamera.width=640\nrho=88.37721\nt=0.16005\n"
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text)
-    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.862789, rel=1e-5), 0.16005]
-    assert geometry_in(tmp_path / "none") is None
+    assert list(read_geometry(tmp_path) or ()) == [pytest.approx(0.862789, rel=1e-5), 0.16005]
+    assert read_geometry(tmp_path / "none") is None
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text.replace("width=640", "width=0"))
     with pytest.raises(ValueError, match="is not a number"):
-        geometry_in(tmp_path)
+        read_geometry(tmp_path)

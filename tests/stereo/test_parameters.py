@@ -9,9 +9,8 @@ import pytest
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check
-from gateway.stereo.request import SetKind, set_kind_of
+from gateway.stereo.request import SetKind, read_set_kind
 from gateway.stereo.settings import Region, StreamSettings, read_settings
-from gateway.stereo.trigger import Trigger
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.model import Quality, StereoModel
@@ -132,8 +131,8 @@ def test_output_modes(mode: str, camera: int, depth: int) -> None:
     assert (first.gpio(depth=False), first.gpio(depth=True)) == (camera, depth)
     assert (second.gpio(depth=False), second.gpio(depth=True)) == (2 * camera, 2 * depth)
     assert first.separate_depth == second.separate_depth == (camera != depth)
-    assert first.alternate == (mode == "ExposureAlternateActive")
-    assert not second.alternate
+    assert first.alternate_exposure == (mode == "ExposureAlternateActive")
+    assert not second.alternate_exposure
     triggered = replace(first, single_frame_out1=True)
     assert (triggered.gpio(depth=False), triggered.gpio(depth=True)) == (0, 1)
 
@@ -171,17 +170,6 @@ def test_white_balance_and_exposure_parameters() -> None:
     assert hdr.auto_exposure is not None
     limits = hdr.auto_exposure
     assert (limits.max_time, limits.average_max, limits.average_min) == (0.01, 0.6, 0.2)
-
-
-def test_the_trigger_holds_one_request() -> None:
-    trigger = Trigger()
-    assert trigger.fire(single=False, subscribed=True)[0] == -8
-    assert trigger.fire(single=True, subscribed=False)[0] == 102
-    assert trigger.fire(single=True, subscribed=True) == (0, "")
-    assert trigger.pending
-    assert trigger.fire(single=True, subscribed=True)[0] == 101
-    trigger.done()
-    assert trigger.fire(single=True, subscribed=True)[0] == 0
 
 
 def test_kinds_as_text() -> None:
@@ -236,8 +224,8 @@ def test_descriptions_have_the_devices_fields() -> None:
 def test_mesh_options_of_a_request() -> None:
     options = pb.MeshOptions(max_points=1000, binning_method=pb.MeshOptions.MIN_DEPTH, watertight=True)
     request = pb.ImageSetRequest(mesh_enabled=True, mesh_options=options)
-    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, min_depth=True, watertight=True)
+    assert read_set_kind(request, mesh_rgb=True).mesh == MeshOptions(1000, min_depth=True, watertight=True)
     request.mesh_options.textured = True
     request.mesh_options.binning_method = pb.MeshOptions.AVERAGE
-    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
-    assert set_kind_of(request).mesh == MeshOptions(1000, watertight=True, textured=True)
+    assert read_set_kind(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
+    assert read_set_kind(request).mesh == MeshOptions(1000, watertight=True, textured=True)

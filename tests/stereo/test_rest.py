@@ -190,7 +190,7 @@ async def test_services(rest: httpx.AsyncClient, camera: Camera) -> None:
     values = (await rest.put(f"{V2}/rc_iocontrol/services/get_io_values")).json()["response"]
     assert (values["values"], values["output_mask"], values["input_mask"]) == (1, 3, 12)
     await rest.put(f"{V2}/rc_iocontrol/services/reset_defaults", json={"args": {}})
-    assert camera.service.settings.out1 == "Low"
+    assert camera.service.settings.out1_mode == "Low"
     listed = (await rest.get(f"{V2}/rc_stereomatching/services")).json()
     assert {s["name"] for s in listed} == {"acquisition_trigger", "reset_defaults"}
 

@@ -30,7 +30,7 @@ def test_custom_camera_from_a_file(tmp_path: Path) -> None:
     config = config_of(load(config=path))
     assert (config.model.width, config.model.height, config.model.baseline) == (640, 400, 0.05)
     assert config.model.intrinsics(2).focal_length == 352.0
-    assert (config.d_eps, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
+    assert (config.disparity_error, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
     assert model_of(load({"stereo_model": "custom"})).baseline == MODELS["rc_visard 160-4"].baseline
     assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
 

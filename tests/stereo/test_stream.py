@@ -13,7 +13,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.truth import find_frame, ground_truth_npz, timestamp_text
+from gateway.stereo.truth import find_frame, ground_truth_npz
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
@@ -274,7 +274,7 @@ async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
     camera = await start(depth_mode="matched", rate="max", model=MODELS["rc_visard 160-4"])
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
-    record = find_frame(camera.service.history, timestamp_text(one.timestamp.sec * 10**9 + one.timestamp.nsec))
+    record = find_frame(camera.service.history, one.timestamp.sec * 10**9 + one.timestamp.nsec)
     truth = np.load(io.BytesIO(ground_truth_npz(record)))["disparity"]
     d = pixels(one.disparity.image) / 16
     both = (d > 0) & (truth > 0)
