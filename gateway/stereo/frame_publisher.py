@@ -17,7 +17,7 @@ from gateway.stereo.config import Rate
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import MeteredExposure
 from gateway.stereo.request import SetKind
 
@@ -63,7 +63,9 @@ class FramesInFlight:
 class FramePublisher:
     """Image sets of captured frames, made once for each kind of set."""
 
-    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool) -> None:
+    def __init__(
+        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
+    ) -> None:
         """
         Args:
             hub: receives the sets.

@@ -16,7 +16,7 @@ from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
-from gateway.stereo.hub import Hub, MailboxState
+from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
@@ -36,7 +36,7 @@ class FrameScheduler:
         self,
         imaging: Imaging,
         workers: WorkerPool,
-        hub: Hub,
+        hub: ImageSetHub,
         events: EventHub,
         injector: FaultInjector,
         parameters: Parameters,

@@ -92,7 +92,7 @@ class Subscription:
         return data
 
 
-class Hub:
+class ImageSetHub:
     """All subscriptions of one camera."""
 
     def __init__(self, max_clients: int, max_kinds: int, generation: Callable[[], int] = lambda: 0) -> None:

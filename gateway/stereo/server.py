@@ -18,7 +18,7 @@ from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import CUT_REASON, FaultInjector
-from gateway.stereo.hub import Hub, LimitError, StreamError
+from gateway.stereo.hub import ImageSetHub, LimitError, StreamError
 from gateway.stereo.reflection import ReflectionPool
 from gateway.stereo.request import RequestError, read_set_kind
 
@@ -79,7 +79,7 @@ class UnsentMessages:
 class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
-    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
+    def __init__(self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
         self._hub = hub
         self._events = events
         self._injector = injector
@@ -150,7 +150,7 @@ def _log_stream(peer: str, kind: str, size: int) -> None:
 
 
 async def start(
-    hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig
+    hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig
 ) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
     """Start serving.
 

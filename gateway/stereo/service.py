@@ -17,7 +17,7 @@ from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
 from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Imaging, MeteredExposure
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
@@ -54,7 +54,7 @@ class StereoService:
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self.hub = Hub(config.max_clients, config.max_kinds, self._generation)
+        self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()

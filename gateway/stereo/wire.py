@@ -15,7 +15,8 @@ import numpy as np
 
 Chunk = bytes | memoryview
 _MIN_WITHOUT_GIL: Final = 4 << 20
-"""Minimum number of bytes that are joined without the GIL; fewer take less than half a millisecond."""
+"""Minimum number of bytes that are joined without the GIL. Less takes under half a millisecond; a full mesh
+(55 MB) takes 65 ms, for which the event loop would wait."""
 
 _new_bytes = ctypes.pythonapi.PyBytes_FromStringAndSize
 _new_bytes.restype = ctypes.py_object

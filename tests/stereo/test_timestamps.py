@@ -20,7 +20,7 @@ from gateway.stereo.truth import find_frame, parse_timestamp, timestamp_text
 
 def record(number: int, camera: int, depth: int) -> FrameRecord:
     scene: Any = None
-    captures = [Capture(stamp, scene, 0, np.eye(4), 0, number) for stamp in (camera, depth)]
+    captures = [Capture(timestamp_ns, scene, 0, np.eye(4), 0, number) for timestamp_ns in (camera, depth)]
     return FrameRecord(number, read_settings(Parameters()), captures[0], captures[1], scene)
 
 
@@ -69,7 +69,7 @@ def test_wrong_clocks() -> None:
     assert injector.timestamp(3 * 10**9) == 2 * 10**9
     assert injector.timestamp(10**9 - 1) == 0, "not negative"
     injector.set(Faults(clock_frozen=True, clock_offset=2.0))
-    assert [injector.timestamp(stamp) for stamp in (10**9, 5 * 10**9)] == [3 * 10**9, 3 * 10**9]
+    assert [injector.timestamp(timestamp_ns) for timestamp_ns in (10**9, 5 * 10**9)] == [3 * 10**9, 3 * 10**9]
     injector.set(Faults(clock_frozen=True))
     assert injector.timestamp(9 * 10**9) == 10**9, "still frozen"
     injector.set(Faults())

@@ -60,11 +60,11 @@ def test_meshes_and_disparities_are_wrapped() -> None:
         *wire.field(4, messages.disparity(inner, 5, 0.16)),
         *wire.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
     ]
-    one = pb.ImageSet.FromString(wire.join(chunks))
-    assert one.mesh == pb.Mesh(timestamp=pb.Time(nsec=6), format="ply", data=b"abcd")
-    assert one.disparity.timestamp.nsec == 5
-    assert one.disparity.baseline == pytest.approx(0.16)
-    assert one.disparity.image.width == 1
+    image_set = pb.ImageSet.FromString(wire.join(chunks))
+    assert image_set.mesh == pb.Mesh(timestamp=pb.Time(nsec=6), format="ply", data=b"abcd")
+    assert image_set.disparity.timestamp.nsec == 5
+    assert image_set.disparity.baseline == pytest.approx(0.16)
+    assert image_set.disparity.image.width == 1
 
 
 @given(st.integers(0, 2**63))
