@@ -129,14 +129,17 @@ def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, s
         return full_size
     # Points at the region's left edge lie up to `disparity_count` columns farther left in the right image.
     first_column = max(columns.start - disparity_count, 0)
-    searched = np.s_[rows, first_column : columns.stop]
-    part = match_pair(
-        np.ascontiguousarray(left[searched]), np.ascontiguousarray(right[searched]), disparity_count, noise_sigma
+    search_window = np.s_[rows, first_column : columns.stop]
+    region_images = match_pair(
+        np.ascontiguousarray(left[search_window]),
+        np.ascontiguousarray(right[search_window]),
+        disparity_count,
+        noise_sigma,
     )
-    inside = np.s_[:, columns.start - first_column :]
-    full_size.disparity[rows, columns] = part.disparity[inside]
-    full_size.error[rows, columns] = part.error[inside]
-    full_size.confidence[rows, columns] = part.confidence[inside]
+    region_columns = np.s_[:, columns.start - first_column :]
+    full_size.disparity[rows, columns] = region_images.disparity[region_columns]
+    full_size.error[rows, columns] = region_images.error[region_columns]
+    full_size.confidence[rows, columns] = region_images.confidence[region_columns]
     return full_size
 
 

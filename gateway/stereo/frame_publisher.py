@@ -90,7 +90,7 @@ class FramePublisher:
         task.add_done_callback(group.tasks.discard)
         task.add_done_callback(self._ended)
 
-    async def make(self, frame: Frame, kinds: set[SetKind]) -> None:
+    async def publish_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Make and publish the sets of a frame. If cancelled, cancel the frame."""
         start = asyncio.get_running_loop().time()
         try:
@@ -105,7 +105,7 @@ class FramePublisher:
         if frame.left_metered is not None:
             self.last_metered = frame.left_metered
 
-    async def make_depth(self, frame: Frame, kinds: set[SetKind]) -> None:
+    async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Wait for the last exposure of a depth frame, send the image event, and make the sets."""
         # The timestamp is that of the first averaged image.
         duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
@@ -113,7 +113,7 @@ class FramePublisher:
             await asyncio.sleep(duration / NANOSECONDS)
         timestamp = frame.depth_capture.timestamp
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
-        await self.make(frame, kinds)
+        await self.publish_sets(frame, kinds)
 
     def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
         """End the streams of a kind and log the reason, with a traceback for unexpected errors."""

@@ -177,7 +177,7 @@ class FrameScheduler:
         if camera_kinds:
             kinds = camera_kinds if settings.separate_depth else camera_kinds | depth_kinds
             self._camera_frames.last = frame = self._new_frame(settings, capture, capture, kinds, generation)
-            publisher.spawn(self._camera_frames, publisher.make(frame, camera_kinds))
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
         if not depth_kinds:
             return
         clock.schedule_next_depth(timestamp, settings.depth_rate)
@@ -187,7 +187,7 @@ class FrameScheduler:
             publisher.spawn(self._depth_frames, self._expose_depth(settings, capture, depth_kinds, generation))
             return
         self._depth_frames.last = frame = frame or self._new_frame(settings, capture, capture, depth_kinds, generation)
-        publisher.spawn(self._depth_frames, publisher.make_depth(frame, depth_kinds))
+        publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
 
     async def _expose_depth(
         self, settings: StreamSettings, camera: Capture, kinds: set[SetKind], generation: int
@@ -199,7 +199,7 @@ class FrameScheduler:
         depth = await self._capture_scene(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
         if depth is not None:
             self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
-            await self._publisher.make_depth(frame, kinds)
+            await self._publisher.publish_depth_sets(frame, kinds)
 
     def _new_frame(
         self,
@@ -240,7 +240,7 @@ class FrameScheduler:
             rate = settings.depth_rate if kind.has_depth else settings.camera_rate
             now = self._injector.timestamp(self._clock.next_timestamp(0))
             if now - frame.depth_capture.timestamp < NANOSECONDS / rate:
-                publisher.spawn(self._camera_frames, publisher.make(frame, {kind}))
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:

@@ -104,12 +104,12 @@ class Imaging:
             dots = self._projected_dots(frame, capture, 0.0, DIVISOR)
             assert frame.color is not None
             dot_light, channels = self.config.dot_light, settings.manual_exposure.channels
-            dark = brightness_of(frame.color, None, dot_light, channels)
-            bright = brightness_of(frame.color, dots, dot_light, channels) if dots is not None else dark
+            unlit = brightness_of(frame.color, None, dot_light, channels)
+            lit = brightness_of(frame.color, dots, dot_light, channels) if dots is not None else unlit
         exposure, reduction = choose_exposure(
-            dark, bright, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
+            unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
-        brightness = exposure.response((bright if capture.out1_high else dark) * exposure.factor).mean()
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.factor).mean()
         return MeteredExposure(exposure, float(brightness), reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:

@@ -46,7 +46,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     )
     @with_error_responses
     async def status(node: NodeName) -> Any:
-        return device.status(service, _current_name(node))
+        return device.node_status(service, _current_name(node))
 
     @api.get(
         base + "/{node}/parameters",
@@ -118,7 +118,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @with_error_responses
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
         await check_call(request)
-        result = device.call(service, *_find_service(node, name))
+        result = device.call_service(service, *_find_service(node, name))
         await _wait_until_stored(service)
         return result
 

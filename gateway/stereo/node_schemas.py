@@ -66,7 +66,7 @@ def _value_schema(spec: Spec) -> dict[str, Any]:
     if spec.type == "bool":
         return {"type": ["boolean", "integer"], "minimum": 0, "maximum": 1}
     kind = "integer" if spec.type == "int32" else "number"
-    return {"type": kind, "minimum": spec.low, "maximum": spec.high}
+    return {"type": kind, "minimum": spec.minimum, "maximum": spec.maximum}
 
 
 def _assignment_schema(spec: Spec) -> dict[str, Any]:

@@ -67,7 +67,7 @@ class Parameters:
             UnknownParameterError: unknown node or parameter.
             ParameterError: wrong type or out of range.
         """
-        checked = [(name, check(self.spec(node, name), value)) for name, value in values]
+        checked = [(name, check_value(self.spec(node, name), value)) for name, value in values]
         for name, value in checked:
             self._values[node][name] = value
             # The older switch exp_auto and the newer choice exp_control have one meaning.
@@ -92,14 +92,14 @@ class Parameters:
             "name": spec.name,
             "type": spec.type,
             "value": self._values[node][spec.name],
-            "min": spec.low,
-            "max": spec.high,
+            "min": spec.minimum,
+            "max": spec.maximum,
             "default": spec.default,
             "description": spec.description,
         }
 
 
-def check(spec: Spec, value: object) -> Value:
+def check_value(spec: Spec, value: object) -> Value:
     """Return the validated value.
 
     Args:
@@ -121,10 +121,12 @@ def check(spec: Spec, value: object) -> Value:
             return bool(value)
         raise ParameterError(f"{spec.name}: {_shown_value(value)} is not true or false")
     number = _number(spec, value)
-    assert isinstance(spec.low, (int, float))
-    assert isinstance(spec.high, (int, float))
-    if not spec.low <= number <= spec.high:
-        raise ParameterError(f"{spec.name}: {number:g} is out of range, {spec.low:g} to {spec.high:g} are allowed")
+    assert isinstance(spec.minimum, (int, float))
+    assert isinstance(spec.maximum, (int, float))
+    if not spec.minimum <= number <= spec.maximum:
+        raise ParameterError(
+            f"{spec.name}: {number:g} is out of range, {spec.minimum:g} to {spec.maximum:g} are allowed"
+        )
     return number
 
 

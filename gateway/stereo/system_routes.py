@@ -84,7 +84,7 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
 
     @api.get(f"{base}/system", summary="System", responses=json_example(_SYSTEM))
     async def system() -> Any:
-        return device.system(services)
+        return device.system_info(services)
 
     @api.get(f"{base}/datastreams", summary="Data streams: none", responses=json_example([]))
     async def datastreams() -> list[Any]:

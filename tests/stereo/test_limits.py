@@ -12,7 +12,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.pairs import Pair, Pairs
 from gateway.stereo.parameter_specs import NODES, Spec
-from gateway.stereo.parameters import ParameterError, check
+from gateway.stereo.parameters import ParameterError, check_value
 from gateway.stereo.request import RequestError, read_set_kind
 from gateway.stereo.settings import Region
 from gateway.stereo.truth import parse_timestamp
@@ -140,14 +140,14 @@ def test_regions_cover_partly_covered_pixels() -> None:
 def test_parameters_include_their_limits(spec: Spec) -> None:
     if spec.type == "string":
         with pytest.raises(ParameterError, match=spec.name):
-            check(spec, "")
+            check_value(spec, "")
         return
-    assert check(spec, spec.low) == spec.low
-    assert check(spec, spec.high) == spec.high
+    assert check_value(spec, spec.minimum) == spec.minimum
+    assert check_value(spec, spec.maximum) == spec.maximum
     step = 1 if spec.type in ("int32", "bool") else 1e-9
-    for beyond in (float(spec.low) - step, float(spec.high) + step):
+    for beyond in (float(spec.minimum) - step, float(spec.maximum) + step):
         with pytest.raises(ParameterError, match=spec.name):
-            check(spec, beyond)
+            check_value(spec, beyond)
 
 
 def test_the_minimum_of_mesh_points() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.parameter_specs import NODES, Spec
-from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check
+from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check_value
 from gateway.stereo.request import SetKind, read_set_kind
 from gateway.stereo.settings import Region, StreamSettings, read_settings
 from renderers.stereo.exposure import Exposure
@@ -26,19 +26,19 @@ def settings(node: str = "rc_camera", **values: object) -> StreamSettings:
 
 @pytest.mark.parametrize("spec", NUMBERS, ids=lambda spec: spec.name)
 def test_both_limits_are_included_and_nothing_beyond(spec: Spec) -> None:
-    assert isinstance(spec.low, (int, float))
-    assert isinstance(spec.high, (int, float))
+    assert isinstance(spec.minimum, (int, float))
+    assert isinstance(spec.maximum, (int, float))
     step = 1 if spec.type == "int32" else 1e-6
-    assert check(spec, spec.low) == spec.low
-    assert check(spec, spec.high) == spec.high
-    assert check(spec, spec.default) == spec.default
-    for outside in (spec.low - step, spec.high + step):
+    assert check_value(spec, spec.minimum) == spec.minimum
+    assert check_value(spec, spec.maximum) == spec.maximum
+    assert check_value(spec, spec.default) == spec.default
+    for outside in (spec.minimum - step, spec.maximum + step):
         with pytest.raises(ParameterError, match=f"^{spec.name}: .* is out of range, .* are allowed$"):
-            check(spec, outside)
+            check_value(spec, outside)
 
 
 def test_the_devices_ranges() -> None:
-    ranges = {spec.name: (spec.low, spec.high, spec.default) for spec in NUMBERS}
+    ranges = {spec.name: (spec.minimum, spec.maximum, spec.default) for spec in NUMBERS}
     assert ranges["fps"] == (1.0, 25.0, 25.0)
     assert ranges["exp_max"] == (6.6e-5, 0.018, 0.018)
     assert ranges["exp_value"] == (6.6e-5, 0.018, 0.005)
@@ -56,10 +56,10 @@ def test_the_devices_ranges() -> None:
 
 def test_types() -> None:
     fps, seg, auto = NODES["rc_camera"]["fps"], NODES["rc_stereomatching"]["seg"], NODES["rc_camera"]["exp_auto"]
-    assert isinstance(check(fps, 5), float)
-    assert check(seg, 5.0) == 5
-    assert isinstance(check(seg, 5.0), int)
-    assert [check(auto, value) for value in (0, 1, True, 0.0)] == [False, True, True, False]
+    assert isinstance(check_value(fps, 5), float)
+    assert check_value(seg, 5.0) == 5
+    assert isinstance(check_value(seg, 5.0), int)
+    assert [check_value(auto, value) for value in (0, 1, True, 0.0)] == [False, True, True, False]
     for spec, value, message in (
         (seg, 5.5, "seg: 5.5 is not a whole number"),
         (seg, True, "seg: True is not a number"),
@@ -72,7 +72,7 @@ def test_types() -> None:
         (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is none of Auto, Manual, HDR"),
     ):
         with pytest.raises(ParameterError) as refusal:
-            check(spec, value)
+            check_value(spec, value)
         assert str(refusal.value) == message
 
 
@@ -80,7 +80,7 @@ def test_long_values_are_cut_in_messages() -> None:
     control = NODES["rc_camera"]["exp_control"]
     for length, shown in ((78, repr("a" * 78)), (79, repr("a" * 79)[:80] + "…")):
         with pytest.raises(ParameterError) as refusal:
-            check(control, "a" * length)
+            check_value(control, "a" * length)
         assert f"exp_control: {shown} is none" in str(refusal.value)
 
 

@@ -19,10 +19,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.runtime import logs
-from gateway.stereo.device import status
+from gateway.stereo.device import node_status
 from gateway.stereo.node_routes import node_router
 from gateway.stereo.parameter_specs import NODES, Spec
-from gateway.stereo.parameters import ParameterError, Parameters, check
+from gateway.stereo.parameters import ParameterError, Parameters, check_value
 from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import parse_timestamp, timestamp_text, truth_router
 from renderers.stereo.model import MODELS, StereoModel
@@ -332,7 +332,7 @@ async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) ->
     d = pixels(image_set.disparity.image)
     assert (d > 0).mean() > 0.1
     z = image_set.disparity.image.focal_length * image_set.disparity.baseline / (d[d > 0] * image_set.disparity.scale)
-    assert z.min() >= 0.999 * float(status(camera.service, "rc_stereomatching")["values"]["mindepth"]) > 1.3
+    assert z.min() >= 0.999 * float(node_status(camera.service, "rc_stereomatching")["values"]["mindepth"]) > 1.3
 
 
 async def test_truth_of_a_set(rest_client: httpx.AsyncClient, camera: Camera) -> None:
@@ -387,11 +387,11 @@ def test_any_value_is_stored_in_range_or_rejected(named: tuple[str, Spec], value
     assert type(stored) is type(spec.default)
     if isinstance(stored, (int, float)) and not isinstance(stored, bool):
         assert math.isfinite(stored)
-        assert float(spec.low) <= stored <= float(spec.high)
+        assert float(spec.minimum) <= stored <= float(spec.maximum)
 
 
 @pytest.mark.parametrize(("node", "spec"), SPECS, ids=lambda v: getattr(v, "name", v))
 def test_defaults_and_limits_are_allowed(node: str, spec: Spec) -> None:
-    for value in (spec.default, spec.low, spec.high, *spec.choices, *spec.aliases):
+    for value in (spec.default, spec.minimum, spec.maximum, *spec.choices, *spec.aliases):
         if value != "":
-            check(spec, value)
+            check_value(spec, value)
