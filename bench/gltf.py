@@ -44,8 +44,9 @@ from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import TURN, in_turns, timed
-from gateway.gltf import GltfCache, read_gltf, warm_up
+from gateway.gltf import GltfCache, read_gltf
 from gateway.runtime.process_tuning import freeze_gc, tune
+from renderers.compiler.jit import compile_all
 
 RUNS = 4 * TURN
 
@@ -262,7 +263,7 @@ def rows() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
-    warm_up()
+    compile_all()
     freeze_gc()
     show(rows())
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
@@ -41,68 +40,64 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     Raises:
         Exception: the error of the current ``StopFlag``, if it was set. The image is partly smoothed then.
     """
-    wait_until_compiled("antialiasing")
-    copy = np.empty_like(color)
-    luma = np.empty(color.shape[:2], np.float32)
+    height, width = color.shape[:2]
+    copy, luma = np.empty(color.shape, np.uint8), np.empty((height, width), np.float32)
+    may_be_edge = np.ones(width, np.uint8)  # the first and last columns are not examined by _find_edges
+    addresses = address_of(color, np.uint8), address_of(copy, np.uint8), address_of(luma, np.float32)
     stop = current_stop()
-    addresses = address_of(copy, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8)
-    _smooth(copy, luma, *addresses, stop.address)
+    _smooth(*addresses, address_of(may_be_edge, np.uint8), width, height, stop.address)
     stop.check()
 
 
-@kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64, int64)")
-def _smooth(copy, luma, copy_address, luma_address, color_address, stop_address):
+@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
+def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
     """Smooth an image, and check the stop flag once per row.
 
     Args:
-        copy: (H, W, 3) uint8, working memory, also at ``copy_address``.
-        luma: (H, W) float32, working memory, also at ``luma_address``.
-        color_address: address of (H, W, 3) uint8.
+        color_at: address of (height, width, 3) uint8, the image.
+        copy_at, luma_at: addresses of as many uint8 and of (height, width) float32 of scratch.
+        may_be_edge_at: address of (width,) uint8 of scratch, of which the first and last are not 0.
     """
-    height, width = luma.shape
-    copied_values, luma_values = copy.reshape(height * width * 3), luma.reshape(height * width)
-    source, luma_pointer, color = u8_at(copy_address), f32_at(luma_address), u8_at(color_address)
+    color, source, luma, may_be_edge = u8_at(color_at), u8_at(copy_at), f32_at(luma_at), u8_at(may_be_edge_at)
     for i in range(3 * height * width):
-        copied_values[i] = color[i]
+        source[i] = color[i]
     for i in range(height * width):
-        luma_values[i] = (
-            np.float32(0.299) * copied_values[3 * i]
-            + np.float32(0.587) * copied_values[3 * i + 1]
-            + np.float32(0.114) * copied_values[3 * i + 2]
+        luma[i] = (
+            np.float32(0.299) * source[3 * i]
+            + np.float32(0.587) * source[3 * i + 1]
+            + np.float32(0.114) * source[3 * i + 2]
         )
-    may_be_edge = np.ones(width, np.uint8)  # the first and last columns are not examined by _find_edges
     for y in range(height):
-        if is_set(stop_address):
+        if is_set(stop_at):
             break
-        north, south = min(y + 1, height - 1), max(y - 1, 0)
-        _find_edges(luma[y], luma[north], luma[south], may_be_edge)
+        row, north, south = y * width, min(y + 1, height - 1) * width, max(y - 1, 0) * width
+        _find_edges(luma, row, north, south, width, may_be_edge)
         for x in range(width):
             if may_be_edge[x]:
                 west, east = max(x - 1, 0), min(x + 1, width - 1)
-                c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
+                c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + west], luma[row + east]
                 brightest = max(max(max(n, s), max(w, e)), c)
                 contrast = brightest - min(min(min(n, s), min(w, e)), c)
                 if contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest):
-                    _smooth_pixel(source, luma_pointer, color, x, y, width, height, contrast)
+                    _smooth_pixel(source, luma, color, x, y, width, height, contrast)
 
 
 @device_function
-def _find_edges(row, north, south, may_be_edge):
-    """Set ``may_be_edge`` (uint8) for the inner pixels of a row of lumas.
+def _find_edges(luma, row, north, south, width, may_be_edge):
+    """Set ``may_be_edge`` for the inner pixels of a row; ``row``, ``north``, ``south``: where rows begin in ``luma``.
 
-    Most of the time is spent here, because images are mostly flat. Slices with a common index let LLVM vectorise it.
+    Most of the time is spent here, because images are mostly flat. LLVM vectorises the loop.
     """
-    cs, ns, ss, ws, es, marks = row[1:-1], north[1:-1], south[1:-1], row[:-2], row[2:], may_be_edge[1:-1]
-    for x in range(len(row) - 2):
-        c, n, s, w, e = cs[x], ns[x], ss[x], ws[x], es[x]
+    for x in range(1, width - 1):
+        c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
         brightest = max(max(max(n, s), max(w, e)), c)
         contrast = brightest - min(min(min(n, s), min(w, e)), c)
-        marks[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
+        may_be_edge[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
 @device_function
 def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
-    """Smooth one pixel. Takes pointers, because arrays would cost reference counts and range checks for every pixel."""
+    """Smooth one pixel. ``source`` and ``luma`` are of the image before."""
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
     west, east = max(x - 1, 0), min(x + 1, width - 1)

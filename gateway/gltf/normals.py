@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.pending import wait_until_compiled
+from renderers.compiler.pointers import address_of, f32_at, f64_at, u32_at
 from renderers.stop import check_stop, current_stop
 
 _ROWS_PER_STOP_CHECK: Final = 1 << 18
@@ -33,57 +34,59 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
     Returns:
         (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
     """
-    normals = np.empty(positions.shape, np.float32)
+    wait_until_compiled("formats")
+    normals, sums = np.empty(positions.shape, np.float32), np.zeros(positions.shape, np.float64)
     stop = current_stop()
-    _write_vertex_normals(_read_only(positions), _read_only(triangles), normals, stop.address)
+    _write_vertex_normals(
+        *(address_of(positions, np.float32), len(positions), address_of(triangles, np.uint32), len(triangles)),
+        *(address_of(sums, np.float64), address_of(normals, np.float32), stop.address),
+    )
     stop.check()
     return normals
 
 
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only array: Numba would compile the kernel again for writable ones."""
-    if not array.flags.writeable:
-        return array
-    view = array.view()
-    view.setflags(write=False)
-    return view
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _write_vertex_normals(
-    positions: NDArray[np.float32], triangles: NDArray[np.uint32], normals: NDArray[np.float32], stop: int
-) -> None:
+@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
+def _write_vertex_normals(positions_at, vertex_count, triangles_at, triangle_count, sums_at, normals_at, stop_at):
     """Write the result of ``vertex_normals``.
 
     A triangle a, b, c adds u x v to the sums of its vertices, with u = b - a and v = c - a. Sums are float64, in the
     order of the triangles.
 
     Args:
-        stop: Address of a ``StopFlag``; the result is incomplete once it is set.
+        positions_at, triangles_at: addresses of the arguments of ``vertex_normals``.
+        sums_at: address of (vertex_count, 3) zeroed float64 of scratch.
+        normals_at: address of the result.
+        stop_at: address of a ``StopFlag``; the result is incomplete once it is set.
     """
-    sums = np.zeros((len(positions), 3), np.float64)
-    for triangle in range(len(triangles)):
-        if triangle % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop):
+    positions, triangles = f32_at(positions_at), u32_at(triangles_at)
+    sums, normals = f64_at(sums_at), f32_at(normals_at)
+    for triangle in range(triangle_count):
+        if triangle % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             return
-        a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
-        x, y, z = np.float64(positions[a, 0]), np.float64(positions[a, 1]), np.float64(positions[a, 2])
-        ux, uy, uz = positions[b, 0] - x, positions[b, 1] - y, positions[b, 2] - z
-        vx, vy, vz = positions[c, 0] - x, positions[c, 1] - y, positions[c, 2] - z
+        a, b, c = (
+            3 * np.int64(triangles[3 * triangle]),
+            3 * np.int64(triangles[3 * triangle + 1]),
+            3 * np.int64(triangles[3 * triangle + 2]),
+        )
+        x, y, z = np.float64(positions[a]), np.float64(positions[a + 1]), np.float64(positions[a + 2])
+        ux, uy, uz = positions[b] - x, positions[b + 1] - y, positions[b + 2] - z
+        vx, vy, vz = positions[c] - x, positions[c + 1] - y, positions[c + 2] - z
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        for vertex in (a, b, c):
-            sums[vertex, 0] += nx
-            sums[vertex, 1] += ny
-            sums[vertex, 2] += nz
-    for vertex in range(len(positions)):
-        if vertex % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop):
+        for corner in (a, b, c):
+            sums[corner] += nx
+            sums[corner + 1] += ny
+            sums[corner + 2] += nz
+    for vertex in range(vertex_count):
+        if vertex % _KERNEL_STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             return
-        x, y, z = sums[vertex, 0], sums[vertex, 1], sums[vertex, 2]
+        k = 3 * vertex
+        x, y, z = sums[k], sums[k + 1], sums[k + 2]
         length = math.sqrt(x * x + y * y + z * z)
         if 0.0 < length < np.inf:
             scale = 1.0 / length
-            normals[vertex, 0], normals[vertex, 1], normals[vertex, 2] = x * scale, y * scale, z * scale
+            normals[k], normals[k + 1], normals[k + 2] = x * scale, y * scale, z * scale
         else:
-            normals[vertex, 0], normals[vertex, 1], normals[vertex, 2] = 0.0, 0.0, 1.0
+            normals[k], normals[k + 1], normals[k + 2] = 0.0, 0.0, 1.0
 
 
 def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -117,10 +120,3 @@ def _are_unit_length(vectors: NDArray[np.float32]) -> bool:
     x, y, z = vectors.T
     squared_lengths = x * x + y * y + z * z
     return bool((np.abs(squared_lengths - 1.0) <= 2.0 * _UNIT_TOLERANCE).all())
-
-
-def warm_up() -> None:
-    """Compile the kernel, or load it from the kernel cache."""
-    positions = types.Array(types.float32, 2, "C", readonly=True)
-    triangles = types.Array(types.uint32, 2, "C", readonly=True)
-    _write_vertex_normals.compile((positions, triangles, types.float32[:, ::1], types.int64))

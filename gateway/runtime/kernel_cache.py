@@ -13,7 +13,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator
 from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,14 @@ _MAX_CHILDREN = 3
 """Maximum number of children: the largest part takes a third of the time, and each child up to 0.6 GB."""
 _LOCK_SECONDS = 0.1
 """Interval at which the lock of another compiling process is polled."""
+
+
+OnCached = Callable[[str], Awaitable[None]]
+"""Called with the name of a part."""
+
+
+async def _ignore(part: str) -> None:
+    """An ``OnCached`` that does nothing."""
 
 
 class KernelError(RuntimeError):
@@ -69,17 +77,25 @@ def ensure_cached(
         asyncio.run(compile_missing(parts, progress))
 
 
-async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+async def compile_missing(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
     """``compile_in_children`` for the parts that are not cached, after any other process of this machine that compiles.
+
+    Args:
+        on_cached: awaited with each part that is in the cache, or as soon as it is.
 
     Raises:
         KernelError: the kernels could not be compiled, or the cache cannot be written.
     """
     async with _exclusive(progress):
-        missing = [part for part in parts if not await asyncio.to_thread(are_cached, [part])]
+        missing = []
+        for part in parts:
+            if await asyncio.to_thread(are_cached, [part]):
+                await on_cached(part)
+            else:
+                missing.append(part)
         if missing:
             progress.parts = len(missing)
-            await compile_in_children(missing, progress)
+            await compile_in_children(missing, progress, on_cached)
 
 
 @asynccontextmanager
@@ -103,7 +119,7 @@ async def _exclusive(progress: Progress) -> AsyncIterator[None]:
         yield
 
 
-async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
+async def compile_in_children(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
     The children, ``python -m gateway.wiring.warmup FD PART ..``, read from a pipe which part is the next.
@@ -111,6 +127,7 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
     Args:
         parts: names in ``warmup.PARTS``; at most 255.
         progress: updated with every part.
+        on_cached: awaited with each part that is compiled.
 
     Raises:
         KernelError: a child failed; with its last line.
@@ -122,7 +139,8 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
         os.close(queue_input)  # children read the end of the file when all parts are taken
         children = min(usable_cpus(), len(parts), _MAX_CHILDREN)
         tasks = [
-            asyncio.create_task(_compile_in_child(queue, tuple(parts), compiled, progress)) for _ in range(children)
+            asyncio.create_task(_compile_in_child(queue, tuple(parts), compiled, progress, on_cached))
+            for _ in range(children)
         ]
         try:
             await asyncio.gather(*tasks)
@@ -138,7 +156,7 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
 
 
 async def _compile_in_child(
-    queue: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress
+    queue: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress, on_cached: OnCached
 ) -> None:
     """Run one child to its end.
 
@@ -163,6 +181,7 @@ async def _compile_in_child(
             if "kernels" in report:
                 compiled[report["part"]] = report["kernels"]
                 progress.end(report["part"])
+                await on_cached(report["part"])
             else:
                 progress.begin(report["part"])
         await child.wait()

@@ -6,10 +6,13 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.device_function import device_function
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+from renderers.compiler.pointers import address_of
+from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
 
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
@@ -20,148 +23,148 @@ number."""
 _SAME_NORMAL_COSINE: Final = 0.99999
 """Corners of one vertex whose normals differ by less (0.26 degrees) share an output vertex."""
 
-_FLOATS = types.Array(types.float32, 2, "C", readonly=True)
-_FACES = types.Array(types.uint32, 2, "C", readonly=True)
-_RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))
+CREASED_MESH: Final = Struct(
+    "CreasedMesh",
+    {
+        "positions": pointer_to(F32),  # (N, 3)
+        "faces": pointer_to(U32),  # (M, 3)
+        "vertex_count": I64,  # N
+        "face_count": I64,  # M
+        # Scratch.
+        "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges, as long as twice their areas
+        "unit_normals": pointer_to(F64),  # (M, 3)
+        "corners": pointer_to(I64),  # (3 M,): 3 * face + k, sorted by vertex
+        "starts": pointer_to(I64),  # (N + 2,), zeros at first: vertex v has corners[starts[v] : starts[v + 1]]
+        # Outputs; there are at most 3 M vertices.
+        "source_vertex": pointer_to(I64),  # (3 M,): input vertex of each output vertex
+        "out_normals": pointer_to(F32),  # (3 M, 3)
+        "out_faces": pointer_to(U32),  # (M, 3)
+    },
+)
+"""A mesh and the arrays that ``smooth_mesh`` computes."""
+_mesh_at: Final = CREASED_MESH.at
 
 
-@njit(nogil=True)
-def _face_normal(positions, a, b, c, unit_normal):
-    """Return the cross product of a face's edges, and write its direction to ``unit_normal`` (3,)."""
-    ux = np.float64(positions[b, 0]) - positions[a, 0]
-    uy = np.float64(positions[b, 1]) - positions[a, 1]
-    uz = np.float64(positions[b, 2]) - positions[a, 2]
-    vx = np.float64(positions[c, 0]) - positions[a, 0]
-    vy = np.float64(positions[c, 1]) - positions[a, 1]
-    vz = np.float64(positions[c, 2]) - positions[a, 2]
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    length = math.sqrt(x * x + y * y + z * z)
-    if length > 0.0:
-        unit_normal[0], unit_normal[1], unit_normal[2] = x / length, y / length, z / length
-    else:
-        unit_normal[0], unit_normal[1], unit_normal[2] = 0.0, 0.0, 1.0
-    return x, y, z
+@device_function
+def _write_face_normals(mesh):
+    positions, faces, area_normals, unit_normals = mesh.positions, mesh.faces, mesh.area_normals, mesh.unit_normals
+    for face in range(mesh.face_count):
+        a, b, c = (
+            3 * np.int64(faces[3 * face]),
+            3 * np.int64(faces[3 * face + 1]),
+            3 * np.int64(faces[3 * face + 2]),
+        )
+        ux = np.float64(positions[b]) - positions[a]
+        uy = np.float64(positions[b + 1]) - positions[a + 1]
+        uz = np.float64(positions[b + 2]) - positions[a + 2]
+        vx = np.float64(positions[c]) - positions[a]
+        vy = np.float64(positions[c + 1]) - positions[a + 1]
+        vz = np.float64(positions[c + 2]) - positions[a + 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        area_normals[3 * face], area_normals[3 * face + 1], area_normals[3 * face + 2] = x, y, z
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            x, y, z = x / length, y / length, z / length
+        else:
+            x, y, z = 0.0, 0.0, 1.0
+        unit_normals[3 * face], unit_normals[3 * face + 1], unit_normals[3 * face + 2] = x, y, z
 
 
-@njit(nogil=True)
-def _corners_by_vertex(faces, vertex_count):
-    """Return the corners of each vertex as ``3 * face + k``, and where each vertex's corners start.
-
-    Returns:
-        (3 M,) int64 corners; (N + 1,) int64 starts: vertex v has ``corners[starts[v] : starts[v + 1]]``.
-    """
-    starts = np.zeros(vertex_count + 1, np.int64)
-    for face in range(len(faces)):
-        for k in range(3):
-            starts[np.int64(faces[face, k]) + 1] += 1
-    for vertex in range(vertex_count):
-        starts[vertex + 1] += starts[vertex]
-    corners = np.empty(3 * len(faces), np.int64)
-    next_corner = starts[:-1].copy()
-    for face in range(len(faces)):
-        for k in range(3):
-            corner_vertex = np.int64(faces[face, k])
-            corners[next_corner[corner_vertex]] = 3 * face + k
-            next_corner[corner_vertex] += 1
-    return corners, starts
+@device_function
+def _sort_corners(mesh):
+    faces, starts, corners = mesh.faces, mesh.starts, mesh.corners
+    corner_count = 3 * mesh.face_count
+    # Counted two places further on, the starts are those of the next vertex while corners are written.
+    for corner in range(corner_count):
+        starts[np.int64(faces[corner]) + 2] += 1
+    for vertex in range(2, mesh.vertex_count + 2):
+        starts[vertex] += starts[vertex - 1]
+    for corner in range(corner_count):
+        own_start = np.int64(faces[corner]) + 1
+        corners[starts[own_start]] = corner
+        starts[own_start] += 1
 
 
-@cached_njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True)
-def split_at_creases(positions, faces, crease_cosine):
-    """Return positions, unit normals and faces of a surface whose vertices are doubled at creases.
+@kernel("int64(int64)")
+def _split_at_creases(mesh_at):
+    """Compute the outputs of a CREASED_MESH, and return its number of output vertices.
 
     The normal of a face's corner is a mean, weighted by area, over the faces around its vertex: those whose normals are
     within the crease angle of the face's own normal. Corners of a vertex with (almost) the same normal share one output
     vertex.
-
-    Args:
-        positions: (N, 3) float32, finite.
-        faces: (M, 3) uint32.
-        crease_cosine: Cosine of the crease angle.
-
-    Returns:
-        (K, 3) float32, (K, 3) float32, (M, 3) uint32, without the vertices that no face uses.
     """
-    vertex_count = len(positions)
-    face_count = len(faces)
-    area_normals = np.empty((face_count, 3), np.float64)  # of twice the face's area
-    unit_normals = np.empty((face_count, 3), np.float64)
-    for face in range(face_count):
-        x, y, z = _face_normal(positions, faces[face, 0], faces[face, 1], faces[face, 2], unit_normals[face])
-        area_normals[face, 0], area_normals[face, 1], area_normals[face, 2] = x, y, z
-    corners, starts = _corners_by_vertex(faces, vertex_count)
-    out_faces = np.empty((face_count, 3), np.uint32)
-    out_normals = np.empty((3 * face_count, 3), np.float32)
-    source_vertex = np.empty(3 * face_count, np.int64)  # input vertex of each output vertex
-    half_angle_cosine = math.sqrt(max(0.0, (1.0 + crease_cosine) / 2.0))
+    mesh = _mesh_at(mesh_at)
+    area_normals, unit_normals, starts, corners = mesh.area_normals, mesh.unit_normals, mesh.starts, mesh.corners
+    source_vertex, out_normals, out_faces = mesh.source_vertex, mesh.out_normals, mesh.out_faces
+    _write_face_normals(mesh)
+    _sort_corners(mesh)
+    half_angle_cosine = math.sqrt(max(0.0, (1.0 + CREASE_COSINE) / 2.0))
     out_count = 0
-    for vertex in range(vertex_count):
+    for vertex in range(mesh.vertex_count):
         start, end = starts[vertex], starts[vertex + 1]
         # Most vertices have no crease: all faces are within half the crease angle of the mean, so any two are within
         # the crease angle of each other.
         x, y, z = 0.0, 0.0, 0.0
         for i in range(start, end):
-            face = corners[i] // 3
-            x += area_normals[face, 0]
-            y += area_normals[face, 1]
-            z += area_normals[face, 2]
+            face = 3 * (corners[i] // 3)
+            x += area_normals[face]
+            y += area_normals[face + 1]
+            z += area_normals[face + 2]
         length = math.sqrt(x * x + y * y + z * z)
         if length > 0.0:
             x, y, z = x / length, y / length, z / length
             has_crease = False
             for i in range(start, end):
-                face = corners[i] // 3
-                cosine = unit_normals[face, 0] * x + unit_normals[face, 1] * y + unit_normals[face, 2] * z
+                face = 3 * (corners[i] // 3)
+                cosine = unit_normals[face] * x + unit_normals[face + 1] * y + unit_normals[face + 2] * z
                 if cosine <= half_angle_cosine:
                     has_crease = True
                     break
             if not has_crease:
-                out_normals[out_count, 0], out_normals[out_count, 1], out_normals[out_count, 2] = x, y, z
+                out_normals[3 * out_count], out_normals[3 * out_count + 1], out_normals[3 * out_count + 2] = x, y, z
                 source_vertex[out_count] = vertex
                 for i in range(start, end):
-                    out_faces[corners[i] // 3, corners[i] % 3] = out_count
+                    out_faces[corners[i]] = out_count
                 out_count += 1
                 continue
         first_of_vertex = out_count
         too_many_faces = end - start > MAX_FACES_PER_VERTEX
         for i in range(start, end):
-            face = corners[i] // 3
+            face = 3 * (corners[i] // 3)
             x, y, z = 0.0, 0.0, 0.0
             if not too_many_faces:
                 for j in range(start, end):
-                    other = corners[j] // 3
+                    other = 3 * (corners[j] // 3)
                     cosine = (
-                        unit_normals[face, 0] * unit_normals[other, 0]
-                        + unit_normals[face, 1] * unit_normals[other, 1]
-                        + unit_normals[face, 2] * unit_normals[other, 2]
+                        unit_normals[face] * unit_normals[other]
+                        + unit_normals[face + 1] * unit_normals[other + 1]
+                        + unit_normals[face + 2] * unit_normals[other + 2]
                     )
-                    if cosine > crease_cosine:
-                        x += area_normals[other, 0]
-                        y += area_normals[other, 1]
-                        z += area_normals[other, 2]
+                    if cosine > CREASE_COSINE:
+                        x += area_normals[other]
+                        y += area_normals[other + 1]
+                        z += area_normals[other + 2]
             length = math.sqrt(x * x + y * y + z * z)
             if length > 0.0:
                 x, y, z = x / length, y / length, z / length
             else:
-                x, y, z = unit_normals[face, 0], unit_normals[face, 1], unit_normals[face, 2]
+                x, y, z = unit_normals[face], unit_normals[face + 1], unit_normals[face + 2]
             out_vertex = first_of_vertex
             while out_vertex < out_count:
                 cosine = (
-                    out_normals[out_vertex, 0] * x + out_normals[out_vertex, 1] * y + out_normals[out_vertex, 2] * z
+                    out_normals[3 * out_vertex] * x
+                    + out_normals[3 * out_vertex + 1] * y
+                    + out_normals[3 * out_vertex + 2] * z
                 )
                 if cosine > _SAME_NORMAL_COSINE:
                     break
                 out_vertex += 1
             if out_vertex == out_count:
-                out_normals[out_count, 0], out_normals[out_count, 1], out_normals[out_count, 2] = x, y, z
+                out_normals[3 * out_count], out_normals[3 * out_count + 1], out_normals[3 * out_count + 2] = x, y, z
                 source_vertex[out_count] = vertex
                 out_count += 1
-            out_faces[face, corners[i] % 3] = out_vertex
-    out_positions = np.empty((out_count, 3), np.float32)
-    for out_vertex in range(out_count):
-        for k in range(3):
-            out_positions[out_vertex, k] = positions[source_vertex[out_vertex], k]
-    return out_positions, out_normals[:out_count].copy(), out_faces
+            out_faces[corners[i]] = out_vertex
+    return out_count
 
 
 def smooth_mesh(
@@ -170,9 +173,26 @@ def smooth_mesh(
     """Return positions (K, 3) float32, faces (M, 3) uint32 and unit normals (K, 3) float32 of a mesh.
 
     Vertices are doubled at creases; vertices that no face uses are left out.
+
+    Args:
+        positions: (N, 3) float32, finite, C-contiguous.
+        faces: (M, 3) uint32, C-contiguous, every value < N (not checked).
     """
-    out_positions, normals, out_faces = split_at_creases(positions, faces, CREASE_COSINE)
-    return out_positions, out_faces, normals
+    wait_until_compiled("formats")
+    vertex_count, face_count, corner_count = len(positions), len(faces), faces.size
+    area_normals, unit_normals = np.empty((2, face_count, 3), np.float64)
+    corners, source_vertex = np.empty((2, corner_count), np.int64)
+    starts = np.zeros(vertex_count + 2, np.int64)
+    normals, out_faces = np.empty((corner_count, 3), np.float32), np.empty((face_count, 3), np.uint32)
+    mesh = np.zeros(1, CREASED_MESH.dtype)
+    mesh[0] = (
+        *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
+        *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
+        *(address_of(each, np.int64) for each in (corners, starts, source_vertex)),
+        *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
+    )
+    out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
+    return positions[source_vertex[:out_count]], out_faces, normals[:out_count].copy()
 
 
 def with_creases(

@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
-
-_BYTES = types.Array(types.uint8, 1, "C", readonly=True)
-_POWERS = types.Array(types.float64, 1, "C", readonly=True)
-_TABLE = types.Array(types.int64, 2, "C")
-_ARRAY_INFO = types.Tuple((types.int64,) * 5)
+from renderers.compiler.device_function import device_function
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+from renderers.compiler.pointers import address_of, f64_at, i64_at, u8_at
 
 QUOTE, BACKSLASH, OPEN, CLOSE, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
 MINUS, PLUS, DOT, ZERO, NINE = ord("-"), ord("+"), ord("."), ord("0"), ord("9")
@@ -28,13 +25,6 @@ _INFINITY: Final = np.frombuffer(b"Infinity", np.uint8)
 
 RAGGED: Final = -1
 """Number of columns of an array whose rows differ in length."""
-
-
-def powers_of_ten() -> NDArray[np.float64]:
-    """Return 10^0 to 10^308, (309,) float64, each rounded correctly."""
-    powers = np.array([float(f"1e{i}") for i in range(309)])
-    powers.flags.writeable = False
-    return powers
 
 
 def _kinds() -> NDArray[np.uint8]:
@@ -50,15 +40,52 @@ NUMBER, SEPARATOR, OPENS, CLOSES = 1, 2, 3, 4
 _KIND: Final = _kinds()
 """Kind of each byte in an array of numbers; 0: it cannot be in one. The letters are those of NaN and Infinity, which
 Python's json writes."""
+_POWERS_OF_TEN: Final = np.array([float(f"1e{i}") for i in range(309)])
+"""10^0 to 10^308, each rounded correctly."""
 
 
-@cached_njit(_ARRAY_INFO(_BYTES, types.int64), nogil=True)
-def _scan_array(data, begin):
+def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> NDArray[np.int64]:
+    """Find the arrays of at least ``min_numbers`` numbers in JSON text; at most ``max_arrays``, the first ones.
+
+    Args:
+        text: (N,) uint8.
+
+    Returns:
+        (M, 6) int64: begin and end in the text, number of numbers, rows, columns, depth.
+    """
+    wait_until_compiled("formats")
+    table = np.empty((max_arrays, 6), np.int64)
+    found = _find_arrays(address_of(text, np.uint8), len(text), address_of(table, np.int64), max_arrays, min_numbers)
+    return table[:found]
+
+
+def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> tuple[NDArray[np.float64], int]:
+    """Parse the array [begin, end) of JSON text, flattened.
+
+    Numbers of up to 15 digits with small exponents are exact; others are off by at most a few units in the last place
+    of float64.
+
+    Args:
+        text: (N,) uint8.
+        count: number of its numbers.
+
+    Returns:
+        (count,) float64, and -1 or the position of a byte that JSON does not allow.
+    """
+    wait_until_compiled("formats")
+    numbers = np.empty(count, np.float64)
+    powers_at, numbers_at = address_of(_POWERS_OF_TEN, np.float64), address_of(numbers, np.float64)
+    error_at: int = _read_numbers(address_of(text, np.uint8), begin, end, powers_at, numbers_at, count)
+    return numbers, error_at
+
+
+@device_function
+def _scan_array(data, size, begin):
     """Return (end, numbers, rows, columns, depth) of the array that opens at ``begin``.
 
     ``end`` is -1 if the array has anything else than numbers and rows of numbers. Only kinds of bytes are checked;
-    ``read_numbers`` checks the grammar. The last byte of an array is its closing bracket, so ``read_numbers`` can look
-    one byte past any number.
+    ``_read_numbers`` checks the grammar. The last byte of an array is its closing bracket, so ``_read_numbers`` can
+    look one byte past any number.
     """
     depth = 0
     deepest = 0
@@ -68,8 +95,7 @@ def _scan_array(data, begin):
     row = 0
     inside = False
     i = begin
-    n = data.shape[0]
-    while i < n:
+    while i < size:
         kind = _KIND[data[i]]
         if kind == NUMBER:
             if not inside:
@@ -102,46 +128,41 @@ def _scan_array(data, begin):
     return -1, 0, 0, 0, 0
 
 
-@cached_njit(types.int64(_BYTES, _TABLE, types.int64), nogil=True)
-def find_arrays(data, table, min_numbers):
-    """Find the arrays of at least ``min_numbers`` numbers in JSON text, (N,) uint8, and return how many there are.
+@kernel("int64(int64, int64, int64, int64, int64)")
+def _find_arrays(text_at, size, table_at, max_arrays, min_numbers):
+    """Fill the table of ``find_arrays``, and return its number of rows.
 
-    ``table``, (M, 6), is filled with rows of begin, end, numbers, rows, columns, depth; the search stops when it is
-    full. Each byte is read at most three times, since an array nested deeper than rows is left at its third bracket.
+    Each byte is read at most three times, since an array nested deeper than rows is left at its third bracket.
     """
+    data, table = u8_at(text_at), i64_at(table_at)
     found = 0
     i = 0
-    n = data.shape[0]
-    while i < n and found < table.shape[0]:
+    while i < size and found < max_arrays:
         c = data[i]
         if c == QUOTE:
             i += 1
-            while i < n and data[i] != QUOTE:
+            while i < size and data[i] != QUOTE:
                 i += 2 if data[i] == BACKSLASH else 1
         elif c == OPEN:
-            end, count, rows, columns, depth = _scan_array(data, i)
+            end, count, rows, columns, depth = _scan_array(data, size, i)
             if end >= 0:
                 if count >= min_numbers:
-                    table[found, 0] = i
-                    table[found, 1] = end
-                    table[found, 2] = count
-                    table[found, 3] = rows
-                    table[found, 4] = columns
-                    table[found, 5] = depth
+                    table[6 * found] = i
+                    table[6 * found + 1] = end
+                    table[6 * found + 2] = count
+                    table[6 * found + 3] = rows
+                    table[6 * found + 4] = columns
+                    table[6 * found + 5] = depth
                     found += 1
                 i = end - 1
         i += 1
     return found
 
 
-@cached_njit(types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float64[::1]), nogil=True)
-def read_numbers(data, begin, end, powers, out):
-    """Parse the array [begin, end) of ``data``, flattened, into ``out``, whose length is its number of numbers.
-
-    Return -1, or the position of a byte that JSON does not allow. Numbers of up to 15 digits with small exponents are
-    exact; others are off by at most a few units in the last place of float64. It is one loop without calls, since Numba
-    counts references to the arrays at each call, which costs more than parsing a number.
-    """
+@kernel("int64(int64, int64, int64, int64, int64, int64)")
+def _read_numbers(text_at, begin, end, powers_at, out_at, count):
+    """Write the ``count`` numbers of an array, and return the second result of ``read_numbers``."""
+    data, powers, out = u8_at(text_at), f64_at(powers_at), f64_at(out_at)
     after_value = False
     after_open = False
     k = 0
@@ -170,7 +191,7 @@ def read_numbers(data, begin, end, powers, out):
             after_open = False
             i += 1
             continue
-        if after_value or k >= out.shape[0]:
+        if after_value or k >= count:
             return i
         # the number is mantissa * 10^exponent * sign
         start = i
@@ -251,4 +272,4 @@ def read_numbers(data, begin, end, powers, out):
         k += 1
         after_value = True
         after_open = False
-    return -1 if k == out.shape[0] else end
+    return -1 if k == count else end

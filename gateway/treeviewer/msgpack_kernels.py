@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from renderers.compiler.cache_locator import cached_njit
-
-_BYTES = types.Array(types.uint8, 1, "C", readonly=True)
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+from renderers.compiler.pointers import address_of, u8_at
 
 TRUNCATED: Final = -1
 MALFORMED: Final = -2
@@ -46,14 +45,24 @@ def _formats() -> NDArray[np.int64]:
 _FORMATS: Final = _formats()
 
 
-@cached_njit(types.int64(_BYTES, types.int64), nogil=True)
-def count_values(data, limit):
-    """Return the number of values in ``data``, (N,) uint8, or a number above ``limit`` as soon as there are more.
+def count_values(message: NDArray[np.uint8], limit: int) -> int:
+    """Return the number of values in a message, or a number above ``limit`` as soon as there are more.
 
     Arrays, maps and their members count; binaries and extensions count as one value of any length. Negative:
     TRUNCATED, MALFORMED or TRAILING_BYTES.
+
+    Args:
+        message: (N,) uint8.
     """
-    size = len(data)
+    wait_until_compiled("formats")
+    count: int = _count_values(address_of(message, np.uint8), len(message), limit)
+    return count
+
+
+@kernel("int64(int64, int64, int64)")
+def _count_values(message_at, size, limit):
+    """Return the result of ``count_values``."""
+    data = u8_at(message_at)
     position = 0
     pending = 1
     found = 0

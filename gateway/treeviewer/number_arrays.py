@@ -20,7 +20,6 @@ MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON: paths must, and Python reads so few numbers quickly."""
 MAX_ARRAYS: Final = 65_536
 """Maximum number of arrays taken out of one message; further ones stay in the JSON."""
-_POWERS_OF_TEN: Final = json_kernels.powers_of_ten()
 
 
 class JsonError(ValueError):
@@ -53,16 +52,15 @@ class NumberArrays:
     def extract(self, data: memoryview) -> bytes:
         """Return the JSON text with strings in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
-        table = np.empty((MAX_ARRAYS if len(data) > MAX_ARRAYS else 64, 6), np.int64)
-        array_count = json_kernels.find_arrays(text, table, MIN_NUMBERS)
-        if not array_count:
+        table = json_kernels.find_arrays(text, MAX_ARRAYS if len(data) > MAX_ARRAYS else 64, MIN_NUMBERS)
+        if not len(table):
             return bytes(data)
         self._text = text
         self._prefix = f"\x00{os.urandom(12).hex()}:"
         escaped = '"\\u0000' + self._prefix[1:]
         pieces: list[bytes | memoryview] = []
         position = 0
-        for index, row in enumerate(table[:array_count].tolist()):
+        for index, row in enumerate(table.tolist()):
             array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
@@ -111,12 +109,11 @@ class NumberArrays:
     def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
         column_count = _check_shape(array, columns, max_rows)
         assert self._text is not None
-        out = np.empty(array.count, np.float64)
-        error_at = json_kernels.read_numbers(self._text, array.begin, array.end, _POWERS_OF_TEN, out)
+        numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.count)
         if error_at >= 0:
             excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
             raise JsonError(f"at byte {error_at}: {excerpt!r} where a number should be")
-        return out if column_count == 1 else out.reshape(-1, column_count)
+        return numbers if column_count == 1 else numbers.reshape(-1, column_count)
 
 
 def _check_shape(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:

@@ -74,18 +74,22 @@ async def _compile_kernels(context: Context) -> None:
 
 async def _load_background_kernels() -> None:
     """Load the other kernels, compiled first if need be; calls that need them wait (``renderers.compiler.pending``)."""
+    progress = Progress(len(warmup.BACKGROUND))
     try:
-        if not await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
-            progress = Progress(len(warmup.BACKGROUND))
+        if await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
+            for part in warmup.BACKGROUND:
+                await _load_background_part(part)
+        else:
             _log.info("Compiling further kernels in the background; requests for them wait", parts=progress.parts)
-            await kernel_cache.compile_missing(warmup.BACKGROUND, progress)
+            await kernel_cache.compile_missing(warmup.BACKGROUND, progress, _load_background_part)
             _log.info("The further kernels are compiled", seconds=progress.seconds)
-        await asyncio.to_thread(warmup.run_background)
     except Exception as error:  # noqa: BLE001 - requests for these kernels get the reason
         pending.fail(kernel_cache.KernelError(str(error)))
         _log.error("Further kernels cannot be used; requests for them fail", reason=str(error))
-    else:
-        pending.finish()
+
+
+async def _load_background_part(part: str) -> None:
+    await asyncio.to_thread(warmup.run_background, part)
 
 
 def _log_compiled_kernel(kernel: str) -> None:

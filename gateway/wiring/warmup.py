@@ -12,6 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import Any, Final
 
 from gateway.runtime import kernel_cache, process_tuning
@@ -21,13 +22,16 @@ def _is_in(kernel: str, names: tuple[str, ...]) -> bool:
     return any(kernel == name or kernel.startswith(f"{name}.") for name in names)
 
 
-def _kernels_of(*names: str, excluding: tuple[str, ...] = ()) -> Callable[[], None]:
-    """Return a function that compiles or loads the renderers' kernels with these names, or in modules with them."""
+def _kernels_of(*names: str, excluding: tuple[str, ...] = (), modules: tuple[str, ...] = ()) -> Callable[[], None]:
+    """Return a function that compiles or loads the kernels with these names, or in modules or packages with them.
+
+    Args:
+        modules: modules to import, besides those that draw.
+    """
 
     def compile_them() -> None:
-        import renderers.depth_range
-        import renderers.fxaa
-        import renderers.raster  # noqa: F401
+        for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *modules):
+            import_module(module)
         from renderers.compiler.jit import KERNELS, compile_kernel
 
         for kernel in KERNELS:
@@ -38,25 +42,19 @@ def _kernels_of(*names: str, excluding: tuple[str, ...] = ()) -> Callable[[], No
     return compile_them
 
 
-def _gltf_and_lcm() -> None:
-    import gateway.scene.crease_normals
-    import gateway.treeviewer.json_kernels
-    import gateway.treeviewer.msgpack_kernels  # noqa: F401
-    from gateway.gltf.normals import warm_up
-
-    warm_up()
-
-
-def _stereo() -> None:
-    from renderers.stereo import errors, filters, matching, mesh, projector, sensor, truth  # noqa: F401
-
-    _kernels_of("renderers.stereo")()
-
-
-_STUDIO: Final = ("renderers.shading.studio",)
+_STUDIO: Final = ("renderers.shading.studio", "renderers.shading.mipmaps")
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
 _SETUP: Final = ("renderers.raster.setup",)
+_STEREO: Final = tuple(
+    f"renderers.stereo.{name}" for name in ("errors", "filters", "matching", "mesh", "projector", "sensor", "truth")
+)
+_FORMATS: Final = (
+    "gateway.gltf.normals",
+    "gateway.scene.crease_normals",
+    "gateway.treeviewer.json_kernels",
+    "gateway.treeviewer.msgpack_kernels",
+)
 
 NEEDED: Final[Mapping[str, Callable[[], None]]] = {
     "shading": _kernels_of("renderers.shading", excluding=(*_STUDIO, *_NORMALS)),
@@ -65,11 +63,11 @@ NEEDED: Final[Mapping[str, Callable[[], None]]] = {
         excluding=("renderers.shading", "renderers.stereo", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP),
     ),
     "setup": _kernels_of(*_SETUP),
-    "formats": _gltf_and_lcm,
 }
 """Parts that the default settings need, longest first, so that children end together."""
 BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
-    "stereo": _stereo,
+    "formats": _kernels_of(*_FORMATS, modules=_FORMATS),
+    "stereo": _kernels_of("renderers.stereo", modules=_STEREO),
     "antialiasing": _kernels_of(*_ANTIALIASING),
     "normals": _kernels_of(*_NORMALS),
     "studio": _kernels_of(*_STUDIO),
@@ -97,13 +95,13 @@ def run() -> None:
         render_first_images()
 
 
-def run_background() -> None:
-    """Load the background parts from the cache; blocks. Raises as ``run``."""
+def run_background(part: str) -> None:
+    """Load a background part from the cache; blocks. Raises as ``run``."""
     from renderers.compiler import pending
 
     with kernel_cache.compiling_refused(), pending.loading():
-        for load in BACKGROUND.values():
-            load()
+        BACKGROUND[part]()
+    pending.finish(part)
 
 
 def compile_parts(queue: int, names: tuple[str, ...]) -> None:

@@ -59,17 +59,16 @@ def _own_locator() -> Iterator[None]:
         _config.CACHE_LOCATOR_CLASSES = setting
 
 
-def cached_njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return ``numba.njit(cache=True)`` with our cache folder. Functions with one known signature use ``jit.kernel``.
+def cached_njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return ``numba.njit(cache=True)`` with our cache folder, for ``jit.kernel``.
 
     Args:
-        signature: none or one. With a signature, the function is compiled, or loaded from the cache, at import.
         options: options of ``njit``.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _own_locator():
-            dispatcher = _jit(*signature, cache=True, **options)(function)
+            dispatcher = _jit(cache=True, **options)(function)
         CACHED.append(dispatcher)
         return dispatcher
 

@@ -27,10 +27,10 @@ def begin(parts: tuple[str, ...]) -> None:
         _pending.update(dict.fromkeys(parts))
 
 
-def finish() -> None:
-    """Announce that all parts are loaded."""
+def finish(part: str) -> None:
+    """Announce that a part is loaded."""
     with _changed:
-        _pending.clear()
+        del _pending[part]
         _changed.notify_all()
 
 

@@ -9,7 +9,7 @@ from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.kernel_calls import call_kernel, is_set
+from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address, allocate, as_f32, as_i32, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
 from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
@@ -17,15 +17,10 @@ from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test,
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
     BINNED_BYTES,
-    DEFERRED_SETUP,
     HALF_PIXEL,
-    KIND_DEFERRED,
     KIND_SMALL,
     LAYER,
-    SETUP_MEMORY,
     SUBPIXEL,
-    TINY_SIDE,
-    TINY_STRIDE,
     binned_at,
     small_triangle_at,
 )
@@ -118,7 +113,7 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, primitive_address, first_row, end_row):
-    """Draw some rows of a binned primitive other than a KIND_DEFERRED."""
+    """Draw some rows of a binned primitive."""
     primitive = binned_at(primitive_address)
     if primitive.kind == KIND_SMALL:
         prepared = target.next_prepared
@@ -167,9 +162,9 @@ def _build_depth_tiles(frame, layer, first_row, end_row, tiles):
 
 @device_function
 def _is_hidden(frame, primitive_address, tiles, first_row, end_row):
-    """Return whether a KIND_SMALL or KIND_DEFERRED lies behind everything in the tiles around its box."""
+    """Return whether a KIND_SMALL lies behind everything in the tiles around its box."""
     primitive = small_triangle_at(primitive_address)
-    if primitive.kind != KIND_SMALL and primitive.kind != KIND_DEFERRED:
+    if primitive.kind != KIND_SMALL:
         return False
     left, box_top, columns, rows = box_of(primitive)
     right = min(left + columns, frame.width)
@@ -182,37 +177,6 @@ def _is_hidden(frame, primitive_address, tiles, first_row, end_row):
         for column in range(tile_row + begin, tile_row + right, vec.LANES):
             hidden = hidden & (inv_z_max < tiles[column])
     return hidden
-
-
-_new_request = DEFERRED_SETUP.local
-_new_setup_memory = SETUP_MEMORY.local
-_group_binned_array = stack_array(types.int64, vec.LANES * BINNED_BYTES // 8)
-_group_ranges_array = stack_array(types.int32, 2 * vec.LANES)
-_group_columns_array = stack_array(types.int32, 16 * vec.LANES)
-_group_pixels_array = stack_array(types.int32, 4 * vec.LANES * TINY_SIDE * TINY_SIDE)
-
-
-@device_function
-def _draw_deferred(frame, target, group_address, bin_index, first_row, end_row, tiny_pixels):
-    """Set up a DEFERRED_GROUP and draw the rows of it that lie in the band.
-
-    Args:
-        bin_index: the band's bin of back faces.
-        tiny_pixels: pointer to 4 * TINY_STRIDE int32 of scratch.
-    """
-    request, memory = _new_request(), _new_setup_memory()
-    memory.binned = address(_group_binned_array())
-    memory.bin_ranges, memory.columns, memory.tiny_pixels = _group_ranges_array(), _group_columns_array(), tiny_pixels
-    request.group = group_address
-    request.memory = memory
-    request.pixels = _group_pixels_array()
-    call_kernel(frame.setup_kernel, (address(frame), np.int64(-1), address(request)))
-    for k in range(memory.count):
-        _draw_primitive(frame, target, memory.binned + k * BINNED_BYTES, first_row, end_row)
-    pixels = request.pixels
-    for k in range(memory.tiny_count):
-        if pixels[4 * k + 3] == bin_index:
-            _draw_pixels_in_rows(frame, target, pixels, k, k + 1, first_row, end_row)
 
 
 @device_function
@@ -235,36 +199,6 @@ def _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row):
 
 _PREFETCHED_PRIMITIVES: Final = 6
 """Number of binned primitives that are prefetched."""
-_PREFETCHED_LINES: Final = 4
-"""Number of cache lines of pixels of tiny triangles that are prefetched; hardware goes on by itself."""
-
-
-@inlined
-def _prefetch_chunk(frame, chunk, bin_index, step):
-    """Prefetch what a band needs of a later chunk: bin starts (step 0), the bin (1), its first primitives (2).
-
-    A band needs only a few values of every chunk, each in a cache line of its own.
-    """
-    chunk = min(chunk, frame.chunk_count - 1)
-    bin_count = frame.bin_count
-    starts, bins = bin_starts_of(frame, chunk), bins_of(frame, chunk)
-    if step == 0:
-        vec.prefetch(starts, bin_index)
-        vec.prefetch(starts, bin_count + 1 + bin_index)
-        vec.prefetch(starts, 2 * bin_count + 2)
-        return
-    begin = np.int64(starts[bin_index])
-    if step == 1:
-        vec.prefetch(bins, begin)
-        pixels = tiny_pixels_of(frame, chunk)
-        first = 4 * np.int64(starts[bin_count + 1 + bin_index])
-        for cache_line in range(_PREFETCHED_LINES):
-            vec.prefetch(pixels, first + 16 * cache_line)
-        return
-    primitives = i32_at(primitives_of(frame, chunk))
-    last = max(np.int64(starts[bin_index + 1]) - 1, 0)
-    for k in range(_PREFETCHED_PRIMITIVES):
-        vec.prefetch(primitives, BINNED_BYTES // 4 * np.int64(bins[min(begin + k, last)]))
 
 
 @inlined
@@ -310,8 +244,8 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
         if not _has_kept_back_faces(frame, band_index):
             return
         bin_index += frame.band_count
-        heap = allocate(16 * TINY_STRIDE + 4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
-    tiny_pixels, tiles = i32_at(heap), f32_at(heap + 16 * TINY_STRIDE)
+        heap = allocate(4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
+    tiles = f32_at(heap)
     if back_faces:
         _build_depth_tiles(frame, layer, first_row, end_row, tiles)
     chunk_bands = i32_at(address(frame.chunk_bands) + (8 if back_faces else 0))
@@ -320,8 +254,6 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
             continue
         if is_set(frame.stop):
             break
-        for step in range(3):
-            _prefetch_chunk(frame, chunk + 3 - step, bin_index, step)
         starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
         k, end = np.int64(starts[bin_index]), np.int64(starts[bin_index + 1])
         tall_k, tall_end = np.int64(0), np.int64(starts[2 * bin_count + 2])
@@ -334,10 +266,7 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
                 primitive_address = primitives + index * BINNED_BYTES
                 if back_faces and _is_hidden(frame, primitive_address, tiles, first_row, end_row):
                     continue
-                if binned_at(primitive_address).kind == KIND_DEFERRED:
-                    _draw_deferred(frame, target, primitive_address, bin_index, first_row, end_row, tiny_pixels)
-                else:
-                    _draw_primitive(frame, target, primitive_address, first_row, end_row)
+                _draw_primitive(frame, target, primitive_address, first_row, end_row)
         else:
             # A small triangle is prepared before the previous one is drawn: their loops' lengths are known early.
             is_waiting = False

@@ -100,7 +100,6 @@ class FrameJob:
             "task": self._task_address,
             "stop": current_stop().address,
             "draws": scratch.take("draws", (count + 1) * DRAW.size // 8, np.int64)[1],
-            "setup_kernel": kernel_addresses()[1],
             "sample_reach": reach,
             "sample_offsets": offsets,
             "lane_lists": lanes,

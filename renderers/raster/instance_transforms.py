@@ -106,7 +106,6 @@ def collect_draws(frame):
         draw.positions = instance.positions
         draw.indices = instance.indices
         draw.topology = instance.topology
-        draw.clusters = instance.clusters
         draw.size = instance.size
         draw.first_id = instance.first_primitive
         draw.culled_sign = culled_sign

@@ -35,9 +35,6 @@ MAX_SMALL_HEIGHT: Final = 128
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
-MAX_DEFERRED_SIDE: Final = 12
-"""Maximum width and height, pixels, of a group of deferred back faces. Each band that the group touches sets it up
-again, which costs more than storing the triangles if they are large."""
 
 # Topology of a mesh: vertices of a primitive.
 TOPOLOGY_LINES: Final = 2
@@ -48,7 +45,6 @@ INSTANCE: Final = Struct(
     {
         "positions": pointer_to(F32),  # (N, 3): vertices to transform, which may be fewer than the mesh's own
         "indices": pointer_to(U32),  # (M, topology) into these
-        "clusters": I64,  # address, see cluster_culling; 0: none
         "topology": I64,
         "first_vertex": I64,  # among all instances' vertices
         "first_primitive": I64,  # among all instances' primitives: the primitive id of its first
@@ -68,7 +64,6 @@ DRAW: Final = Struct(
     {
         "positions": pointer_to(F32),  # as in INSTANCE
         "indices": pointer_to(U32),
-        "clusters": I64,
         "topology": I64,
         "size": F64,
         "first_vertex": I64,  # among the drawn vertices
@@ -113,14 +108,13 @@ FRAME: Final = Struct(
         "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
         "draws": DRAW,  # (draw_count + 1)
         "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z, unused
-        "binned": I64,  # address of (chunk_count * CHUNK) BINNED or SMALL_TRIANGLE or DEFERRED_GROUP
+        "binned": I64,  # address of (chunk_count * CHUNK) BINNED or SMALL_TRIANGLE
         "bins": pointer_to(U16),  # of each chunk, see chunks.py
         "tall": pointer_to(U16),
         "bin_starts": pointer_to(I32),
         "chunk_bands": pointer_to(I32),
         "tiny_pixels": pointer_to(I32),
-        "setup_kernel": I64,  # addresses
-        "normals_kernel": I64,
+        "normals_kernel": I64,  # address
         "layer_ids": I64,  # address of (height, stride) int32 and float32; 0: only the outputs are wanted
         "layer_inv_z": I64,
         "unpadded_ids": I64,  # address of (height, width) copies of the layer; 0: none
@@ -229,8 +223,6 @@ KIND_POINT: Final = 3
 """xy: first column and row, and those after the last; grid units where a pixel has several samples."""
 KIND_SMALL: Final = 4
 """A SMALL_TRIANGLE."""
-KIND_DEFERRED: Final = 5
-"""A DEFERRED_GROUP."""
 
 SMALL_TRIANGLE: Final = Struct(
     "SmallTriangle",
@@ -250,37 +242,7 @@ SMALL_TRIANGLE: Final = Struct(
         "inv_z_max": F32,
     },
 )
-DEFERRED_GROUP: Final = Struct(
-    "DeferredGroup",
-    {
-        "first": I32,  # primitive of its draw
-        "lanes": I32,  # mask of the eight primitives from there on
-        "draw": I32,  # index
-        "_unused": array_of(I32, 3),
-        "id": I32,
-        "kind": I32,
-        "_unused2": I32,
-        "box_corner": I32,  # bounding box of all, as in SMALL_TRIANGLE
-        "box_size": I32,
-        "_unused3": array_of(I32, 4),
-        "inv_z_max": F32,  # of all
-    },
-)
-"""Up to eight neighbouring back faces that are kept. Nearly all are hidden; the others are set up when their band is
-drawn."""
-
-DEFERRED_SETUP: Final = Struct(
-    "DeferredSetup",
-    {
-        "group": I64,  # address of a DEFERRED_GROUP
-        "memory": SETUP_MEMORY,  # gets the primitives
-        "pixels": pointer_to(I32),  # (8 * TINY_SIDE * TINY_SIDE, 4): gets the pixels, as ``chunks.tiny_pixels_of``
-    },
-)
-"""A request to ``setup`` for one group of deferred back faces."""
-
 frame_at: Final = FRAME.at
 task_at: Final = TASK.at
 binned_at: Final = BINNED.at
 small_triangle_at: Final = SMALL_TRIANGLE.at
-deferred_group_at: Final = DEFERRED_GROUP.at

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
-from renderers.raster.cluster_culling import MIN_TRIANGLES, bound_clusters, cluster_values
 from renderers.raster.convex_culling import cullable_mesh
 from renderers.raster.layout import INSTANCE, MAX_POINT_SIZE
-from renderers.stop import check_stop, current_stop
+from renderers.stop import check_stop
 
 MAX_PRIMITIVES: Final = 2**31 - 1
 """Primitive ids are int32."""
@@ -34,8 +33,8 @@ class PreparedMesh:
 
     counts: tuple[int, int, int]
     """Number of vertices to transform, number of primitives, and topology."""
-    addresses: tuple[int, int, int]
-    """Addresses of the vertices to transform, of the indices into them, and of the clusters (0: none)."""
+    addresses: tuple[int, int]
+    """Addresses of the vertices to transform, and of the indices into them."""
     mesh_addresses: tuple[int, int, int]
     """Addresses of the mesh's own positions, indices and normals (0: none)."""
     box: tuple[float, float, float, float, float, float] = NOT_CONVEX
@@ -137,19 +136,12 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         if convex is not None:
             box, drawn_positions = convex
     drawn_addresses = address_of(drawn_positions, np.float32), address_of(drawn_indices, np.uint32)
-    clusters = None
-    if topology == Topology.TRIANGLES and len(elements) >= MIN_TRIANGLES:
-        clusters = np.zeros(cluster_values(len(elements)), np.float32)
-        stop = current_stop()
-        bound_clusters(*drawn_addresses, len(elements), address_of(clusters, np.float32), stop.address)
-        stop.check()
-    arrays = (drawn_positions, drawn_indices, clusters)
     return PreparedMesh(
         (len(drawn_positions), len(elements), int(topology)),
-        (*drawn_addresses, address_of(clusters, np.float32)),
+        drawn_addresses,
         mesh_addresses,
         box,
-        tuple([array for array in arrays if array is not None and array is not positions and array is not elements]),
+        tuple([new for new in (drawn_positions, drawn_indices) if new is not positions and new is not elements]),
     )
 
 
@@ -235,10 +227,10 @@ def _build_structure(instances: Sequence[Instance]) -> _Structure:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
         meshes.append(mesh)
     table = np.zeros(count + 1, INSTANCE.dtype)
-    numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 9)
+    numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 8)
     np.cumsum(numbers[:, 0], out=table["first_vertex"][1:])
     np.cumsum(numbers[:, 1], out=table["first_primitive"][1:])
-    columns = "topology", "positions", "indices", "clusters", "mesh_positions", "mesh_indices", "mesh_normals"
+    columns = "topology", "positions", "indices", "mesh_positions", "mesh_indices", "mesh_normals"
     for column, field in enumerate(columns):
         table[field][:-1] = numbers[:, 2 + column]
     first_ids = np.ascontiguousarray(table["first_primitive"])

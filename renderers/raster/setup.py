@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
 
 from renderers.compiler import simd as vec
@@ -11,11 +10,9 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address, allocate, i32_at, release, stack_array
 from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
-from renderers.raster.cluster_culling import VIEW, view_clusters
 from renderers.raster.layout import (
     BINNED_BYTES,
     CHUNK,
-    DEFERRED_SETUP,
     MAX_BINS,
     SETUP_MEMORY,
     TINY_BINS,
@@ -23,17 +20,14 @@ from renderers.raster.layout import (
     TOPOLOGY_LINES,
     TOPOLOGY_TRIANGLES,
     binned_at,
-    deferred_group_at,
     frame_at,
 )
 from renderers.raster.primitive_setup import set_up_line, set_up_point
 from renderers.raster.triangle_setup import BAND_SHIFT, set_up_triangles
 
 _new_memory = SETUP_MEMORY.local
-_new_view = VIEW.local
 _range_array = stack_array(types.int32, 2 * CHUNK)
 _column_array = stack_array(types.int32, 16 * vec.LANES)
-_request_at = DEFERRED_SETUP.at
 
 
 @device_function
@@ -68,24 +62,6 @@ def _set_up_line_or_point(frame, draw, primitive, memory):
         memory.bin_ranges[2 * count] = first_bin
         memory.bin_ranges[2 * count + 1] = last_bin
         memory.count = count + 1
-
-
-@device_function
-def _set_up_deferred(frame, request):
-    """Set up a group of deferred back faces."""
-    group = deferred_group_at(request.group)
-    draw_index, first = np.int64(group.draw), np.int64(group.first)
-    draw = frame.draws[draw_index]
-    primitives = frame.draws[draw_index + 1].first_primitive - draw.first_primitive
-    end = min(primitives, first + vec.LANES)
-    view = _new_view()
-    view.clusters = 0
-    memory = request.memory
-    memory.count = memory.tiny_count = 0
-    set_up_triangles(frame, draw_index, first, end, np.int64(group.lanes), memory, view)
-    _find_pixel_bins(frame, memory)
-    for k in range(0, memory.tiny_count, vec.LANES):
-        _store_pixels(request.pixels, k, memory.tiny_pixels, k)
 
 
 @device_function
@@ -223,20 +199,13 @@ def _bin_tiny_pixels(frame, chunk, memory, bin_ends):
 
 @kernel("void(int64, int64, int64)")
 def setup(frame_address, begin, end):
-    """Set up and bin the chunks ``begin .. end`` of the drawn primitives.
-
-    With ``begin`` = -1, ``end`` is the address of a DEFERRED_SETUP that is carried out instead.
-    """
+    """Set up and bin the chunks ``begin .. end`` of the drawn primitives."""
     frame = frame_at(frame_address)
-    if begin < 0:
-        _set_up_deferred(frame, _request_at(end))
-        return
-    memory, view = _new_memory(), _new_view()
+    memory = _new_memory()
     heap = allocate(4 * (4 * TINY_STRIDE + frame.bin_count + 1))
     memory.bin_ranges, memory.columns = _range_array(), _column_array()
     memory.tiny_pixels = i32_at(heap)
     bin_ends = i32_at(heap + 16 * TINY_STRIDE)
-    viewed_draw = -1
     for chunk in range(begin, end):
         if is_set(frame.stop):
             break
@@ -250,10 +219,7 @@ def setup(frame_address, begin, end):
             draw_end = min(chunk_end, frame.draws[draw_index + 1].first_primitive)
             first = draw.first_primitive
             if draw.topology == TOPOLOGY_TRIANGLES:
-                if draw_index != viewed_draw:
-                    viewed_draw = draw_index
-                    view_clusters(frame, draw, view)
-                set_up_triangles(frame, draw_index, primitive - first, draw_end - first, 0, memory, view)
+                set_up_triangles(frame, draw_index, primitive - first, draw_end - first, memory)
             else:
                 for k in range(primitive, draw_end):
                     _set_up_line_or_point(frame, draw, k - first, memory)

@@ -9,13 +9,10 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, as_f32, as_u32, f32_at, i32_at, u32_at
-from renderers.raster.cluster_culling import SHIFT, visible_clusters
 from renderers.raster.layout import (
     BINNED_BYTES,
     HALF_PIXEL,
-    KIND_DEFERRED,
     KIND_SMALL,
-    MAX_DEFERRED_SIDE,
     MAX_SMALL_DEPTH_RATIO,
     MAX_SMALL_HEIGHT,
     MAX_SMALL_WIDTH,
@@ -25,7 +22,6 @@ from renderers.raster.layout import (
     TINY_SIDE,
     TINY_STRIDE,
     binned_at,
-    deferred_group_at,
     small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_large_triangle
@@ -69,45 +65,24 @@ def _edge_function(xa, ya, xb, yb, px, py):
 
 
 @device_function
-def set_up_triangles(frame, draw_index, begin, end, deferred_lanes, memory, view):
+def set_up_triangles(frame, draw_index, begin, end, memory):
     """Set up the triangles ``begin .. end`` of a draw, and append what is visible to ``memory``.
 
     Args:
-        deferred_lanes: 0, or the mask of lanes of a DEFERRED_GROUP, whose triangles are then the only ones set up.
         memory: a SETUP_MEMORY.
-        view: as filled by ``view_clusters``.
     """
     # One loop: a function call for every eight would take a fifth of the time of those that are not visible.
     draw = frame.draws[draw_index]
     far_inv_z = np.float32(1.0 / frame.far)
     vertices, indices = f32_at(address(frame.vertices) + 16 * draw.first_vertex), draw.indices
-    # Sixteen clusters at a time are tested, for prefetching: a mask of those from first_cluster on.
-    first_cluster = ((begin >> SHIFT) & ~np.int64(vec.LANES - 1)) - 2 * vec.LANES
-    visible = np.int64(0)
-    triangle = begin
-    while triangle < end:
-        k = (triangle >> SHIFT) - first_cluster
-        if k >= vec.LANES:
-            first_cluster += vec.LANES
-            next_visible = np.int64(255)
-            if view.clusters != 0 and (first_cluster + vec.LANES) << SHIFT < end:
-                next_visible = visible_clusters(view, first_cluster + vec.LANES)
-            visible = (visible >> vec.LANES) | (next_visible << vec.LANES)
-            continue
-        if (visible >> k) & 1 == 0:
-            triangle = (first_cluster + k + vec.lowest_bit((visible | 65536) >> k)) << SHIFT
-            continue
-        # Groups of eight begin where clusters do.
-        lanes = min(end - triangle, vec.LANES - (triangle & (vec.LANES - 1) if deferred_lanes == 0 else 0))
-        if (visible >> (k + (_PREFETCH_DISTANCE >> SHIFT))) & 1:
-            vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
-            vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE) + 12)
-            ahead = 3 * min(triangle + _PREFETCH_DISTANCE, end - 1)
-            vec.prefetch(vertices, 4 * np.int64(indices[ahead]))
-            vec.prefetch(vertices, 4 * np.int64(indices[ahead + 1]))
-            vec.prefetch(vertices, 4 * np.int64(indices[ahead + 2]))
-        _set_up_eight(frame, draw_index, far_inv_z, triangle, lanes, deferred_lanes, memory)
-        triangle += lanes
+    for triangle in range(begin, end, vec.LANES):
+        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
+        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE) + 12)
+        ahead = 3 * min(triangle + _PREFETCH_DISTANCE, end - 1)
+        vec.prefetch(vertices, 4 * np.int64(indices[ahead]))
+        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 1]))
+        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 2]))
+        _set_up_eight(frame, draw_index, far_inv_z, triangle, min(end - triangle, vec.LANES), memory)
 
 
 @inlined
@@ -123,51 +98,15 @@ def _append_pixels(pixels, count, covered, pixel, inv_z, ids):
 
 
 @inlined
-def _defer_back_faces(frame, draw_index, first, back_faces, left, top, right, bottom, inv_z_max, memory):
-    """Append a group of back faces whose setup is deferred; return False, with nothing appended, if it is too large.
-
-    Args:
-        first: primitive in the first lane.
-        back_faces: m8, of which one is set at least.
-        left .. bottom: i32x8: first column and row of each triangle, and those after its last.
-        inv_z_max: f32x8.
-    """
-    below_all, above_all = vec.i32(-(1 << 20)), vec.i32(1 << 20)
-    box_x = vec.minimum_of(vec.select(back_faces, left, above_all))
-    box_y = vec.minimum_of(vec.select(back_faces, top, above_all))
-    box_end_x = vec.maximum_of(vec.select(back_faces, right, below_all))
-    box_end_y = vec.maximum_of(vec.select(back_faces, bottom, below_all))
-    if box_end_x - box_x > MAX_DEFERRED_SIDE or box_end_y - box_y > MAX_DEFERRED_SIDE:
-        return False
-    count, first_back_bin = memory.count, frame.bin_count - frame.band_count
-    group = deferred_group_at(memory.binned + BINNED_BYTES * count)
-    group.first = first
-    group.lanes = vec.movemask(back_faces)
-    group.draw = draw_index
-    group.id = frame.draws[draw_index].first_id + first
-    group.kind = KIND_DEFERRED
-    group.box_corner = (box_y << 16) | (box_x & 0xFFFF)
-    group.box_size = ((box_end_y - box_y) << 16) | (box_end_x - box_x)
-    # Bits of positive floats are ordered as the floats are.
-    max_bits = vec.maximum_of(vec.select(back_faces, vec.float_bits(inv_z_max), vec.i32(0)))
-    i32_at(address(group))[_VALUES - 1] = max_bits
-    memory.bin_ranges[2 * count] = first_back_bin + (max(box_y, 0) >> BAND_SHIFT)
-    memory.bin_ranges[2 * count + 1] = first_back_bin + (min(box_end_y, frame.height) - 1 >> BAND_SHIFT)
-    memory.count = count + 1
-    return True
-
-
-@inlined
-def _set_up_eight(frame, draw_index, far_inv_z, first, lanes, deferred_lanes, memory):
+def _set_up_eight(frame, draw_index, far_inv_z, first, lanes, memory):
     """Set up the triangles ``first .. first + lanes`` (at most eight) of a draw.
 
     Those of at most TINY_SIDE x TINY_SIDE pixels are rasterized here, all at once, and leave their pixels. Small ones
-    become SMALL_TRIANGLEs. Large and clipped ones take the scalar path. Kept back faces that are small and near one
-    another are deferred.
+    become SMALL_TRIANGLEs. Large and clipped ones take the scalar path.
 
     Args:
         far_inv_z: 1/z of the far plane, float32.
-        deferred_lanes, memory: as for ``set_up_triangles``.
+        memory: as for ``set_up_triangles``.
     """
     draw = frame.draws[draw_index]
     vertices = f32_at(address(frame.vertices) + 16 * draw.first_vertex)
@@ -223,13 +162,6 @@ def _set_up_eight(frame, draw_index, far_inv_z, first, lanes, deferred_lanes, me
     is_back = area_sign == vec.i32(draw.culled_sign)
     first_back_bin = frame.bin_count - frame.band_count
     if first_back_bin == 0:
-        small = small & ~is_back
-    elif deferred_lanes != 0:
-        small = small & (((vec.i32(deferred_lanes) >> lane) & vec.i32(1)) != zero)
-        scalar_lanes = 0
-    elif vec.movemask(small & is_back) != 0 and _defer_back_faces(
-        frame, draw_index, first, small & is_back, left, top, right, bottom, inv_z_max, memory
-    ):
         small = small & ~is_back
     if vec.movemask(small) == 0 and scalar_lanes == 0:
         return

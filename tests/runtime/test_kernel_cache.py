@@ -194,19 +194,26 @@ async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monke
 async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = 0
 
-    async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
+    async def compile_in_children(parts: Collection[str], progress: Progress, on_cached: kernels.OnCached) -> None:
         nonlocal compiled
         compiled += 1
         await until(lambda: second.waiting)
         write_kernel()
+        for part in parts:
+            await on_cached(part)
 
+    async def note(part: str) -> None:
+        cached.append(part)
+
+    cached: list[str] = []
     monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
     first, second = Progress(1), Progress(1)
-    task = asyncio.create_task(kernels.compile_missing(["rest"], first))
+    task = asyncio.create_task(kernels.compile_missing(["rest"], first, note))
     await until(lambda: compiled)
-    await asyncio.gather(task, kernels.compile_missing(["rest"], second))
+    await asyncio.gather(task, kernels.compile_missing(["rest"], second, note))
     assert compiled == 1
     assert not second.waiting
+    assert cached == ["rest", "rest"]
 
 
 async def test_cancelled_while_waiting_for_another_process(cache: Path) -> None:
