@@ -15,7 +15,7 @@ from typing import Any, Final
 import grpc
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription_frame
 from gateway.treeviewer import wire
 
 HELD_SECONDS: Final = 2.0
@@ -91,7 +91,7 @@ def opening(kind: str) -> bytes:
         "websocket": UPGRADE,
         "grpc": HTTP2,
         "tcpq": CLIENT_HELLO
-        + subscription(FrameType.SUBSCRIBE, f"DIRECTOR_TREE_VIEWER_RESPONSE_<{name}>")
+        + subscription_frame(FrameType.SUBSCRIBE, f"DIRECTOR_TREE_VIEWER_RESPONSE_<{name}>")
         + tree_request(name, settransform=[pose(["churn", name])]),
     }[kind]
 
@@ -194,7 +194,7 @@ KINDS: Final = ("http", "render", "websocket", "grpc", "tcpq")
 async def publisher(ports: Ports, count: Callable[[str], None], name: str) -> None:
     """Moves a hundred frames fifty times a second; makes and deletes boxes and clouds."""
     reader, writer = await _open("tcpq", ports)
-    writer.write(CLIENT_HELLO + subscription(FrameType.SUBSCRIBE, f"DIRECTOR_TREE_VIEWER_RESPONSE_<{name}>"))
+    writer.write(CLIENT_HELLO + subscription_frame(FrameType.SUBSCRIBE, f"DIRECTOR_TREE_VIEWER_RESPONSE_<{name}>"))
     await reader.readexactly(len(HUB_HELLO))
     asked = 0
     while True:

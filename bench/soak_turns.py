@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from bench.soak_clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription_frame
 
 SECONDS = 6.0
 NODES = 50_000
@@ -81,7 +81,7 @@ def refused_body() -> bytes:
 async def told(ports: Ports, *requests: bytes) -> None:
     """Sends requests of the tree viewer, and takes their answers in."""
     reader, writer = await asyncio.open_connection("127.0.0.1", ports.tcpq)
-    writer.write(CLIENT_HELLO + subscription(FrameType.SUBSCRIBE, "DIRECTOR_TREE_VIEWER_RESPONSE_<turns>"))
+    writer.write(CLIENT_HELLO + subscription_frame(FrameType.SUBSCRIBE, "DIRECTOR_TREE_VIEWER_RESPONSE_<turns>"))
     await reader.readexactly(len(HUB_HELLO))
     for request in requests:
         writer.write(request)

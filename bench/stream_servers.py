@@ -27,7 +27,7 @@ from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame_scheduler import PoseSource, SceneSource
-from gateway.stereo.hub import Hub, MailboxState
+from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.service import StereoService
 from renderers.drawlist import DrawList
@@ -74,7 +74,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
     Args:
         again: the set is joined once for all: what is left is sending, which is all that the raw TCP server does.
     """
-    hub = Hub(64, 16)
+    hub = ImageSetHub(64, 16)
     running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 0), StereoConfig(port=0))
     chunks = payload(name)
     ready = wire.join(chunks)

@@ -99,7 +99,19 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
 )
 _NOT_LIMITS: Final = frozenset(
-    {"tcpq_port", "port", "rate", "seed", "d_eps", "near", "far", "dot_light", "image_noise", "width", "height"}
+    {
+        "tcpq_port",
+        "port",
+        "rate",
+        "seed",
+        "disparity_error",
+        "near",
+        "far",
+        "dot_light",
+        "image_noise",
+        "width",
+        "height",
+    }
 )
 """Numeric fields of these classes that are not limits."""
 

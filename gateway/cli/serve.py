@@ -99,7 +99,7 @@ def run(settings: Settings) -> int:
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     scheme = "http" if tls is None else "https"
-    pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
+    pages = "/view, / and /docs" if settings.is_enabled("view") else "/ and /docs"
     log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
     return _serve(settings, listener, state, tls)
 

@@ -1,6 +1,7 @@
-"""Clients that users install: they know the wire, not the server.
+"""Clients for users' programs. They import nothing of the server.
 
-The tree viewer's client is here by name (``from gateway.client import TreeViewer, Box``), imported when asked for.
+``stream`` receives the images of a stereo camera, ``dataset`` reads rendered datasets, ``tree`` publishes to a tree
+viewer. The public names of ``tree`` are exported here, and imported on first use.
 """
 
 from __future__ import annotations

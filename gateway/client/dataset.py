@@ -39,8 +39,8 @@ class Sample:
     @property
     def K(self) -> NDArray[np.float64]:
         """(3, 3) float64: intrinsics in pixels; the centre of the top left pixel is at (0.5, 0.5)."""
-        c = self.record.camera
-        return np.array(((c.fx, 0.0, c.cx), (0.0, c.fy, c.cy), (0.0, 0.0, 1.0)))
+        camera = self.record.camera
+        return np.array(((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0)))
 
     @property
     def X_world_camera(self) -> NDArray[np.float64]:
@@ -72,10 +72,10 @@ class Sample:
     @property
     def rays(self) -> NDArray[np.float64]:
         """(H, W, 3) float64: ray of each pixel in the optical frame, with z = 1. Times ``depth``: points in metres."""
-        c = self.record.camera
-        x = (np.arange(c.width) + 0.5 - c.cx) / c.fx
-        y = (np.arange(c.height) + 0.5 - c.cy) / c.fy
-        return np.stack((*np.meshgrid(x, y), np.ones((c.height, c.width))), axis=-1)
+        camera = self.record.camera
+        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        return np.stack((*np.meshgrid(x, y), np.ones((camera.height, camera.width))), axis=-1)
 
     def path(self, image_type: ImageType) -> Path:
         """Return the file of an image.
@@ -122,8 +122,8 @@ class Dataset(Sequence[Sample]):
 
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
         """Return the paths of the nodes with each label of a scene."""
-        found = manifest.read_file(self.folder / manifest.SCENES / scene / manifest.SCENE, manifest.Scene)
-        return {int(label): paths for label, paths in found.labels.items()}
+        record = manifest.read_file(self.folder / manifest.SCENES / scene / manifest.SCENE, manifest.Scene)
+        return {int(label): paths for label, paths in record.labels.items()}
 
     def __len__(self) -> int:
         return len(self._lines)
@@ -144,4 +144,4 @@ class Dataset(Sequence[Sample]):
         return Sample(self.folder, self._record(index), self.description.settings.depth_format)
 
     def _record(self, index: int) -> manifest.Sample:
-        return manifest.decode(self._lines[index], manifest.Sample, self._lines.where(index))
+        return manifest.decode(self._lines[index], manifest.Sample, self._lines.location(index))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.client.manifest import MAX_LINE, RecordError
 
-_BLOCK: Final = 4 << 20
+_BLOCK_BYTES: Final = 4 << 20
 
 
 class Lines:
@@ -29,17 +29,17 @@ class Lines:
         """
         self._path = path
         self._file = self._open()
-        found: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]
+        line_starts: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]
         size = 0
-        while block := os.pread(self._file, _BLOCK, size):
-            found.append(np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + (size + 1))
+        while block := os.pread(self._file, _BLOCK_BYTES, size):
+            line_starts.append(np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + (size + 1))
             size += len(block)
-        self._starts = np.concatenate(found)
-        long = np.flatnonzero(np.diff(self._starts, append=size) > MAX_LINE)
-        if long.size:
-            raise RecordError(f"{self.where(int(long[0]))}: longer than the limit")
+        self._starts = np.concatenate(line_starts)
+        too_long = np.flatnonzero(np.diff(self._starts, append=size) > MAX_LINE)
+        if too_long.size:
+            raise RecordError(f"{self.location(int(too_long[0]))}: longer than the limit")
         if self._starts[-1] != size:
-            raise RecordError(f"{self.where(len(self))}: cut off")
+            raise RecordError(f"{self.location(len(self))}: cut off")
 
     def _open(self) -> int:
         try:
@@ -60,7 +60,7 @@ class Lines:
         start, end = int(self._starts[number]), int(self._starts[number + 1])
         return os.pread(self._file, end - start - 1, start)
 
-    def where(self, number: int) -> str:
+    def location(self, number: int) -> str:
         """Return file and line number, for error messages."""
         return f"{self._path}, line {number + 1}"
 

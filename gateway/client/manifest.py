@@ -163,22 +163,22 @@ def encode_labels(scene: Scene) -> bytes:
     return msgspec.json.format(msgspec.json.encode(scene.labels), indent=1) + b"\n"
 
 
-def decode(data: bytes, kind: type[Record], where: str) -> Record:
+def decode(data: bytes, record_type: type[Record], location: str) -> Record:
     """Return the record in a piece of JSON.
 
     Args:
-        where: file and line, for the error.
+        location: file and line, for the error message.
 
     Raises:
         RecordError: the JSON is not such a record.
     """
     try:
-        return msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data, type=record_type)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RecordError(f"{where}: {error}") from None
+        raise RecordError(f"{location}: {error}") from None
 
 
-def read_file(path: Path, kind: type[Record]) -> Record:
+def read_file(path: Path, record_type: type[Record]) -> Record:
     """Return the record in a file.
 
     Raises:
@@ -191,10 +191,10 @@ def read_file(path: Path, kind: type[Record]) -> Record:
         raise RecordError(f"{path}: {error.strerror or error}") from None
     if len(data) > MAX_DESCRIPTION:
         raise RecordError(f"{path}: more than {MAX_DESCRIPTION} bytes")
-    return decode(data, kind, str(path))
+    return decode(data, record_type, str(path))
 
 
-def read_lines(path: Path, kind: type[Record], *, allow_partial_end: bool = False) -> Iterator[Record]:
+def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool = False) -> Iterator[Record]:
     """Iterate over the records of a file of JSON lines.
 
     Args:
@@ -208,12 +208,12 @@ def read_lines(path: Path, kind: type[Record], *, allow_partial_end: bool = Fals
             number = 0
             while line := file.readline(MAX_LINE + 1):
                 number += 1
-                where = f"{path}, line {number}"
+                location = f"{path}, line {number}"
                 if not line.endswith(b"\n"):
                     if allow_partial_end and len(line) <= MAX_LINE:
                         break
-                    raise RecordError(f"{where}: {'longer than the limit' if len(line) > MAX_LINE else 'cut off'}")
-                yield decode(line, kind, where)
+                    raise RecordError(f"{location}: {'longer than the limit' if len(line) > MAX_LINE else 'cut off'}")
+                yield decode(line, record_type, location)
     except OSError as error:
         raise RecordError(f"{path}: {error.strerror or error}") from None
 
@@ -227,7 +227,7 @@ def read_dataset(folder: Path) -> Dataset:
     path = folder / DATASET
     if not path.is_file():
         raise RecordError(f"{folder} holds no dataset: there is no {DATASET}")
-    found = read_file(path, Dataset)
-    if found.format != FORMAT or found.version != FORMAT_VERSION:
-        raise RecordError(f"{path}: format {found.format!r} version {found.version}, not {FORMAT} {FORMAT_VERSION}")
-    return found
+    dataset = read_file(path, Dataset)
+    if dataset.format != FORMAT or dataset.version != FORMAT_VERSION:
+        raise RecordError(f"{path}: format {dataset.format!r} version {dataset.version}, not {FORMAT} {FORMAT_VERSION}")
+    return dataset

@@ -72,12 +72,12 @@ class StreamOptions:
     """Number of the camera for ``truth``."""
 
     def request(self) -> pb.ImageSetRequest:
-        """Return the request; by default for left and disparity."""
-        chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
+        """Return the request; without any chosen image, it is for left and disparity."""
+        any_chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
         return pb.ImageSetRequest(
-            left_enabled=self.left or not chosen,
+            left_enabled=self.left or not any_chosen,
             right_enabled=self.right,
-            disparity_enabled=self.disparity or not chosen,
+            disparity_enabled=self.disparity or not any_chosen,
             disparity_error_enabled=self.error,
             confidence_enabled=self.confidence,
             mesh_enabled=self.mesh,
@@ -103,9 +103,9 @@ class Progress:
     """Number of bytes received."""
     seconds: float = 0.0
     """Seconds since the first set."""
-    first: float = 0.0
+    first_set_seconds: float = 0.0
     """Seconds until the first set."""
-    stamp: str = ""
+    timestamp: str = ""
     """Timestamp of the newest set."""
     _last_second: int = -1
 
@@ -116,13 +116,13 @@ class Progress:
 
     def second_passed(self) -> bool:
         """Return True if a new second began since the last call."""
-        before, self._last_second = self._last_second, int(self.seconds)
-        return self._last_second > before
+        previous, self._last_second = self._last_second, int(self.seconds)
+        return self._last_second > previous
 
     def line(self) -> str:
-        """Return one line of text."""
-        volume = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
-        return f"{self.sets} sets, {self.rate:.1f} per second, {volume:.1f} MB/s, newest {self.stamp}"
+        """Return the statistics as one line of text."""
+        megabytes_per_second = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
+        return f"{self.sets} sets, {self.rate:.1f} per second, {megabytes_per_second:.1f} MB/s, newest {self.timestamp}"
 
 
 def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
@@ -182,22 +182,22 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
         TruthFailure: no ground truth of a set.
     """
     progress = Progress()
-    begin = time.monotonic()
+    start = time.monotonic()
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     for image_set, size in receive(options):
         now = time.monotonic()
         if progress.sets == 0:
-            progress.first, begin = now - begin, now
+            progress.first_set_seconds, start = now - start, now
         progress.sets += 1
         progress.bytes += size
-        progress.seconds = now - begin
-        progress.stamp = stream_files.stamp(image_set.timestamp)
+        progress.seconds = now - start
+        progress.timestamp = stream_files.timestamp_text(image_set.timestamp)
         if options.output is not None:
             stream_files.save(image_set, options.output, exposure=options.exposure, gpio=options.gpio)
             if options.truth is not None:
-                data = fetch_truth(options.truth, progress.stamp, options.credentials, options.pipeline)
-                (options.output / f"image_{progress.stamp}_truth.npz").write_bytes(data)
+                truth = fetch_truth(options.truth, progress.timestamp, options.credentials, options.pipeline)
+                (options.output / f"image_{progress.timestamp}_truth.npz").write_bytes(truth)
         if options.preview is not None:
             stream_files.write_image(options.preview, stream_files.preview(image_set))
         report(progress)

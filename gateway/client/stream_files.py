@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
 
-_CELL = (640, 480)
+_MAX_PREVIEW_SIZE = (640, 480)
 """Maximum size of one image in a preview, pixels."""
 
 
@@ -19,7 +19,7 @@ class BadImageError(ValueError):
     """Invalid image message; one sentence."""
 
 
-def stamp(time: pb.Time) -> str:
+def timestamp_text(time: pb.Time) -> str:
     """Return seconds and nanoseconds as in the file names of the vendor's client."""
     return f"{time.sec}.{time.nsec:09d}"
 
@@ -30,26 +30,28 @@ def pixels(image: pb.Image) -> NDArray[Any]:
     Raises:
         BadImageError: unknown encoding, or too little data.
     """
-    known = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
-    if image.encoding not in known:
-        raise BadImageError(f"the encoding {image.encoding!r} is not one of {', '.join(known)}")
-    code, channels = known[image.encoding]
-    dtype = np.dtype(code).newbyteorder(">" if image.is_bigendian else "<")
-    row = image.width * channels * dtype.itemsize
-    if image.step < row or len(image.data) < image.step * image.height:
+    formats = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
+    if image.encoding not in formats:
+        raise BadImageError(f"the encoding {image.encoding!r} is not one of {', '.join(formats)}")
+    type_code, channels = formats[image.encoding]
+    dtype = np.dtype(type_code).newbyteorder(">" if image.is_bigendian else "<")
+    row_bytes = image.width * channels * dtype.itemsize
+    if image.step < row_bytes or len(image.data) < image.step * image.height:
         raise BadImageError(f"{len(image.data)} bytes are too few for {image.width}x{image.height} {image.encoding}")
-    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)[:, :row]
+    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)[
+        :, :row_bytes
+    ]
     array = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))
 
 
 def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     """Return (H, W) float32, metres, +inf where invalid."""
-    raw = pixels(disparity.image)
-    d = raw.astype(np.float32) * disparity.scale + disparity.offset
+    units = pixels(disparity.image)
+    d = units.astype(np.float32) * disparity.scale + disparity.offset
     with np.errstate(divide="ignore"):
         z = disparity.image.focal_length * disparity.baseline / d
-    z[raw == disparity.invalid_data_value] = np.inf
+    z[units == disparity.invalid_data_value] = np.inf
     return np.asarray(z, np.float32)
 
 
@@ -71,7 +73,7 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         BadImageError: see ``pixels``.
         OSError: a file cannot be written.
     """
-    base = f"image_{stamp(image_set.timestamp)}"
+    base = f"image_{timestamp_text(image_set.timestamp)}"
     arrays: dict[str, Any] = {}
     for name, image in _images(image_set).items():
         array = pixels(image)
@@ -86,11 +88,11 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
                 arrays[f"{name}_gpio_{field}"] = np.uint32(getattr(image.gpios, field))
         write_image(folder / f"{base}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
     if image_set.HasField("disparity"):
-        d = image_set.disparity
-        suffix = _gpio_suffix(d.image) if gpio else ""
-        (folder / f"{base}_disparity{suffix}_param.txt").write_text(parameter_text(d), "ascii")
-        arrays["depth"] = depth(d)
-        arrays["baseline"], arrays["scale"] = np.float64(d.baseline), np.float64(d.scale)
+        disparity = image_set.disparity
+        suffix = _gpio_suffix(disparity.image) if gpio else ""
+        (folder / f"{base}_disparity{suffix}_param.txt").write_text(parameter_text(disparity), "ascii")
+        arrays["depth"] = depth(disparity)
+        arrays["baseline"], arrays["scale"] = np.float64(disparity.baseline), np.float64(disparity.scale)
     if arrays:
         np.savez(folder / f"{base}.npz", allow_pickle=False, **arrays)
     if image_set.HasField("mesh"):
@@ -155,13 +157,13 @@ def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
             array = np.minimum(array * (512.0 * (image_set.disparity.scale or 1 / 16)), 255).astype(np.uint8)
         if array.ndim == 2:
             array = np.repeat(array[:, :, None], 3, axis=2)
-        shrink = min(_CELL[0] / array.shape[1], _CELL[1] / array.shape[0], 1.0)
+        shrink = min(_MAX_PREVIEW_SIZE[0] / array.shape[1], _MAX_PREVIEW_SIZE[1] / array.shape[0], 1.0)
         size = (max(round(array.shape[1] * shrink), 1), max(round(array.shape[0] * shrink), 1))
         cells.append(np.asarray(cv2.resize(array, size, interpolation=cv2.INTER_AREA), np.uint8))
     if not cells:
         return np.zeros((1, 1, 3), np.uint8)
-    height = max(c.shape[0] for c in cells)
-    columns = [np.pad(c, ((0, height - c.shape[0]), (0, 4), (0, 0))) for c in cells]
+    height = max(cell.shape[0] for cell in cells)
+    columns = [np.pad(cell, ((0, height - cell.shape[0]), (0, 4), (0, 0))) for cell in cells]
     return np.concatenate(columns, axis=1)[:, :-4]
 
 
@@ -186,18 +188,20 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
     """
     bgr = array[:, :, ::-1] if array.ndim == 3 else array
     try:
-        good, data = cv2.imencode(path.suffix or ".png", np.ascontiguousarray(bgr))
+        encoded, data = cv2.imencode(path.suffix or ".png", np.ascontiguousarray(bgr))
     except cv2.error:
-        good = False
-    if not good:
+        encoded = False
+    if not encoded:
         raise OSError(f"cannot write {path}: {path.suffix!r} is no image format")
     path.write_bytes(data.tobytes())
 
 
 def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:
     """Return the images of a set by name."""
-    fields = {"left": "left", "right": "right", "disparity": "disparity", "error": "disparity_error"}
-    present = {
-        n: getattr(image_set, f) for n, f in (fields | {"confidence": "confidence"}).items() if image_set.HasField(f)
-    }
-    return {name: value.image if name == "disparity" else value for name, value in present.items()}
+    images = {}
+    for name in ("left", "right", "disparity", "error", "confidence"):
+        field = "disparity_error" if name == "error" else name
+        if image_set.HasField(field):
+            message = getattr(image_set, field)
+            images[name] = message.image if name == "disparity" else message
+    return images

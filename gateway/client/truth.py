@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 
 from gateway.client.channel import Credentials
 
-_SECONDS: Final = 60.0
+_TIMEOUT_SECONDS: Final = 60.0
 """Maximum time of a request: the frame is queued and rendered again."""
 
 
@@ -20,12 +20,12 @@ class TruthFailure(RuntimeError):  # noqa: N818 - public name
     """No ground truth of a set; one sentence."""
 
 
-def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
+def fetch_truth(address: str, timestamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
     """Return the npz file of ``GET /stereo/truth.npz`` for a set.
 
     Args:
         address: address of the gateway's HTTP port, ``http://HOST:PORT``.
-        stamp: timestamp of the set, ``sec.nsec``.
+        timestamp: timestamp of the set, ``sec.nsec``.
         credentials: token, authorities and certificate.
         pipeline: number of the camera.
 
@@ -33,7 +33,7 @@ def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: in
         TruthFailure: no response, or the frame is not in the gateway's history.
         OSError: a certificate cannot be read.
     """
-    query = urlencode({"timestamp": stamp, "pipeline": pipeline})
+    query = urlencode({"timestamp": timestamp, "pipeline": pipeline})
     url = f"{address.rstrip('/')}/stereo/truth.npz?{query}"
     if not url.startswith(("http://", "https://")):
         raise TruthFailure(f"the address for ground truth is {address!r}; it must begin with http:// or https://")
@@ -42,18 +42,20 @@ def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: in
         context.load_cert_chain(credentials.certificate, credentials.key)
     request = urllib.request.Request(url, headers=dict(credentials.metadata))  # noqa: S310 - http or https, see above
     try:
-        with urllib.request.urlopen(request, timeout=_SECONDS, context=context) as response:  # noqa: S310
+        with urllib.request.urlopen(request, timeout=_TIMEOUT_SECONDS, context=context) as response:  # noqa: S310
             data: bytes = response.read()
             return data
     except urllib.error.HTTPError as error:
-        raise TruthFailure(f"{address} has no ground truth of {stamp}: {error.code}: {_message(error)}") from None
+        raise TruthFailure(
+            f"{address} has no ground truth of {timestamp}: {error.code}: {_error_message(error)}"
+        ) from None
     except http.client.HTTPException:
         raise TruthFailure(f"{address} gives no ground truth: it does not speak HTTP") from None
     except (OSError, ValueError) as error:
         raise TruthFailure(f"{address} gives no ground truth: {error}") from None
 
 
-def _message(error: urllib.error.HTTPError) -> str:
+def _error_message(error: urllib.error.HTTPError) -> str:
     try:
         body: Any = json.loads(error.read(10_000))
         return str(body["message"])

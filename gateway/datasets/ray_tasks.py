@@ -15,7 +15,7 @@ TASKS_PER_CORE: Final = 2
 """Number of submitted tasks per core of the cluster, so that no core waits for its next task."""
 
 
-class RayError(RuntimeError):
+class RayUnavailableError(RuntimeError):
     """Ray cannot be used; the message is one sentence."""
 
 
@@ -26,18 +26,18 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
 
     Raises:
-        RayError: Ray is not installed, or there is no cluster at the address.
+        RayUnavailableError: Ray is not installed, or there is no cluster at the address.
     """
     try:
         import ray
     except ImportError:
-        raise RayError("Ray is not installed: pip install 'scenegate[ray]'") from None
+        raise RayUnavailableError("Ray is not installed: pip install 'scenegate[ray]'") from None
     starts_ray = not ray.is_initialized()
     if starts_ray:
         try:
             ray.init(address, log_to_driver=False, logging_level="ERROR", namespace="scenegate")
         except (ConnectionError, ValueError, RuntimeError, OSError) as error:
-            raise RayError(f"there is no Ray cluster at {address}: {str(error).splitlines()[0]}") from None
+            raise RayUnavailableError(f"there is no Ray cluster at {address}: {str(error).splitlines()[0]}") from None
     try:
         yield from _results(ray, tasks)
     finally:

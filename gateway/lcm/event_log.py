@@ -13,7 +13,7 @@ from typing import BinaryIO, Final
 
 SYNC: Final = 0xEDA1DA01
 MAX_CHANNEL_BYTES: Final = 1000
-"""Channel names of this length and more are taken for damage, as in lcm/eventlog.c."""
+"""Channel names of this length and more count as damage, as in lcm/eventlog.c."""
 MAX_DATA_BYTES: Final = 1 << 28
 """Maximum size of one message: LCM's own limit."""
 _HEADER: Final = struct.Struct(">IqqII")
@@ -36,35 +36,35 @@ class Event:
 
 
 def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview) -> bytes:
-    """Return an event as it stands in the file."""
+    """Return an event in the file's format."""
     name = channel.encode()
     return b"".join((_HEADER.pack(SYNC, number, time_us, len(name), len(data)), name, data))
 
 
 def read_events(file: BinaryIO) -> Iterator[Event]:
-    """Yield all complete events; skip damaged and truncated ones.
+    """Yield all complete events; skip damaged and truncated parts.
 
     Raises:
         EventLogError: the file is not empty and has no event.
     """
-    found = skipped = False
+    has_events = has_damage = False
     while True:
         position = file.tell()
         header = file.read(_HEADER.size)
         if len(header) < _HEADER.size:
-            skipped = skipped or bool(header)
+            has_damage = has_damage or bool(header)
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
         valid = sync == SYNC and name_bytes < MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
         body = file.read(name_bytes + data_bytes) if valid else b""
         if not valid or len(body) < name_bytes + data_bytes:
-            skipped = True
+            has_damage = True
             if not _seek_sync(file, position + 1):
                 break
             continue
-        found = True
+        has_events = True
         yield Event(number, time_us, body[:name_bytes].decode("utf-8", "replace"), body[name_bytes:])
-    if skipped and not found:
+    if has_damage and not has_events:
         raise EventLogError("this is not an LCM log, it has no event")
 
 

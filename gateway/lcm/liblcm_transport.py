@@ -22,8 +22,8 @@ SCHEMES: Final = ("udpm", "tcpq", "mpudpm", "memq", "file")
 MAX_FILES: Final = 1000
 """Maximum number of open files at start: liblcm uses select(2), which corrupts its stack from file number 1024 on."""
 MAX_READ: Final = 1024
-"""Messages taken from liblcm before the event loop continues: faster than they are handled, as liblcm's queue has no
-limit."""
+"""Messages taken from liblcm before the event loop continues. More than are handled in that time, because liblcm's own
+queue has no limit."""
 
 
 class LiblcmTransport:
@@ -88,8 +88,8 @@ class LiblcmTransport:
 def _connect(url: str) -> Any:
     scheme = url.partition("://")[0]
     if scheme not in SCHEMES:
-        known = ", ".join(f"{name}://" for name in SCHEMES)
-        raise LcmUnavailableError(f"LCM cannot join {url}: the URL must begin with {known}, or be 'off'")
+        schemes = ", ".join(f"{name}://" for name in SCHEMES)
+        raise LcmUnavailableError(f"LCM cannot join {url}: the URL must begin with {schemes}, or be 'off'")
     try:
         import lcm
     except ImportError as error:

@@ -23,7 +23,7 @@ def resolve_url(url: str | None) -> str:
 
 
 def open_transport(url: str, prefix: str, config: LcmConfig) -> Transport:
-    """Open the transport for channels that start with ``prefix``.
+    """Join a network, to receive the channels that start with ``prefix``.
 
     Raises:
         LcmUnavailableError: with the reason in one sentence.

@@ -27,15 +27,16 @@ class Pattern:
 
     regex: re.Pattern[str]
     choices: int
-    """Product of the numbers of all alternatives and optional parts."""
+    """Product of the numbers of alternatives in each group and of 2 for each optional part."""
     repetitions: int
+    """Number of ``*``, ``+`` and ``{}``; each can match any part of the name."""
 
     def steps(self, length: int) -> int:
         """Return the maximum number of ways to match a channel name of ``length`` characters."""
         return self.choices * int(length**self.repetitions)
 
     def matches(self, channel: str) -> bool:
-        """Return whether the whole channel name matches (LCM anchors patterns on both sides)."""
+        """Return True if the whole channel name matches (LCM anchors patterns on both sides)."""
         return self.regex.fullmatch(channel) is not None
 
 
@@ -69,32 +70,32 @@ def _count_branches(pattern: str) -> tuple[int, int]:
     previous = ""
     alternatives = [1]  # of the whole pattern and of each open group
     while i < len(pattern):
-        c = pattern[i]
-        if c == "\\":
+        char = pattern[i]
+        if char == "\\":
             if pattern[i + 1 : i + 2].isdigit():
                 raise PatternError(f"{pattern!r} refers back to a group, which is not supported")
             previous, i = "\\", i + 2
             continue
-        if c == "[":
+        if char == "[":
             end = pattern.find("]", i + (3 if pattern[i + 1 : i + 2] == "^" else 2))
             if end < 0:
                 raise PatternError(f"{pattern!r} has a set that does not end")
             previous, i = "[", end + 1
             continue
-        if c == "(" and pattern[i + 1 : i + 2] == "?" and pattern[i + 2 : i + 3] != ":":
+        if char == "(" and pattern[i + 1 : i + 2] == "?" and pattern[i + 2 : i + 3] != ":":
             raise PatternError(f"{pattern!r} has an extension of groups that is not supported")
-        if c == "(":
+        if char == "(":
             alternatives.append(1)
             i += 2 if pattern[i + 1 : i + 2] == "?" else 0
-        elif c == "|":
+        elif char == "|":
             alternatives[-1] += 1
-        elif c == ")" and len(alternatives) > 1:
+        elif char == ")" and len(alternatives) > 1:
             choices *= alternatives.pop()
-        elif c in "*+{":
+        elif char in "*+{":
             if previous == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
             repetitions += 1
-        elif c == "?" and previous not in ("*", "+", "}"):  # after a repetition it only makes it lazy
+        elif char == "?" and previous not in ("*", "+", "}"):  # after a repetition it only makes it lazy
             choices *= 2
-        previous, i = c, i + 1
+        previous, i = char, i + 1
     return choices * alternatives[0], repetitions

@@ -11,17 +11,17 @@ from gateway.lcm.transport import OnMessage
 MAX_HANDLED: Final = 16
 """Messages handled before the event loop continues; about 0.5 ms for small ones."""
 OVERHEAD_BYTES: Final = 256
-"""Memory of a queued message besides its data."""
+"""Memory of a queued message in addition to its data."""
 
 
 class ReceiveQueue:
-    """Received messages, handled on the event loop a few at a time. Those beyond the limit are dropped and counted."""
+    """Queue of received messages, handled on the event loop a few at a time. Beyond its limit it drops messages."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
         self._messages: deque[tuple[str, bytes | memoryview]] = deque()
         self._on_message: OnMessage | None = None
-        self._resuming = False
+        self._resume_scheduled = False
         self.waiting_bytes = 0
         self.dropped = 0
         self.dropped_bytes = 0
@@ -49,8 +49,8 @@ class ReceiveQueue:
             self.waiting_bytes -= len(data) + OVERHEAD_BYTES
             if self._on_message is not None:
                 self._on_message(channel, data)
-        if self._messages and not self._resuming:
-            self._resuming = True
+        if self._messages and not self._resume_scheduled:
+            self._resume_scheduled = True
             asyncio.get_running_loop().call_soon(self._resume)
 
     def close(self) -> None:
@@ -64,5 +64,5 @@ class ReceiveQueue:
         return {"waiting_bytes": self.waiting_bytes, "dropped": self.dropped, "dropped_bytes": self.dropped_bytes}
 
     def _resume(self) -> None:
-        self._resuming = False
+        self._resume_scheduled = False
         self.handle()

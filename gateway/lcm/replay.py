@@ -19,9 +19,9 @@ CONNECT_SECONDS: Final = 10.0
 MAX_UNSENT_BYTES: Final = 16 * 1024 * 1024
 """Maximum bytes queued for a network that takes messages more slowly than the log is read."""
 UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
-"""Channel prefix of a transport that only sends."""
+"""Prefix of no channel: a transport that only sends receives nothing."""
 MIN_SLEEP_SECONDS: Final = 0.001
-"""Events due earlier are sent at once, since a shorter sleep is inaccurate."""
+"""Events due sooner are sent at once, because a shorter sleep is inaccurate."""
 YIELD_EVENTS: Final = 64
 """Events sent before the event loop continues."""
 
@@ -86,9 +86,9 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
     transport = await _connect(url, UNUSED_PREFIX, lambda channel, data: None)
     try:
         while True:
-            before = progress.events
+            events_before = progress.events
             await _play_once(path, transport, speed, pattern, progress)
-            if not loop or progress.events == before:
+            if not loop or progress.events == events_before:
                 break
         await transport.finish()
     finally:
@@ -98,15 +98,16 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
 async def _play_once(
     path: Path, transport: Transport, speed: float, pattern: re.Pattern[str], progress: Progress
 ) -> None:
-    start: tuple[float, int] | None = None
+    start: float | None = None  # of time.monotonic(), and of the recorder's clock
+    start_us = 0
     with path.open("rb") as file:
         for event in read_events(file):
             if not pattern.fullmatch(event.channel):
                 continue
             if start is None:
-                start = time.monotonic(), event.time_us
+                start, start_us = time.monotonic(), event.time_us
             if speed > 0.0:
-                delay = start[0] + (event.time_us - start[1]) / 1e6 / speed - time.monotonic()
+                delay = start + (event.time_us - start_us) / 1e6 / speed - time.monotonic()
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)

@@ -10,7 +10,7 @@ from gateway.lcm.tcpq import MAX_PATTERN_BYTES
 MAX_CLIENT_STEPS: Final = 2 * MAX_STEPS
 """Maximum steps for all patterns of one client together, since a new channel is matched with every pattern.
 
-A repetition costs more on a channel name of more than 63 characters; patterns beyond this number are then skipped."""
+On channel names of more than 63 characters repetitions cost more; patterns beyond the maximum are then skipped."""
 
 
 class Subscriptions:
@@ -29,9 +29,9 @@ class Subscriptions:
         Raises:
             PatternError: the pattern is not supported, or a limit is exceeded.
         """
-        known = self._patterns.get(text)
-        if known is not None:
-            self._patterns[text] = (known[0], known[1] + 1)
+        if text in self._patterns:
+            pattern, count = self._patterns[text]
+            self._patterns[text] = (pattern, count + 1)
             return None
         if len(self._patterns) >= self._max_patterns:
             raise PatternError(f"the client has {self._max_patterns} subscriptions already")
@@ -57,7 +57,7 @@ class Subscriptions:
             self._steps -= pattern.steps(CHANNEL_CHARS)
 
     def match(self, channel: str) -> bool:
-        """Return whether one of the subscriptions matches."""
+        """Return True if one of the subscriptions matches."""
         remaining = MAX_CLIENT_STEPS
         for pattern, _ in self._patterns.values():
             steps = pattern.steps(len(channel))

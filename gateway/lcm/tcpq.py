@@ -51,10 +51,10 @@ def publish_header(channel: str, size: int) -> bytes:
     return b"".join((_TWO_UINTS.pack(FrameType.PUBLISH, len(name)), name, _UINT.pack(size)))
 
 
-def subscription(kind: FrameType, pattern: str) -> bytes:
+def subscription_frame(frame_type: FrameType, pattern: str) -> bytes:
     """Return a SUBSCRIBE or UNSUBSCRIBE frame."""
     name = pattern.encode()
-    return _TWO_UINTS.pack(kind, len(name)) + name
+    return _TWO_UINTS.pack(frame_type, len(name)) + name
 
 
 class FrameParser:
@@ -85,25 +85,26 @@ class FrameParser:
         self.reserved = 0
         """Size of the big message being read, 0 if there is none."""
         self._scratch = bytearray(SCRATCH_BYTES)
-        self._view = memoryview(self._scratch)
-        self._begin = 0
-        self._end = 0
+        self._scratch_view = memoryview(self._scratch)
+        self._parsed_end = 0
+        self._received_end = 0
+        """Bytes of the buffer between the two are received but not parsed yet."""
         self._hello_received = False
-        self._channel = ""
-        self._big: memoryview | None = None
-        self._filled = 0
+        self._big_channel = ""
+        self._big_message: memoryview | None = None
+        self._big_received = 0
 
     def buffer(self) -> memoryview:
         """Return the memory for the next bytes."""
-        if self._big is not None:
-            return self._big[self._filled : self._filled + MAX_READ_BYTES]
-        if self._begin == self._end:
-            self._begin = self._end = 0
-        elif self._end == SCRATCH_BYTES:
-            unread = self._end - self._begin
-            self._view[:unread] = self._view[self._begin : self._end]
-            self._begin, self._end = 0, unread
-        return self._view[self._end :]
+        if self._big_message is not None:
+            return self._big_message[self._big_received : self._big_received + MAX_READ_BYTES]
+        if self._parsed_end == self._received_end:
+            self._parsed_end = self._received_end = 0
+        elif self._received_end == SCRATCH_BYTES:
+            unread = self._received_end - self._parsed_end
+            self._scratch_view[:unread] = self._scratch_view[self._parsed_end : self._received_end]
+            self._parsed_end, self._received_end = 0, unread
+        return self._scratch_view[self._received_end :]
 
     def received(self, count: int) -> None:
         """Parse ``count`` bytes that were written to ``buffer()``.
@@ -111,34 +112,34 @@ class FrameParser:
         Raises:
             FrameError: the connection cannot be used any more.
         """
-        if self._big is not None:
-            self._filled += count
-            if self._filled == len(self._big):
-                data, self._big, self._filled = self._big, None, 0
+        if self._big_message is not None:
+            self._big_received += count
+            if self._big_received == len(self._big_message):
+                data, self._big_message, self._big_received = self._big_message, None, 0
                 self._reserve(-self.reserved)
                 self.reserved = 0
-                self._on_frame(FrameType.PUBLISH, self._channel, data)
+                self._on_frame(FrameType.PUBLISH, self._big_channel, data)
             return
-        self._end += count
-        while self._parse_one():
+        self._received_end += count
+        while self._parse_frame():
             pass
 
-    def _parse_one(self) -> bool:
+    def _parse_frame(self) -> bool:
         """Parse one frame; return False if more bytes are needed."""
-        position, available = self._begin, self._end - self._begin
+        position, available = self._parsed_end, self._received_end - self._parsed_end
         if available < _TWO_UINTS.size:
             return False
-        kind, length = _TWO_UINTS.unpack_from(self._scratch, position)
+        frame_type, length = _TWO_UINTS.unpack_from(self._scratch, position)
         if not self._hello_received:
-            if kind != self._magic:
+            if frame_type != self._magic:
                 raise FrameError(
-                    f"the peer begins with {kind:08x} instead of {self._magic:08x}: it does not speak TCPQ"
+                    f"the peer begins with {frame_type:08x} instead of {self._magic:08x}: it does not speak TCPQ"
                 )
             self._hello_received = True
-            self._begin += _TWO_UINTS.size
+            self._parsed_end += _TWO_UINTS.size
             return True
-        if not FrameType.PUBLISH <= kind <= FrameType.UNSUBSCRIBE:
-            raise FrameError(f"frame type {kind} does not exist")
+        if not FrameType.PUBLISH <= frame_type <= FrameType.UNSUBSCRIBE:
+            raise FrameError(f"frame type {frame_type} does not exist")
         if length > MAX_NAME_BYTES:
             raise FrameError(f"a channel of {length} bytes, {MAX_NAME_BYTES} are possible")
         position += _TWO_UINTS.size
@@ -149,32 +150,32 @@ class FrameParser:
         except UnicodeDecodeError:
             raise FrameError("a channel that is not text") from None
         position += length
-        if kind != FrameType.PUBLISH:
-            self._begin = position
-            self._on_frame(FrameType(kind), channel, b"")
+        if frame_type != FrameType.PUBLISH:
+            self._parsed_end = position
+            self._on_frame(FrameType(frame_type), channel, b"")
             return True
-        if self._end - position < _UINT.size:
+        if self._received_end - position < _UINT.size:
             return False
         (size,) = _UINT.unpack_from(self._scratch, position)
         if size > self._max_message:
             raise FrameError(f"a message of {size} bytes, {self._max_message} are allowed")
         position += _UINT.size
-        if self._end - position >= size:
-            self._begin = position + size
-            self._on_frame(FrameType.PUBLISH, channel, bytes(self._view[position : position + size]))
+        if self._received_end - position >= size:
+            self._parsed_end = position + size
+            self._on_frame(FrameType.PUBLISH, channel, bytes(self._scratch_view[position : position + size]))
             return True
-        if position - self._begin + size > SCRATCH_BYTES // 2:
-            self._begin_big(channel, size, position)
+        if position - self._parsed_end + size > SCRATCH_BYTES // 2:
+            self._start_big_message(channel, size, position)
         return False
 
-    def _begin_big(self, channel: str, size: int, position: int) -> None:
+    def _start_big_message(self, channel: str, size: int, position: int) -> None:
         """Read the rest of a message, whose data begins at ``position``, into memory of its own."""
         if not self._reserve(size):
             raise FrameError("too much is on its way already")
         self.reserved = size
         # the kernel backs these pages only when they are written, so a false size costs nothing
-        self._big = np.empty(size, np.uint8).data
-        self._filled = self._end - position
-        self._big[: self._filled] = self._view[position : self._end]
-        self._channel = channel
-        self._begin = self._end = 0
+        self._big_message = np.empty(size, np.uint8).data
+        self._big_received = self._received_end - position
+        self._big_message[: self._big_received] = self._scratch_view[position : self._received_end]
+        self._big_channel = channel
+        self._parsed_end = self._received_end = 0

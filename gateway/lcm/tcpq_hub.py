@@ -38,7 +38,7 @@ MAX_JOINED_BYTES: Final = 16 * 1024
 OnClientMessage = Callable[["HubConnection", str, "bytes | memoryview"], None]
 
 
-class Hub:
+class TcpqHub:
     """Listens for clients and relays their messages by subscription."""
 
     def __init__(
@@ -123,7 +123,7 @@ class Hub:
         return True
 
     def subscriptions_changed(self) -> None:
-        """Forget the cached subscribers."""
+        """Clear the cache of subscribers."""
         self._subscribers.clear()
 
     def greet(self, connection: HubConnection, pattern: Pattern) -> None:
@@ -132,7 +132,7 @@ class Hub:
         if pattern.matches(channel):
             connection.send(channel, message)
 
-    def received(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
+    def handle_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         """Handle a message that a client published: pass it to the owner, then to the other clients."""
         if _is_too_long(channel):
             if not self.dropped:
@@ -164,7 +164,7 @@ def _is_too_long(channel: str) -> bool:
 class HubConnection(asyncio.BufferedProtocol):
     """Connection to one client of the hub."""
 
-    def __init__(self, hub: Hub) -> None:
+    def __init__(self, hub: TcpqHub) -> None:
         self._hub = hub
         self._parser = FrameParser(MAGIC_CLIENT, hub.config.message_bytes + 1024, self._on_frame, hub.reserve)
         self._transport: asyncio.Transport | None = None
@@ -245,18 +245,18 @@ class HubConnection(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def _acknowledge(self) -> None:
-        """Acknowledge received bytes at once, an option that Linux resets, so it is set on every read.
+        """Acknowledge received bytes at once. Linux resets this option, so it is set on every read.
 
-        liblcm sends each integer of a frame by itself, and Nagle's algorithm delays it until the one before is
-        acknowledged: 44 ms a round trip instead of 0.3 ms.
+        liblcm sends each integer of a frame separately, and Nagle's algorithm holds back each until the previous one
+        is acknowledged: 44 ms a round trip instead of 0.3 ms.
         """
         if self._socket is not None:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
-    def _on_frame(self, kind: FrameType, channel: str, data: bytes | memoryview) -> None:
-        match kind:
+    def _on_frame(self, frame_type: FrameType, channel: str, data: bytes | memoryview) -> None:
+        match frame_type:
             case FrameType.PUBLISH:
-                self._hub.received(self, channel, data)
+                self._hub.handle_message(self, channel, data)
             case FrameType.SUBSCRIBE:
                 self._subscribe(channel)
             case FrameType.UNSUBSCRIBE:

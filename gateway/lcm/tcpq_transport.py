@@ -14,19 +14,27 @@ from urllib.parse import urlsplit
 
 import structlog
 
-from gateway.lcm.tcpq import CLIENT_HELLO, MAGIC_HUB, FrameError, FrameParser, FrameType, publish_header, subscription
+from gateway.lcm.tcpq import (
+    CLIENT_HELLO,
+    MAGIC_HUB,
+    FrameError,
+    FrameParser,
+    FrameType,
+    publish_header,
+    subscription_frame,
+)
 from gateway.lcm.transport import LcmUnavailableError, OnMessage
 
 _log = structlog.get_logger("gateway.lcm")
 
-PORT: Final = 7700
+DEFAULT_PORT: Final = 7700
 """liblcm's default."""
 RETRY_SECONDS: Final = 1.0
 CONNECT_SECONDS: Final = 10.0
 DRAIN_SECONDS: Final = 0.005
 """Interval at which ``drain`` checks the queue."""
 FINISH_SECONDS: Final = 10.0
-"""Time that ``finish`` gives the hub to close the connection."""
+"""Maximum time until the hub closes the connection after ``finish``."""
 MAX_UNSENT_BYTES: Final = 512 * 1024 * 1024
 """Maximum bytes queued for the hub; further messages are refused."""
 
@@ -46,7 +54,7 @@ class TcpqTransport:
         self.url = url
         parts = urlsplit(url)
         try:
-            self.host, self.port = parts.hostname or "127.0.0.1", parts.port or PORT
+            self.host, self.port = parts.hostname or "127.0.0.1", parts.port or DEFAULT_PORT
         except ValueError:
             raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number") from None
         self._pattern = pattern
@@ -142,7 +150,7 @@ class _Connection(asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
-        self._transport.write(CLIENT_HELLO + subscription(FrameType.SUBSCRIBE, self._pattern))
+        self._transport.write(CLIENT_HELLO + subscription_frame(FrameType.SUBSCRIBE, self._pattern))
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
@@ -178,6 +186,6 @@ class _Connection(asyncio.BufferedProtocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def _on_frame(self, kind: FrameType, channel: str, data: bytes | memoryview) -> None:
-        if kind is FrameType.PUBLISH:
+    def _on_frame(self, frame_type: FrameType, channel: str, data: bytes | memoryview) -> None:
+        if frame_type is FrameType.PUBLISH:
             self._on_message(channel, data)

@@ -22,7 +22,7 @@ class Transport(Protocol):
         """Receive messages from now on, in the running event loop.
 
         Args:
-            on_connect: called after every connect; at once where there is no connection to wait for.
+            on_connect: called after every connect; at once if the transport is connectionless.
         """
 
     def publish(self, channel: str, message: bytes) -> None:
@@ -44,7 +44,7 @@ class Transport(Protocol):
         """Wait until the network has taken all published messages. Publish nothing afterwards."""
 
     async def close(self) -> None:
-        """Leave the network."""
+        """Disconnect from the network."""
 
     def status(self) -> dict[str, object]:
         """Return the URL, counters and, if there is one, a ``warning``, as plain JSON values."""

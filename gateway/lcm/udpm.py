@@ -11,8 +11,8 @@ import struct
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-SHORT: Final = b"LC02"
-LONG: Final = b"LC03"
+SHORT_MAGIC: Final = b"LC02"
+LONG_MAGIC: Final = b"LC03"
 MAX_SHORT_BYTES: Final = 65_499
 """Channel, NUL and data in one datagram (LCM_SHORT_MESSAGE_MAX_SIZE)."""
 MAX_FRAGMENT_BYTES: Final = 65_487
@@ -26,7 +26,7 @@ _FRAGMENT_HEADER: Final = struct.Struct(">4sIIIHH")
 
 
 class Message(NamedTuple):
-    """One message."""
+    """Complete message."""
 
     channel: str
     data: bytes | memoryview
@@ -36,13 +36,13 @@ class Fragment(NamedTuple):
     """One fragment of a long message."""
 
     sequence: int
-    size: int
+    message_size: int
     """Bytes of the whole message."""
     offset: int
     """Position of ``payload`` in the message, in bytes."""
-    number: int
-    """Index of the fragment."""
-    fragments: int
+    fragment_index: int
+    """Position in the order of the message's fragments."""
+    fragment_count: int
     """Number of fragments of the message."""
     channel: bytes | None
     """Channel name; only the first fragment has it."""
@@ -61,7 +61,7 @@ def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes |
             f"LCM's channel names have at most {MAX_CHANNEL_BYTES} characters, {channel!r} has {len(name) - 1}"
         )
     if len(name) + len(data) <= MAX_SHORT_BYTES:
-        yield [_SHORT_HEADER.pack(SHORT, sequence), name, data]
+        yield [_SHORT_HEADER.pack(SHORT_MAGIC, sequence), name, data]
         return
     count = -(-(len(name) + len(data)) // MAX_FRAGMENT_BYTES)
     if count > MAX_FRAGMENTS:
@@ -69,7 +69,7 @@ def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes |
     view = memoryview(data)
     offset = 0
     for index in range(count):
-        header = _FRAGMENT_HEADER.pack(LONG, sequence, len(data), offset, index, count)
+        header = _FRAGMENT_HEADER.pack(LONG_MAGIC, sequence, len(data), offset, index, count)
         size = MAX_FRAGMENT_BYTES - (len(name) if index == 0 else 0)
         yield [header, *([name] if index == 0 else []), view[offset : offset + size]]
         offset += size

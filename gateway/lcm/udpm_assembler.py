@@ -1,4 +1,4 @@
-"""Put messages together from UDP datagrams that arrive in any order, incomplete or more than once."""
+"""Reassemble messages from UDP datagrams that arrive in any order, incomplete or more than once."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from gateway.lcm import udpm
 
 STALE_SECONDS: Final = 5.0
-"""A message that got no fragment for this time is discarded."""
+"""A message is discarded if no fragment of it arrives for this time."""
 MIN_FRAGMENT_BYTES: Final = 512
 """Minimum average size of a message's fragments. Real ones have 65,487 bytes, 1423 on macOS. Each fragment costs 300
 bytes of bookkeeping, which no other limit counts."""
 MAX_COMPLETED: Final = 256
-"""Completed messages remembered to recognise repeated datagrams; some routes deliver each datagram twice."""
+"""Number of completed messages kept to recognise repeated datagrams; some routes deliver each datagram twice."""
 MAX_PARTIAL: Final = 1024
 """Maximum number of incomplete messages; liblcm has 1000."""
 
@@ -25,18 +25,19 @@ Address = tuple[str, int]
 
 
 @dataclass(slots=True, eq=False)
-class _Partial:
+class _PartialMessage:
     """A long message with some of its fragments."""
 
     data: memoryview | None
     """None: the channel is not wanted, so fragments are only counted."""
     size: int
-    fragments: int
+    fragment_count: int
     updated: float
+    """Seconds of the assembler's clock at which the last fragment arrived."""
     channel: str = ""
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Begin and end of each received fragment in ``data``, by index."""
-    ignored: int = 0
+    ignored_fragments: int = 0
     """Number of received fragments of an unwanted message."""
 
 
@@ -55,7 +56,7 @@ class Assembler:
         self._max_message = max_message
         self._max_bytes = max_bytes
         self._clock = clock
-        self._partials: dict[tuple[Address, int], _Partial] = {}
+        self._partials: dict[tuple[Address, int], _PartialMessage] = {}
         self.completed: dict[tuple[Address, int], tuple[int, int, float]] = {}
         """Size, number of fragments and time of the last completed messages, oldest first."""
         self.waiting_bytes = 0
@@ -67,9 +68,9 @@ class Assembler:
 
     def receive(self, datagram: bytes, sender: Address) -> udpm.Message | None:
         """Take a datagram and return the message that it completes, if any."""
-        if datagram.startswith(udpm.SHORT):
+        if datagram.startswith(udpm.SHORT_MAGIC):
             return udpm.parse_short(datagram, self._prefix)
-        fragment = udpm.parse_fragment(datagram) if datagram.startswith(udpm.LONG) else None
+        fragment = udpm.parse_fragment(datagram) if datagram.startswith(udpm.LONG_MAGIC) else None
         return None if fragment is None else self._add(fragment, (sender, fragment.sequence))
 
     def discard_stale(self) -> None:
@@ -79,9 +80,9 @@ class Assembler:
             self._discard(key)
 
     def _add(self, fragment: udpm.Fragment, key: tuple[Address, int]) -> udpm.Message | None:
-        size, count = fragment.size, fragment.fragments
+        size, count = fragment.message_size, fragment.fragment_count
         partial = self._partials.get(key)
-        if partial is not None and (partial.size, partial.fragments) != (size, count):
+        if partial is not None and (partial.size, partial.fragment_count) != (size, count):
             self._discard(key)
             partial = None
         wanted = fragment.channel is None or fragment.channel.startswith(self._prefix)
@@ -91,43 +92,43 @@ class Assembler:
         if partial is None:
             if self._is_repeated(key, size, count):
                 return None
-            partial = self._begin(key, size, count)
+            partial = self._add_partial(key, size, count)
         if fragment.channel is not None:
             partial.channel = fragment.channel.decode("utf-8", "replace")
             if not wanted:
                 self._release(partial)
         partial.updated = self._clock()
         if partial.data is None:
-            partial.ignored += 1
-            if partial.ignored >= count:
+            partial.ignored_fragments += 1
+            if partial.ignored_fragments >= count:
                 del self._partials[key]
-                self._remember(key, partial)
+                self._add_completed(key, partial)
             return None
-        if fragment.number in partial.spans:
+        if fragment.fragment_index in partial.spans:
             return None
         end = fragment.offset + len(fragment.payload)
-        partial.spans[fragment.number] = (fragment.offset, end)
+        partial.spans[fragment.fragment_index] = (fragment.offset, end)
         partial.data[fragment.offset : end] = fragment.payload
         return self._complete(key, partial, partial.data) if len(partial.spans) == count else None
 
-    def _begin(self, key: tuple[Address, int], size: int, count: int) -> _Partial:
+    def _add_partial(self, key: tuple[Address, int], size: int, count: int) -> _PartialMessage:
         now = self._clock()
-        for oldest, other in tuple(self._partials.items()):
+        for oldest_key, oldest in tuple(self._partials.items()):
             full = len(self._partials) >= MAX_PARTIAL or self.waiting_bytes + size > self._max_bytes
-            if not full and now - other.updated < STALE_SECONDS:
+            if not full and now - oldest.updated < STALE_SECONDS:
                 break
-            self._discard(oldest)
+            self._discard(oldest_key)
         # the kernel backs these pages only when they are written, so a false size costs nothing
-        partial = self._partials[key] = _Partial(np.empty(size, np.uint8).data, size, count, now)
+        partial = self._partials[key] = _PartialMessage(np.empty(size, np.uint8).data, size, count, now)
         self.waiting_bytes += size
         return partial
 
-    def _complete(self, key: tuple[Address, int], partial: _Partial, data: memoryview) -> udpm.Message | None:
+    def _complete(self, key: tuple[Address, int], partial: _PartialMessage, data: memoryview) -> udpm.Message | None:
         """Return the message, or None if its fragments leave gaps, which would expose uninitialised memory."""
         del self._partials[key]
         spans = sorted(partial.spans.values())
         self._release(partial)
-        self._remember(key, partial)
+        self._add_completed(key, partial)
         position = 0
         for begin, end in spans:
             if begin != position:
@@ -135,17 +136,18 @@ class Assembler:
             position = end
         return udpm.Message(partial.channel, data) if position == partial.size else None
 
-    def _remember(self, key: tuple[Address, int], partial: _Partial) -> None:
+    def _add_completed(self, key: tuple[Address, int], partial: _PartialMessage) -> None:
         if len(self.completed) >= MAX_COMPLETED:
             del self.completed[next(iter(self.completed))]
-        self.completed[key] = (partial.size, partial.fragments, partial.updated)
+        self.completed[key] = (partial.size, partial.fragment_count, partial.updated)
 
     def _is_repeated(self, key: tuple[Address, int], size: int, count: int) -> bool:
         """Return whether a fragment belongs to a message completed less than ``STALE_SECONDS`` ago."""
-        known = self.completed.get(key)
-        if known is None:
+        completed = self.completed.get(key)
+        if completed is None:
             return False
-        if known[:2] == (size, count) and self._clock() - known[2] < STALE_SECONDS:
+        completed_size, completed_count, completed_at = completed
+        if (completed_size, completed_count) == (size, count) and self._clock() - completed_at < STALE_SECONDS:
             return True
         del self.completed[key]
         return False
@@ -155,10 +157,10 @@ class Assembler:
         self.incomplete += partial.data is not None
         self._release(partial)
 
-    def _release(self, partial: _Partial) -> None:
-        """Free the message's memory and only count its fragments from now on."""
+    def _release(self, partial: _PartialMessage) -> None:
+        """Free the message's memory; its further fragments are only counted."""
         if partial.data is not None:
             self.waiting_bytes -= partial.size
             partial.data = None
-            partial.ignored = len(partial.spans)
+            partial.ignored_fragments = len(partial.spans)
             partial.spans = {}

@@ -13,7 +13,7 @@ from gateway.lcm import udpm
 
 _log = structlog.get_logger("gateway.lcm")
 
-MAX_SENT_BYTES: Final = 1024 * 1024
+MAX_SENT_AT_ONCE: Final = 1024 * 1024
 """Bytes sent from the queue before the event loop continues; about 0.5 ms."""
 DRAIN_SECONDS: Final = 0.005
 """Interval at which ``drain`` checks the queue."""
@@ -84,7 +84,7 @@ class UdpmSender:
 
     def _writable(self) -> None:
         sent = 0
-        while self._queue and sent < MAX_SENT_BYTES:
+        while self._queue and sent < MAX_SENT_AT_ONCE:
             datagram = self._queue[0]
             try:
                 if not self._try_send(datagram):

@@ -19,12 +19,12 @@ from gateway.lcm.transport import LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")
 
-ADDRESS: Final = "239.255.76.67"
-PORT: Final = 7667
-"""liblcm's defaults."""
+DEFAULT_ADDRESS: Final = "239.255.76.67"
+DEFAULT_PORT: Final = 7667
+"""liblcm's default, as is the address."""
 ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
 SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
-"""The channel of liblcm's own self test."""
+"""Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0
 
 
@@ -48,7 +48,7 @@ def parse_url(url: str) -> UdpmUrl:
     """
     parts = urlsplit(url)
     try:
-        address, port = parts.hostname or ADDRESS, PORT if parts.port is None else parts.port
+        address, port = parts.hostname or DEFAULT_ADDRESS, DEFAULT_PORT if parts.port is None else parts.port
     except ValueError:
         raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number of 0 to 65535") from None
     try:
@@ -107,7 +107,7 @@ def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: soc
         LcmUnavailableError: it cannot be sent, or does not come back.
     """
     deadline = time.monotonic() + SELF_TEST_SECONDS
-    datagram = b"".join((udpm.SHORT, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))
+    datagram = b"".join((udpm.SHORT_MAGIC, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))
     while time.monotonic() < deadline:
         try:
             sender.sendto(datagram, (network.address, network.port))

@@ -99,10 +99,10 @@ class UdpmTransport:
         if granted >= wanted:
             return ""
         limit = system_limit()
-        known = "" if limit is None else f" (it is {limit} now)"
+        current = "" if limit is None else f" (it is {limit} now)"
         warning = (
             f"LCM's receive buffer has {granted} bytes instead of {wanted}: larger messages "
-            f"and bursts can get lost; 'sysctl -w net.core.rmem_max={wanted}' allows more{known}"
+            f"and bursts can get lost; 'sysctl -w net.core.rmem_max={wanted}' allows more{current}"
         )
         _log.warning(warning)
         return warning
@@ -113,7 +113,7 @@ class UdpmTransport:
 
     def _read(self) -> None:
         """Move datagrams from the kernel, whose buffer may be small, to the queue."""
-        total = 0
+        read_bytes = 0
         for _ in range(MAX_READ):
             try:
                 datagram, sender = self._receiver.recvfrom(udpm.MAX_DATAGRAM_BYTES)
@@ -125,6 +125,6 @@ class UdpmTransport:
             message = self._assembler.receive(datagram, sender)
             if message is not None:
                 self.queue.put(message.channel, message.data)
-            total += len(datagram)
-            if total > MAX_READ_BYTES:
+            read_bytes += len(datagram)
+            if read_bytes > MAX_READ_BYTES:
                 return

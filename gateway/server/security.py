@@ -95,7 +95,7 @@ class Security:
         if _is_reachable(s.host):
             http_missing = _missing_protection(self.tls is not None, self.http is not None)
             yield "HTTP", f"{s.host} port {s.http_port}", http_missing
-            if not s.only or "stereo" in s.only:
+            if s.is_enabled("stereo"):
                 if s.rest_port is not None:
                     yield "The device's REST interface", f"{s.host} port {s.rest_port}", http_missing
                 grpc_missing = _missing_protection(
@@ -104,7 +104,7 @@ class Security:
                 # gRPC listens on IPv4 and IPv6 for the wildcard address of either.
                 grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - a message
                 yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", grpc_missing
-        if s.only and "treeviewer" not in s.only:
+        if not s.is_enabled("treeviewer"):
             return
         if s.tcpq_port is not None and _is_reachable(self.tcpq_host):
             yield "TCPQ", f"{self.tcpq_host} port {s.tcpq_port}", "TLS or a token, which its protocol does not have"

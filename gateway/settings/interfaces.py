@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples
+from gateway.settings.types import Color, InterfaceName, Interfaces, Paths, Port, PortOrOff, Samples
 
 
 class InterfaceSettings(BaseSettings):
@@ -86,3 +86,7 @@ class InterfaceSettings(BaseSettings):
         f"Folders from which mesh_file and package:// may read, separated by '{os.pathsep}'. Without it, none are "
         "read.",
     )
+
+    def is_enabled(self, interface: InterfaceName) -> bool:
+        """Return True if ``--only`` names the interface, or is not set."""
+        return not self.only or interface in self.only

@@ -8,6 +8,6 @@ A frame's way, in the order of the files:
   ``wire`` serialise.
 * ``hub`` delivers image sets to clients, ``events`` image events; ``server`` is the gRPC server.
 
-REST: ``node_routes``, ``system_routes``, ``upload``, ``truth`` and ``fault_routes``. ``pairs`` replaces the scene by
-recorded images.
+REST: ``node_routes``, ``system_routes``, ``upload``, ``truth`` and ``fault_routes``, on the base of ``rest_common``.
+``pairs`` replaces the scene by recorded images.
 """

@@ -30,35 +30,35 @@ class ExposureMemory:
 
 
 def choose_exposure(
-    dark: NDArray[np.float32],
-    bright: NDArray[np.float32],
+    unlit: NDArray[np.float32],
+    lit: NDArray[np.float32],
     *,
-    out1: bool,
+    out1_high: bool,
     settings: StreamSettings,
     memory: ExposureMemory,
 ) -> tuple[Exposure, float]:
     """Return the exposure of an image and ``out1_reduction``.
 
     Args:
-        dark: (h, w) float32, ``brightness_of`` the left image at 1/``DIVISOR`` of the resolution, without the light of
-            Out1.
-        bright: (h, w) float32, the same with the light of Out1.
-        out1: True if Out1 is high in this image.
+        unlit: (h, w) float32, ``brightness_of`` the left image at 1/``DIVISOR`` of the resolution, without the light of
+            the projector on Out1.
+        lit: (h, w) float32, the same with that light.
+        out1_high: True if Out1 is high in this image.
         settings: parameters of the frame.
         memory: state, changed.
     """
     limits, manual = settings.auto_exposure, settings.manual_exposure
     if limits is None:
         return manual, 0.0
-    dark, bright = (_metered_region(values, settings) for values in (dark, bright))
+    unlit, lit = _metered_region(unlit, settings), _metered_region(lit, settings)
     if settings.auto_exposure_mode == "AdaptiveOut1":
-        low, high = auto_exposure(dark, limits, manual), auto_exposure(bright, limits, manual)
+        low, high = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
         return high, min(max(1.0 - high.light / low.light, 0.0), 1.0)
     if settings.auto_exposure_mode == "Out1High":
-        if out1 or memory.out1_high is None:
-            memory.out1_high = auto_exposure(bright, limits, manual)
+        if out1_high or memory.out1_high is None:
+            memory.out1_high = auto_exposure(lit, limits, manual)
         return memory.out1_high, 0.0
-    return auto_exposure(bright if out1 or settings.alternate else dark, limits, manual), 0.0
+    return auto_exposure(lit if out1_high or settings.alternate_exposure else unlit, limits, manual), 0.0
 
 
 def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:

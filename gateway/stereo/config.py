@@ -1,4 +1,4 @@
-"""Configuration of the stereo camera, fixed from start to end."""
+"""Configuration of the stereo camera, fixed at start."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class StereoConfig:
     """Noise of images and disparity; False: disparity is exact up to its rounding, confidence is 1."""
     image_noise: float = 1.0
     """Factor of the image noise."""
-    d_eps: float = 0.25
-    """Standard deviation of the disparity in pixels of the full resolution (the manual's typical value)."""
+    disparity_error: float = 0.25
+    """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
     look: LookName = "pbr"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)
@@ -63,7 +63,7 @@ class StereoConfig:
     dot_light: float = 2.0
     """Light of a projected dot, relative to the scene's own."""
     mesh_rgb: bool = False
-    """Repeat the colours of meshes as red, green, blue: trimesh and Open3D ignore the device's diffuse_* names."""
+    """Write vertex colours a second time as red, green, blue: trimesh and Open3D ignore the device's diffuse_*."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"

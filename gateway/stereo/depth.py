@@ -64,12 +64,12 @@ def ground_truth_depth(
     focal_times_baseline = model.focal_times_baseline(divisor)
     disparity = true_disparity(left, right, focal_times_baseline, measurable_depths(model, settings))
     _clear_outside_region(disparity, settings)
-    sigma = config.d_eps / divisor / settings.averaged_images**0.5 if config.noise else 0.0
+    sigma = config.disparity_error / divisor / settings.averaged_images**0.5 if config.noise else 0.0
     error_scale = choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth))
     key = frame_key(config.seed, frame_number, NoiseStream.DISPARITY)
     images = add_errors(disparity, sigma, key, error_scale)
     if not config.noise:
-        # Every hole is one of the geometry, so segments and holes stay as they are.
+        # Holes come from the geometry alone, so small segments and holes stay.
         filters = replace(filters, minconf=0.0, seg=0, fill=0)
     apply_filters(images, filters, focal_times_baseline, divisor)
     return images
@@ -97,16 +97,16 @@ def matched_depth(
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
-        others = _match_region(dark_pair, disparity_count, _noise_sigma(dark_pair, config, settings), settings)
+        second_images = _match_region(dark_pair, disparity_count, _noise_sigma(dark_pair, config, settings), settings)
     else:
-        others = _match_half_resolution(pair, disparity_count, _noise_sigma(pair, config, settings))
-        _clear_outside_region(others.disparity, settings)
-    for each in (images, others):
-        apply_filters(each, replace(filters, fill=0), focal_times_baseline, divisor)
+        second_images = _match_half_resolution(pair, disparity_count, _noise_sigma(pair, config, settings))
+        _clear_outside_region(second_images.disparity, settings)
+    for measured in (images, second_images):
+        apply_filters(measured, replace(filters, fill=0), focal_times_baseline, divisor)
     holes = images.disparity == 0
-    np.copyto(images.disparity, others.disparity, where=holes)
-    np.copyto(images.error, others.error, where=holes)
-    np.copyto(images.confidence, others.confidence, where=holes)
+    np.copyto(images.disparity, second_images.disparity, where=holes)
+    np.copyto(images.error, second_images.error, where=holes)
+    np.copyto(images.confidence, second_images.confidence, where=holes)
     if filters.fills:
         fill_holes(images, filters.fill)
     return images
@@ -124,20 +124,23 @@ def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, s
         return match_pair(left, right, disparity_count, noise_sigma)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
-    whole = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
+    full_size = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
     if rows.start >= height or columns.start >= width:
-        return whole
+        return full_size
     # Points at the region's left edge lie up to `disparity_count` columns farther left in the right image.
     first_column = max(columns.start - disparity_count, 0)
-    searched = np.s_[rows, first_column : columns.stop]
-    part = match_pair(
-        np.ascontiguousarray(left[searched]), np.ascontiguousarray(right[searched]), disparity_count, noise_sigma
+    search_window = np.s_[rows, first_column : columns.stop]
+    region_images = match_pair(
+        np.ascontiguousarray(left[search_window]),
+        np.ascontiguousarray(right[search_window]),
+        disparity_count,
+        noise_sigma,
     )
-    inside = np.s_[:, columns.start - first_column :]
-    whole.disparity[rows, columns] = part.disparity[inside]
-    whole.error[rows, columns] = part.error[inside]
-    whole.confidence[rows, columns] = part.confidence[inside]
-    return whole
+    region_columns = np.s_[:, columns.start - first_column :]
+    full_size.disparity[rows, columns] = region_images.disparity[region_columns]
+    full_size.error[rows, columns] = region_images.error[region_columns]
+    full_size.confidence[rows, columns] = region_images.confidence[region_columns]
+    return full_size
 
 
 def _match_half_resolution(pair: MatcherPair, disparity_count: int, noise_sigma: float) -> DepthImages:
@@ -145,17 +148,17 @@ def _match_half_resolution(pair: MatcherPair, disparity_count: int, noise_sigma:
     height, width = pair.left.image.shape
     half_size = (-(-width // 2), -(-height // 2))
     left, right = (
-        np.asarray(cv2.resize(each.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
-        for each in (pair.left, pair.right)
+        np.asarray(cv2.resize(view.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
+        for view in (pair.left, pair.right)
     )
     half = match_pair(left, right, -(-disparity_count // 2), noise_sigma / 2)
 
-    def enlarged(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
-        large = np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)[:height, :width]
-        return np.ascontiguousarray(large.astype(np.uint16) * factor)
+    def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
+        enlarged = np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)[:height, :width]
+        return np.ascontiguousarray(enlarged.astype(np.uint16) * factor)
 
-    error = np.minimum(enlarged(half.error, 2), 255).astype(np.uint8)
-    return DepthImages(enlarged(half.disparity, 2), error, enlarged(half.confidence, 1).astype(np.uint8))
+    error = np.minimum(enlarge(half.error, 2), 255).astype(np.uint8)
+    return DepthImages(enlarge(half.disparity, 2), error, enlarge(half.confidence, 1).astype(np.uint8))
 
 
 def _clear_outside_region(disparity: NDArray[np.float32] | NDArray[np.uint16], settings: StreamSettings) -> None:

@@ -38,14 +38,14 @@ def service_info(node: str, name: str) -> dict[str, Any]:
     return {"name": name, "description": SERVICES[node][name], "args": {}, "response": {}}
 
 
-def status(service: StereoService, node: str) -> dict[str, Any]:
+def node_status(service: StereoService, node: str) -> dict[str, Any]:
     """Return the device's NodeStatus. All values are strings."""
-    read = {"rc_camera": _camera_status, "rc_stereomatching": _matching_status, "rc_iocontrol": _io_status}[node]
-    values = {name: _status_text(value) for name, value in read(service).items()}
+    read_values = {"rc_camera": _camera_status, "rc_stereomatching": _matching_status, "rc_iocontrol": _io_status}[node]
+    values = {name: _status_text(value) for name, value in read_values(service).items()}
     return {"status": "running", "timestamp": time.time(), "values": values}
 
 
-def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
+def call_service(service: StereoService, node: str, name: str) -> dict[str, Any]:
     """Call a service and return the device's response."""
     actions: dict[str, Callable[[], dict[str, Any]]] = {
         "reset_defaults": lambda: _reset(service, node),
@@ -55,7 +55,7 @@ def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
     return {"name": name, "response": actions[name]()}
 
 
-def system(services: Sequence[StereoService]) -> dict[str, Any]:
+def system_info(services: Sequence[StereoService]) -> dict[str, Any]:
     """Return the device's SysInfo, with the values of the first pipeline where there can be only one."""
     service = services[0]
     config = service.config
@@ -138,15 +138,15 @@ def _camera_status(service: StereoService) -> dict[str, object]:
 def _matching_status(service: StereoService) -> dict[str, object]:
     settings, model, counts = service.settings, service.config.model, service.counts
     divisor, filters = settings.quality.divisor, settings.filters
-    k = model.intrinsics(divisor)
+    intrinsics = model.intrinsics(divisor)
     subscribed = any(kind.has_depth for kind in service.hub.kinds())
     return {
         "fps": settings.depth_rate if subscribed and not settings.single_frame else 0.0,
         "latency": counts.depth_seconds,
         "time_matching": counts.depth_seconds,
         "time_postprocessing": 0.0,
-        "width": k.width,
-        "height": k.height,
+        "width": intrinsics.width,
+        "height": intrinsics.height,
         "mindepth": model.nearest_depth(filters.mindepth, filters.maxdepth, divisor),
         "maxdepth": filters.maxdepth,
         "reduced_depth_range": int(model.has_reduced_range(filters.mindepth, filters.maxdepth, divisor)),

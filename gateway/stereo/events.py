@@ -14,16 +14,16 @@ from gateway.stereo.messages import time_message
 class EventHub:
     """Event queues of all clients. A client that does not read misses the oldest events."""
 
-    def __init__(self, max_clients: int, length: int) -> None:
+    def __init__(self, max_clients: int, max_events: int) -> None:
         """
         Args:
             max_clients: maximum number of clients.
-            length: maximum number of events in a client's queue.
+            max_events: maximum number of events in a client's queue.
         """
         self._max_clients = max_clients
-        self._length = length
+        self._max_events = max_events
         self._queues: dict[asyncio.Queue[bytes], bool] = {}
-        """Queues of all clients; False: the client has requested no event."""
+        """By client's queue: True if the client has requested the event."""
 
     def __len__(self) -> int:
         return len(self._queues)
@@ -37,24 +37,25 @@ class EventHub:
         """
         if len(self._queues) >= self._max_clients:
             raise LimitError(f"{self._max_clients} event streams are open already, the limit (max_clients)")
-        queue: asyncio.Queue[bytes] = asyncio.Queue(self._length)
+        queue: asyncio.Queue[bytes] = asyncio.Queue(self._max_events)
         self._queues[queue] = depth_acquisition_done
         try:
             yield queue
         finally:
             del self._queues[queue]
 
-    def depth_acquisition_done(self, imageset: int, now: int) -> None:
+    def depth_acquisition_done(self, imageset_timestamp: int, event_timestamp: int) -> None:
         """Send the event to every client that has requested it.
 
         Args:
-            imageset: timestamp of the image set, nanoseconds.
-            now: timestamp of the event, nanoseconds.
+            imageset_timestamp: nanoseconds.
+            event_timestamp: nanoseconds.
         """
         if not self._queues:
             return
         event = pb.ImageEvents(
-            imageset_timestamp=time_message(imageset), depth_acquisition_done=pb.Event(timestamp=time_message(now))
+            imageset_timestamp=time_message(imageset_timestamp),
+            depth_acquisition_done=pb.Event(timestamp=time_message(event_timestamp)),
         )
         data = event.SerializeToString()
         for queue, requested in self._queues.items():

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import msgspec
-from fastapi import APIRouter, Query, Request
-from fastapi.responses import JSONResponse
+from fastapi import APIRouter, Request
 
-from gateway.server.openapi import Responses, example, json_example
-from gateway.stereo.faults import CUT_REASON, Faults
-from gateway.stereo.rest_errors import RestError, read_body
+from gateway.server.openapi import example, json_example
+from gateway.stereo.faults import CUT_REASON, FaultInjector, Faults
+from gateway.stereo.rest_common import (
+    Pipeline,
+    RestError,
+    error_responses,
+    find_pipeline,
+    read_body,
+    with_error_responses,
+)
 from gateway.stereo.service import StereoService
 
 MAX_BODY: Final = 4096
 """Maximum size of a body, bytes. All fields together take two hundred."""
 FAULTS_OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
-_MESSAGE: Final = {"type": "object", "required": ["message"], "properties": {"message": {"type": "string"}}}
-
-
-def _error_responses(*statuses: int) -> Responses:
-    """Return the error responses of a route."""
-    texts = {
-        400: "Invalid body; the message is the reason.",
-        403: "Fault injection is off (--stereo-faults).",
-        404: "There is no such pipeline.",
-        413: "The body is too large.",
-    }
-    content = {"application/json": {"schema": _MESSAGE}}
-    return {status: {"description": texts[status], "content": dict(content)} for status in statuses}
-
-
-_SHOWN: Final = {**msgspec.to_builtins(Faults(drop=0.1, delay=0.5)), "dropped": 12}
+_EXAMPLE_STATUS: Final = {**msgspec.to_builtins(Faults(drop=0.1, delay=0.5)), "dropped": 12}
 _BODY: Final = {
     "requestBody": {
         "required": True,
@@ -46,69 +37,65 @@ _BODY: Final = {
     }
 }
 
-Pipeline = Annotated[
-    int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
-]
+_NOT_AVAILABLE: Final = error_responses(
+    {403: "Fault injection is off (--stereo-faults).", 404: "There is no such pipeline."}
+)
+_INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the reason.", 413: "The body is too large."})
 
 
 def fault_router(*services: StereoService) -> APIRouter:
     """Return the routes: GET, PUT and DELETE of ``/stereo/faults``, and ``POST …/disconnect``, which cuts every
     stream."""
-    api = APIRouter(tags=["Stereo camera"], responses=_error_responses(403, 404))
+    api = APIRouter(tags=["Stereo camera"], responses=_NOT_AVAILABLE)
 
-    def find(pipeline: int) -> StereoService | JSONResponse:
-        if pipeline >= len(services):
-            return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)
-        service = services[pipeline]
-        return service if service.config.faults else JSONResponse({"message": FAULTS_OFF}, 403)
+    def find_service(pipeline: int) -> StereoService:
+        service = find_pipeline(services, pipeline)
+        if not service.config.faults:
+            raise RestError(403, FAULTS_OFF)
+        return service
 
-    def shown(service: StereoService) -> dict[str, Any]:
-        injector = service.injector
-        return {**msgspec.to_builtins(injector.faults), "dropped": injector.dropped}
-
-    @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_SHOWN))
-    async def get(pipeline: Pipeline = 0) -> Any:
-        service = find(pipeline)
-        return service if isinstance(service, JSONResponse) else shown(service)
+    @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
+    @with_error_responses
+    async def get_faults(pipeline: Pipeline = 0) -> Any:
+        return _status(find_service(pipeline).injector)
 
     @api.put(
         "/stereo/faults",
         summary="Inject faults",
-        responses=json_example(_SHOWN) | _error_responses(400, 413),
+        responses=json_example(_EXAMPLE_STATUS) | _INVALID_BODY,
         openapi_extra=_BODY,
     )
-    async def put(request: Request, pipeline: Pipeline = 0) -> Any:
-        service = find(pipeline)
-        if isinstance(service, JSONResponse):
-            return service
+    @with_error_responses
+    async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
+        injector = find_service(pipeline).injector
         try:
-            service.injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
-        except RestError as error:
-            return JSONResponse({"message": str(error)}, error.status)
+            injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
         except msgspec.DecodeError as error:
-            return JSONResponse({"message": f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}'}, 400)
-        return shown(service)
+            raise RestError(400, f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}') from None
+        return _status(injector)
 
     @api.delete(
         "/stereo/faults",
         summary="End all faults",
         responses=json_example({**msgspec.to_builtins(Faults()), "dropped": 12}),
     )
-    async def delete(pipeline: Pipeline = 0) -> Any:
-        service = find(pipeline)
-        if isinstance(service, JSONResponse):
-            return service
-        service.injector.set(Faults())
-        return shown(service)
+    @with_error_responses
+    async def delete_faults(pipeline: Pipeline = 0) -> Any:
+        injector = find_service(pipeline).injector
+        injector.set(Faults())
+        return _status(injector)
 
     @api.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
+    @with_error_responses
     async def disconnect(pipeline: Pipeline = 0) -> Any:
-        service = find(pipeline)
-        if isinstance(service, JSONResponse):
-            return service
-        streams = len(service.hub)
-        for kind in service.hub.kinds():
-            service.hub.end_streams(kind, CUT_REASON)
+        hub = find_service(pipeline).hub
+        streams = len(hub)
+        for kind in hub.kinds():
+            hub.end_streams(kind, CUT_REASON)
         return {"streams": streams}
 
     return api
+
+
+def _status(injector: FaultInjector) -> dict[str, Any]:
+    return {**msgspec.to_builtins(injector.faults), "dropped": injector.dropped}

@@ -93,8 +93,8 @@ class FaultInjector:
         loop.call_at(due, self._publish_late, len(data), publish)
 
     def _is_dropped(self, frame_number: int) -> bool:
-        share = self.faults.drop
-        return share > 0.0 and (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53 < share
+        uniform = (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53
+        return uniform < self.faults.drop
 
     def _publish_late(self, nbytes: int, publish: Callable[[], None]) -> None:
         self._late_bytes -= nbytes

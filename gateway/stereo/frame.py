@@ -1,4 +1,4 @@
-"""One frame: every image, mesh and serialised set of one instant, each made once for all clients."""
+"""One frame: its images, meshes and serialised sets, each made once for all clients."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ class FrameRecord:
 
     number: int
     settings: StreamSettings
-    camera: Capture
-    depth: Capture
+    camera_capture: Capture
+    depth_capture: Capture
     imaging: Imaging
 
 
 class Frame:
-    """Images of one instant, made in worker threads when first requested."""
+    """Images of one frame, each made in a worker thread when first requested."""
 
     def __init__(
         self,
         imaging: Imaging,
         workers: WorkerPool,
         settings: StreamSettings,
-        camera: Capture,
-        depth: Capture,
+        camera_capture: Capture,
+        depth_capture: Capture,
         kinds: Iterable[SetKind],
         generation: int = 0,
     ) -> None:
@@ -58,23 +58,23 @@ class Frame:
             imaging: source of the images.
             workers: threads for everything that takes long.
             settings: parameters of the frame.
-            camera: instant of left and right.
-            depth: instant of the depth images; 40 ms later if they are exposed with other outputs.
+            camera_capture: instant of left and right.
+            depth_capture: instant of the depth images; 40 ms later if they are exposed with other outputs.
             kinds: expected requests; grey and colour images of one camera are made from one rendering.
             generation: generation of the hub at capture.
         """
-        self.number = camera.frame_number
+        self.number = camera_capture.frame_number
         self.generation = generation
         self.settings = settings
-        self.camera = camera
-        self.depth = depth
+        self.camera_capture = camera_capture
+        self.depth_capture = depth_capture
         self.left_metered: MeteredExposure | None = None
         """Exposure of the left image, once it is made."""
         self._imaging = imaging
         self._workers = workers
         self._colors = {
-            NoiseStream.LEFT: frozenset(k.color for k in kinds if k.left or (k.mesh is not None and k.mesh.textured)),
-            NoiseStream.RIGHT: frozenset(k.color for k in kinds if k.right),
+            NoiseStream.LEFT: frozenset(kind.color for kind in kinds if kind.needs_left),
+            NoiseStream.RIGHT: frozenset(kind.color for kind in kinds if kind.right),
         }
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
 
@@ -97,7 +97,7 @@ class Frame:
         colors = self._colors[stream]
         if color not in colors:  # requested by a client that subscribed after the capture
             colors = frozenset((color,))
-        images = await self._make_once((stream, colors), lambda: self._expose(self.camera, stream, 1, colors))
+        images = await self._make_once((stream, colors), lambda: self._expose(self.camera_capture, stream, 1, colors))
         return images[color]
 
     def cancel(self) -> None:
@@ -120,7 +120,7 @@ class Frame:
         if kind.mesh is not None:
             fields.append((7, self._mesh_message(kind.mesh, kind.color)))
         parts = await _gather([part for _, part in fields])
-        capture = self.depth if kind.has_depth else self.camera
+        capture = self.depth_capture if kind.has_depth else self.camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), part in zip(fields, parts, strict=True):
             chunks += wire.field(number, part)
@@ -128,35 +128,35 @@ class Frame:
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         image = await self.image(stream, color)
-        metered = await self.metered(self.camera)
+        metered = await self.metered(self.camera_capture)
         if stream is NoiseStream.LEFT:
             self.left_metered = replace(metered, brightness=image.brightness)
-        metadata = self._metadata(self.camera, metered, image.brightness)
+        metadata = self._metadata(self.camera_capture, metered, image.brightness)
         return messages.image(image.image, self._imaging.config.model.intrinsics(), metadata)
 
     async def _disparity_message(self, kind: SetKind) -> list[Chunk]:
         image = await self._depth_message("disparity", kind)
         scale, baseline = (await self.depth_images()).error_scale, self._imaging.config.model.baseline
-        return messages.disparity(image, self.depth.timestamp, baseline, scale)
+        return messages.disparity(image, self.depth_capture.timestamp, baseline, scale)
 
     async def _depth_message(self, name: str, kind: SetKind) -> list[Chunk]:
         images, metered, brightness = await asyncio.gather(
-            self.depth_images(), self.metered(self.depth), self._depth_brightness(kind)
+            self.depth_images(), self.metered(self.depth_capture), self._depth_brightness(kind)
         )
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(images, name)
         if name == "disparity" and images.error_scale < DISPARITY_SCALE:
             # The message has one scale for disparity and error.
             pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
         k = self._imaging.config.model.intrinsics(self.settings.quality.divisor)
-        return messages.image(pixels, k, self._metadata(self.depth, metered, brightness))
+        return messages.image(pixels, k, self._metadata(self.depth_capture, metered, brightness))
 
     async def _depth_brightness(self, kind: SetKind) -> float:
         """Return the brightness of the left image of the depth exposure, at any resolution."""
         colors = self._colors[NoiseStream.LEFT]
         try:
-            if colors and self.depth.timestamp == self.camera.timestamp:
+            if colors and self.depth_capture.timestamp == self.camera_capture.timestamp:
                 return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
-            return (await self._depth_view(self.depth, NoiseStream.LEFT_DEPTH)).brightness
+            return (await self._depth_image(self.depth_capture, NoiseStream.LEFT_DEPTH)).brightness
         except ImageError:  # a broken texture affects the left image, not depth
             return 0.0
 
@@ -167,7 +167,7 @@ class Frame:
         left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
         images = await self.depth_images()
         ply = await self._workers.run(self._imaging.mesh, images, self.settings.quality.divisor, options, left)
-        return messages.mesh(ply, self.depth.timestamp)
+        return messages.mesh(ply, self.depth_capture.timestamp)
 
     def _metadata(self, capture: Capture, metered: MeteredExposure, brightness: float) -> ImageMetadata:
         return ImageMetadata(
@@ -190,27 +190,30 @@ class Frame:
         """Return depth from rendered depth."""
         divisor, baseline = self.settings.quality.divisor, self._imaging.config.model.baseline
         left, right = await _gather(
-            [self._workers.run(self._imaging.render, self.depth, x, divisor, Output.DEPTH) for x in (0.0, baseline)]
+            [
+                self._workers.run(self._imaging.render, self.depth_capture, offset, divisor, Output.DEPTH)
+                for offset in (0.0, baseline)
+            ]
         )
         return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number)
 
     async def _match(self) -> DepthImages:
         """Return depth by matching images."""
-        settings, capture, config = self.settings, self.depth, self._imaging.config
+        settings, capture, config = self.settings, self.depth_capture, self._imaging.config
         pair = await self._matcher_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         dark_pair = None
-        dark = replace(capture, gpio=settings.gpio(depth=False))
-        if settings.double_shot and capture.has_projection(config) and not dark.out1_high:
-            dark_pair = await self._matcher_pair(dark, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+        dark_capture = replace(capture, gpio=settings.gpio(depth=False))
+        if settings.double_shot and capture.has_projection(config) and not dark_capture.out1_high:
+            dark_pair = await self._matcher_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
         return await self._workers.run(matched_depth, config, pair, settings, dark_pair)
 
     async def _matcher_pair(self, capture: Capture, *streams: NoiseStream) -> MatcherPair:
         """Return an image pair for the matcher."""
         exposure = (await self.metered(capture)).exposure
-        left, right = await _gather([self._depth_view(capture, stream) for stream in streams])
+        left, right = await _gather([self._depth_image(capture, stream) for stream in streams])
         return MatcherPair(left, right, exposure)
 
-    async def _depth_view(self, capture: Capture, stream: NoiseStream) -> SensorImage:
+    async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
         """Return a grey image at the depth images' resolution."""
         settings, grey = self.settings, frozenset((False,))
         images = await self._make_once(

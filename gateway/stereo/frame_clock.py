@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import Rate
-from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
+from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings
 
 
 class FrameClock:
@@ -22,9 +22,9 @@ class FrameClock:
         """Timestamp of the last frame, nanoseconds; None before the first."""
         self._clock = clock
         self._rate = rate
-        self._next_frame = 0.0
+        self._next_frame_due = 0.0
         """Seconds of the event loop's clock."""
-        self._next_depth: float | None = None
+        self._next_depth_due: float | None = None
         """Timestamp of the next depth frame; None: due now."""
 
     def next_timestamp(self, period: int) -> int:
@@ -41,12 +41,12 @@ class FrameClock:
         Args:
             now: seconds of the event loop's clock.
         """
-        return self._next_frame - now
+        return self._next_frame_due - now
 
-    def start_frame(self, now: float, period: float) -> None:
+    def schedule_next_frame(self, now: float, period: float) -> None:
         """Schedule the frame after the one that is due. Frames later than ``period`` seconds are not made up for."""
-        late = now - self._next_frame
-        self._next_frame = self._next_frame + period if late < period else now + period
+        late = now - self._next_frame_due
+        self._next_frame_due = self._next_frame_due + period if late < period else now + period
 
     def depth_due(self, settings: StreamSettings, period: int, *, triggered: bool) -> bool:
         """Return True if a frame captured now includes depth.
@@ -58,28 +58,28 @@ class FrameClock:
         """
         if settings.single_frame:
             return triggered
-        if self._rate == "max" or self._next_depth is None:
+        if self._rate == "max" or self._next_depth_due is None:
             return True
-        ahead = self._next_depth - self.next_timestamp(period)
-        # If it is far ahead, the system clock was set back.
-        return ahead <= period / 2 or ahead > 2e9 / settings.depth_rate
+        remaining = self._next_depth_due - self.next_timestamp(period)
+        # If it is far in the future, the system clock was set back.
+        return remaining <= period / 2 or remaining > 2e9 / settings.depth_rate
 
-    def captured_depth(self, timestamp: int, depth_rate: float) -> None:
+    def schedule_next_depth(self, timestamp: int, depth_rate: float) -> None:
         """Schedule the depth frame after the one with this timestamp.
 
         Args:
             timestamp: nanoseconds.
             depth_rate: Hz.
         """
-        due, interval = self._next_depth, 1e9 / depth_rate
+        due, interval = self._next_depth_due, 1e9 / depth_rate
         on_time = due is not None and timestamp - due <= interval
-        self._next_depth = (due if on_time and due is not None else timestamp) + interval
+        self._next_depth_due = (due if on_time and due is not None else timestamp) + interval
 
     def delay_for_alternate_exposure(self, period: int) -> None:
         """Delay the next camera frame until 40 ms after the depth exposure, which is 40 ms after the last camera
         frame."""
-        delay = max(2 * ALTERNATE_GAP - period, 0)
-        self._next_frame += delay / 1e9
+        delay = max(2 * ALTERNATE_GAP_NS - period, 0)
+        self._next_frame_due += delay / 1e9
         if self.simulated and self.timestamp is not None:
             self.timestamp += delay
 
@@ -90,4 +90,4 @@ class FrameClock:
 
     def reset_depth(self) -> None:
         """Make the next frame a depth frame."""
-        self._next_depth = None
+        self._next_depth_due = None

@@ -17,7 +17,7 @@ from gateway.stereo.config import Rate
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import MeteredExposure
 from gateway.stereo.request import SetKind
 
@@ -63,7 +63,9 @@ class FramesInFlight:
 class FramePublisher:
     """Image sets of captured frames, made once for each kind of set."""
 
-    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool) -> None:
+    def __init__(
+        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
+    ) -> None:
         """
         Args:
             hub: receives the sets.
@@ -88,7 +90,7 @@ class FramePublisher:
         task.add_done_callback(group.tasks.discard)
         task.add_done_callback(self._ended)
 
-    async def make(self, frame: Frame, kinds: set[SetKind]) -> None:
+    async def publish_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Make and publish the sets of a frame. If cancelled, cancel the frame."""
         start = asyncio.get_running_loop().time()
         try:
@@ -103,15 +105,15 @@ class FramePublisher:
         if frame.left_metered is not None:
             self.last_metered = frame.left_metered
 
-    async def make_depth(self, frame: Frame, kinds: set[SetKind]) -> None:
+    async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Wait for the last exposure of a depth frame, send the image event, and make the sets."""
         # The timestamp is that of the first averaged image.
         duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS)
-        timestamp = frame.depth.timestamp
+        timestamp = frame.depth_capture.timestamp
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
-        await self.make(frame, kinds)
+        await self.publish_sets(frame, kinds)
 
     def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
         """End the streams of a kind and log the reason, with a traceback for unexpected errors."""

@@ -16,12 +16,11 @@ from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
-from gateway.stereo.hub import Hub, MailboxState
+from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
-from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings, read_settings
-from gateway.stereo.trigger import Trigger
+from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
 from renderers.drawlist import DrawList
 
 SceneSource = Callable[[], tuple[DrawList, int]]
@@ -37,33 +36,33 @@ class FrameScheduler:
         self,
         imaging: Imaging,
         workers: WorkerPool,
-        hub: Hub,
+        hub: ImageSetHub,
         events: EventHub,
         injector: FaultInjector,
         parameters: Parameters,
         scene: SceneSource,
         pose: PoseSource,
         clock: Clock,
-        trigger: Trigger,
     ) -> None:
         config = imaging.config
         self.imaging = imaging
         """Image source of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=config.history)
         """Newest frames, oldest first, for ground truth."""
+        self.trigger_pending = False
+        """True from a call of ``acquisition_trigger`` until its depth image is captured."""
         self._workers = workers
         self._hub = hub
         self._injector = injector
         self._parameters = parameters
         self._scene = scene
         self._pose = pose
-        self._trigger = trigger
         self._clock = FrameClock(clock, config.rate)
         self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
-        self._camera = FramesInFlight()
-        self._depth = FramesInFlight()
-        self._sampling = asyncio.Lock()
-        self._number = 0
+        self._camera_frames = FramesInFlight()
+        self._depth_frames = FramesInFlight()
+        self._scene_lock = asyncio.Lock()
+        self._frame_number = 0
 
     @property
     def settings(self) -> StreamSettings:
@@ -86,55 +85,55 @@ class FrameScheduler:
             while True:
                 await self._step()
         finally:
-            tasks = self._camera.tasks | self._depth.tasks
+            tasks = self._camera_frames.tasks | self._depth_frames.tasks
             self._cancel_frames()
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _step(self) -> None:
         """Wait for the next event, and capture a frame if one is due."""
-        hub, clock, fast = self._hub, self._clock, self.imaging.config.rate == "max"
+        hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
         hub.changed.clear()
         if len(hub) == 0:
             self._cancel_frames()
-            self._camera.last = self._depth.last = None
+            self._camera_frames.last = self._depth_frames.last = None
             clock.reset_depth()
         self._repeat_last_frames()
-        kinds = self._urgent_kinds() if fast else hub.kinds()
+        kinds = self._urgent_kinds() if unlimited_rate else hub.kinds()
         if not kinds:
             await hub.changed.wait()
             return
         settings, now = self.settings, asyncio.get_running_loop().time()
         period = 1.0 / settings.camera_rate
-        if not fast or all(kind.empty for kind in kinds):
-            if (wait := clock.seconds_until_frame(now)) > 0:
-                await _wait(hub.changed, wait)
+        if not unlimited_rate or all(kind.empty for kind in kinds):
+            if (delay := clock.seconds_until_frame(now)) > 0:
+                await _wait(hub.changed, delay)
                 return
-            clock.start_frame(now, period)
-        nanoseconds = round(period * NANOSECONDS)
-        depth_due = clock.depth_due(settings, nanoseconds, triggered=self._trigger.pending)
-        depth = await self._admit(self._depth, {kind for kind in kinds if kind.has_depth and depth_due})
-        camera = await self._admit(self._camera, {kind for kind in kinds if not kind.has_depth})
+            clock.schedule_next_frame(now, period)
+        period_ns = round(period * NANOSECONDS)
+        depth_due = clock.depth_due(settings, period_ns, triggered=self.trigger_pending)
+        depth = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
+        camera = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
         if depth or camera:
             # Read again: parameters may have changed while frames in flight ended, and act on every later timestamp.
-            await self._capture(self.settings, camera, depth, nanoseconds)
-        elif fast:  # depth waits for its trigger
+            await self._capture(self.settings, camera, depth, period_ns)
+        elif unlimited_rate:  # depth waits for its trigger
             await _wait(hub.changed, period)
         else:
-            clock.skip_frame(nanoseconds)
+            clock.skip_frame(period_ns)
 
     def _urgent_kinds(self) -> set[SetKind]:
         """Return the kinds to make at rate ``max``.
 
         While a frame is in flight, another one would only help clients that have sent everything.
         """
-        if self._camera or self._depth:
+        if self._camera_frames or self._depth_frames:
             return self._hub.kinds_with_mailbox(MailboxState.WAITING)
         return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
 
     async def _admit(self, group: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
-        """Return the kinds, or none if too many frames are in flight. Waits where frames must not be skipped."""
+        """Return the kinds, or none if too many frames are in flight. Waits if frames must not be skipped."""
         config = self.imaging.config
-        matching = config.depth_mode == "matched" and group is self._depth
+        matching = config.depth_mode == "matched" and group is self._depth_frames
         limit = 1 if matching or self._clock.simulated else config.frames_in_flight
         while kinds and len(group) >= limit:
             if config.rate == "device" and not self._clock.simulated:
@@ -150,67 +149,73 @@ class FrameScheduler:
         return kinds
 
     def _cancel_frames(self) -> None:
-        self._camera.cancel()
-        self._depth.cancel()
+        self._camera_frames.cancel()
+        self._depth_frames.cancel()
 
-    async def _capture(self, settings: StreamSettings, camera: set[SetKind], depth: set[SetKind], period: int) -> None:
+    async def _capture(
+        self, settings: StreamSettings, camera_kinds: set[SetKind], depth_kinds: set[SetKind], period_ns: int
+    ) -> None:
         """Capture the scene and start to make the sets.
 
         Args:
             settings: parameters of the frame.
-            camera: kinds without depth.
-            depth: kinds with depth.
-            period: nanoseconds between camera frames.
+            camera_kinds: kinds without depth.
+            depth_kinds: kinds with depth.
+            period_ns: nanoseconds between camera frames.
         """
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
-        timestamp = clock.next_timestamp(period)
+        timestamp = clock.next_timestamp(period_ns)
         sent_timestamp = self._injector.timestamp(timestamp)
-        capture = await self._sample(self._number + 1, sent_timestamp, settings.gpio(depth=False), camera | depth)
+        capture = await self._capture_scene(
+            self._frame_number + 1, sent_timestamp, settings.gpio(depth=False), camera_kinds | depth_kinds
+        )
         if capture is None:
             return
-        self._number += 1
+        self._frame_number += 1
         clock.timestamp = timestamp
         frame = None
-        if camera:
-            kinds = camera if settings.separate_depth else camera | depth
-            self._camera.last = frame = self._frame(settings, capture, capture, kinds, generation)
-            publisher.spawn(self._camera, publisher.make(frame, camera))
-        if not depth:
+        if camera_kinds:
+            kinds = camera_kinds if settings.separate_depth else camera_kinds | depth_kinds
+            self._camera_frames.last = frame = self._new_frame(settings, capture, capture, kinds, generation)
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
+        if not depth_kinds:
             return
-        clock.captured_depth(timestamp, settings.depth_rate)
-        self._trigger.done()
+        clock.schedule_next_depth(timestamp, settings.depth_rate)
+        self.trigger_pending = False
         if settings.separate_depth:
-            clock.delay_for_alternate_exposure(period)
-            publisher.spawn(self._depth, self._expose_depth(settings, capture, depth, generation))
+            clock.delay_for_alternate_exposure(period_ns)
+            publisher.spawn(self._depth_frames, self._expose_depth(settings, capture, depth_kinds, generation))
             return
-        self._depth.last = frame = frame or self._frame(settings, capture, capture, depth, generation)
-        publisher.spawn(self._depth, publisher.make_depth(frame, depth))
+        self._depth_frames.last = frame = frame or self._new_frame(settings, capture, capture, depth_kinds, generation)
+        publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
 
     async def _expose_depth(
         self, settings: StreamSettings, camera: Capture, kinds: set[SetKind], generation: int
     ) -> None:
         """Capture the depth images 40 ms after the camera images, with the outputs of depth exposures."""
         if self.imaging.config.rate == "device":
-            await asyncio.sleep(ALTERNATE_GAP / NANOSECONDS)
-        timestamp = camera.timestamp + ALTERNATE_GAP
-        depth = await self._sample(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
+            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS)
+        timestamp = camera.timestamp + ALTERNATE_GAP_NS
+        depth = await self._capture_scene(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
         if depth is not None:
-            self._depth.last = frame = self._frame(settings, camera, depth, kinds, generation)
-            await self._publisher.make_depth(frame, kinds)
+            self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
+            await self._publisher.publish_depth_sets(frame, kinds)
 
-    def _frame(
-        self, settings: StreamSettings, camera: Capture, depth: Capture, kinds: set[SetKind], generation: int
+    def _new_frame(
+        self,
+        settings: StreamSettings,
+        camera: Capture,
+        depth: Capture,
+        kinds: set[SetKind],
+        generation: int,
     ) -> Frame:
         self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
         return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
 
-    async def _sample(self, number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
-        """Return the scene and pose as they are now.
-
-        If they cannot be read, end the streams of ``kinds`` and return None.
-        """
+    async def _capture_scene(self, frame_number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
+        """Return the current scene and pose; None if they cannot be read, which also ends the streams of ``kinds``."""
         try:
-            async with self._sampling:
+            async with self._scene_lock:
                 scene, revision, pose = await self._workers.run(self._scene_and_pose)
         except QueueFull:
             self.counts.busy += 1
@@ -218,7 +223,7 @@ class FrameScheduler:
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
-            return Capture(timestamp, scene, revision, pose, gpio, number)
+            return Capture(timestamp, scene, revision, pose, gpio, frame_number)
         return None
 
     def _scene_and_pose(self) -> tuple[DrawList, int, NDArray[np.float64]]:
@@ -229,13 +234,13 @@ class FrameScheduler:
         """Send the last frame to new clients if it is still current, so that they need not wait for the next one."""
         settings, publisher = self.settings, self._publisher
         for kind in self._hub.take_new_kinds():
-            frame = self._depth.last if kind.has_depth else self._camera.last
+            frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
             if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
                 continue
             rate = settings.depth_rate if kind.has_depth else settings.camera_rate
             now = self._injector.timestamp(self._clock.next_timestamp(0))
-            if now - frame.depth.timestamp < NANOSECONDS / rate:
-                publisher.spawn(self._camera, publisher.make(frame, {kind}))
+            if now - frame.depth_capture.timestamp < NANOSECONDS / rate:
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Subscriptions of streaming clients: a mailbox each for the newest image set, so that slow clients delay no others."""
+"""Subscriptions of streaming clients. Each has a mailbox for the newest image set, so slow clients delay no others."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Subscription:
         self._frame_number = -1
         """Frame of the newest set."""
         self._data = b""
-        self._reason = ""
+        self._close_reason = ""
         self._ready = asyncio.Event()
 
     def put(self, frame_number: int, data: bytes) -> None:
@@ -65,7 +65,7 @@ class Subscription:
 
     def close(self, reason: str) -> None:
         """End the stream."""
-        self.state, self._data, self._reason = MailboxState.CLOSED, b"", reason
+        self.state, self._data, self._close_reason = MailboxState.CLOSED, b"", reason
         self._ready.set()
 
     async def get(self) -> bytes:
@@ -83,7 +83,7 @@ class Subscription:
                 if self.state is MailboxState.WAITING:
                     self.state = MailboxState.EMPTY
         if self.state is MailboxState.CLOSED:
-            raise StreamError(self._reason)
+            raise StreamError(self._close_reason)
         data, self._data = self._data, b""
         self.state = MailboxState.EMPTY
         self._ready.clear()
@@ -92,7 +92,7 @@ class Subscription:
         return data
 
 
-class Hub:
+class ImageSetHub:
     """All subscriptions of one camera."""
 
     def __init__(self, max_clients: int, max_kinds: int, generation: Callable[[], int] = lambda: 0) -> None:
@@ -104,7 +104,7 @@ class Hub:
         """
         self.generation = generation
         self.changed = asyncio.Event()
-        """Set when a client subscribes, leaves, takes a set or waits for one."""
+        """Set when a client subscribes, disconnects, takes a set or waits for one."""
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
@@ -118,12 +118,12 @@ class Hub:
     @property
     def sent(self) -> int:
         """Number of sets taken by all clients since start."""
-        return self._ended_sent + sum(s.sent for s in self._subscriptions)
+        return self._ended_sent + sum(subscription.sent for subscription in self._subscriptions)
 
     @property
     def skipped(self) -> int:
         """Number of sets that were replaced by newer ones before their clients took them, since start."""
-        return self._ended_skipped + sum(s.skipped for s in self._subscriptions)
+        return self._ended_skipped + sum(subscription.skipped for subscription in self._subscriptions)
 
     def __iter__(self) -> Iterator[Subscription]:
         return iter(tuple(self._subscriptions))

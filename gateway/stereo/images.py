@@ -53,7 +53,7 @@ class ImageRequest:
 
     exposure: Exposure
     stream: NoiseStream
-    """Random numbers, which also name the camera."""
+    """Sequence of random numbers; also tells left from right."""
     divisor: int
     """Full resolution divided by that of the image."""
     colors: frozenset[bool]
@@ -79,7 +79,7 @@ class Imaging:
 
     config: StereoConfig
     renderer: Renderer
-    memory: ExposureMemory = field(default_factory=ExposureMemory)
+    exposure_memory: ExposureMemory = field(default_factory=ExposureMemory)
     """State of automatic exposure."""
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
@@ -95,20 +95,21 @@ class Imaging:
 
         If a texture is broken, the exposure is the manual one.
         """
-        lit = replace(capture, gpio=capture.gpio | 1)
+        with_out1 = replace(capture, gpio=capture.gpio | 1)
         try:
-            frame = self.render(capture, 0.0, DIVISOR, self._outputs(lit))
+            frame = self.render(capture, 0.0, DIVISOR, self._outputs(with_out1))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
             dots = self._projected_dots(frame, capture, 0.0, DIVISOR)
             assert frame.color is not None
-            light, channels = self.config.dot_light, settings.manual_exposure.channels
-            dark = brightness_of(frame.color, None, light, channels)
-            bright = brightness_of(frame.color, dots, light, channels) if dots is not None else dark
-        out1 = capture.out1_high
-        exposure, reduction = choose_exposure(dark, bright, out1=out1, settings=settings, memory=self.memory)
-        brightness = exposure.response((bright if out1 else dark) * exposure.factor).mean()
+            dot_light, channels = self.config.dot_light, settings.manual_exposure.channels
+            unlit = brightness_of(frame.color, None, dot_light, channels)
+            lit = brightness_of(frame.color, dots, dot_light, channels) if dots is not None else unlit
+        exposure, reduction = choose_exposure(
+            unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
+        )
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.factor).mean()
         return MeteredExposure(exposure, float(brightness), reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
@@ -151,6 +152,6 @@ class Imaging:
             return None
         model = self.config.model
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
-        with self.render(capture, projector_offset, divisor, Output.DEPTH) as view:
-            assert view.depth is not None
-            return projected_dots(frame.depth, k.focal_length, k.cx, k.cy, offset - projector_offset, view.depth)
+        with self.render(capture, projector_offset, divisor, Output.DEPTH) as shadows:
+            assert shadows.depth is not None
+            return projected_dots(frame.depth, k.focal_length, k.cx, k.cy, offset - projector_offset, shadows.depth)

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 from fastapi import Request
 
-from gateway.stereo.rest_errors import RestError, read_body
+from gateway.stereo.rest_common import RestError, read_body
 
 MAX_BODY: Final = 64 << 10
 """Maximum size of a body, bytes. All parameters of a node take about two thousand."""
@@ -15,28 +15,28 @@ MAX_NUMBER: Final = 64
 """Maximum number of characters of a number in a query."""
 
 
-class _Value(msgspec.Struct, forbid_unknown_fields=False):
+class _ValueBody(msgspec.Struct, forbid_unknown_fields=False):
     """Body that sets one parameter."""
 
     value: Any
 
 
-class _NamedValue(msgspec.Struct, forbid_unknown_fields=False):
+class _Assignment(msgspec.Struct, forbid_unknown_fields=False):
     """Entry of a body that sets several parameters."""
 
     name: str
     value: Any
 
 
-class _Call(msgspec.Struct, forbid_unknown_fields=False):
+class _CallBody(msgspec.Struct, forbid_unknown_fields=False):
     """Body of a service call."""
 
     args: dict[str, Any] | None = None
 
 
-_VALUE: Final = msgspec.json.Decoder(_Value)
-_CALL: Final = msgspec.json.Decoder(_Call)
-_NAMED_VALUES: Final = msgspec.json.Decoder(list[_NamedValue])
+_VALUE_DECODER: Final = msgspec.json.Decoder(_ValueBody)
+_CALL_DECODER: Final = msgspec.json.Decoder(_CallBody)
+_ASSIGNMENTS_DECODER: Final = msgspec.json.Decoder(list[_Assignment])
 
 
 async def read_assignments(request: Request) -> list[tuple[str, object]]:
@@ -48,7 +48,7 @@ async def read_assignments(request: Request) -> list[tuple[str, object]]:
     body = await read_body(request, MAX_BODY)
     values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
     if body:
-        entries: list[_NamedValue] = _decode(_NAMED_VALUES, body, '[{"name": "quality", "value": "High"}]')
+        entries: list[_Assignment] = _decode(_ASSIGNMENTS_DECODER, body, '[{"name": "quality", "value": "High"}]')
         values += [(entry.name, entry.value) for entry in entries]
     return values
 
@@ -62,8 +62,8 @@ async def read_value(request: Request) -> object:
     body = await read_body(request, MAX_BODY)
     if not body and "value" in request.query_params:
         return _query_value(request.query_params["value"])
-    value: _Value = _decode(_VALUE, body, '{"value": 1.0}')
-    return value.value
+    content: _ValueBody = _decode(_VALUE_DECODER, body, '{"value": 1.0}')
+    return content.value
 
 
 async def check_call(request: Request) -> None:
@@ -73,11 +73,11 @@ async def check_call(request: Request) -> None:
         RestError: malformed or too large body.
     """
     if body := await read_body(request, MAX_BODY):
-        _decode(_CALL, body, '{"args": {}}')
+        _decode(_CALL_DECODER, body, '{"args": {}}')
 
 
 def _query_value(text: str) -> object:
-    """Return a boolean, a number or the text itself."""
+    """Return the boolean or number that a query value spells, else the text itself."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     try:

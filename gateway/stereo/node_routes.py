@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from functools import wraps
-from typing import Any, ParamSpec
+from typing import Any
 
 from fastapi import APIRouter, Request
 
 from gateway.stereo import device
 from gateway.stereo import node_schemas as schemas
 from gateway.stereo.node_bodies import check_call, read_assignments, read_value
-from gateway.stereo.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, error_responses
+from gateway.stereo.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, node_errors
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
 from gateway.stereo.parameters import ParameterError, UnknownParameterError
-from gateway.stereo.rest_errors import RestError
+from gateway.stereo.rest_common import RestError, with_error_responses
 from gateway.stereo.service import StereoService
-
-P = ParamSpec("P")
 
 
 def node_router(*services: StereoService) -> APIRouter:
@@ -38,110 +34,96 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     async def nodes() -> Any:
         return [device.node_info(name) for name in NODES]
 
-    @api.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | error_responses(404))
-    @_with_errors
-    async def one(node: NodeName) -> Any:
-        return device.node_info(_canonical(node))
+    @api.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | node_errors(404))
+    @with_error_responses
+    async def node_info(node: NodeName) -> Any:
+        return device.node_info(_current_name(node))
 
     @api.get(
         base + "/{node}/status",
         summary="Status values of a node",
-        responses=schemas.STATUS_RESPONSE | error_responses(404),
+        responses=schemas.STATUS_RESPONSE | node_errors(404),
     )
-    @_with_errors
+    @with_error_responses
     async def status(node: NodeName) -> Any:
-        return device.status(service, _canonical(node))
+        return device.node_status(service, _current_name(node))
 
     @api.get(
         base + "/{node}/parameters",
         summary="Parameters of a node",
-        responses=schemas.PARAMETERS_RESPONSE | error_responses(404),
+        responses=schemas.PARAMETERS_RESPONSE | node_errors(404),
     )
-    @_with_errors
+    @with_error_responses
     async def parameters(node: NodeName, names: ParameterNames = []) -> Any:  # noqa: B006 - FastAPI copies it
-        return _describe(service, _canonical(node), names)
+        return _describe(service, _current_name(node), names)
 
     @api.put(
         base + "/{node}/parameters",
         summary="Set parameters: all or none",
-        responses=schemas.ASSIGNED_RESPONSE | error_responses(400, 404, 413, 507),
+        responses=schemas.ASSIGNED_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.ASSIGNMENTS_BODY,
     )
     # Misspelled in the manual's examples, which users copy.
     @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
     @api.put(base + "/{node}/services/parameters", include_in_schema=False)
-    @_with_errors
+    @with_error_responses
     async def put_parameters(node: NodeName, request: Request) -> Any:
-        name = _canonical(node)
-        return await _set(service, name, await read_assignments(request))
+        return await _set_parameters(service, _current_name(node), await read_assignments(request))
 
     @api.get(
         base + "/{node}/parameters/{name}",
         summary="A parameter",
-        responses=schemas.PARAMETER_RESPONSE | error_responses(404),
+        responses=schemas.PARAMETER_RESPONSE | node_errors(404),
     )
-    @_with_errors
+    @with_error_responses
     async def parameter(node: NodeName, name: ParameterName) -> Any:
-        return _describe(service, _canonical(node), [name])[0]
+        return _describe(service, _current_name(node), [name])[0]
 
     @api.put(
         base + "/{node}/parameters/{name}",
         summary="Set a parameter",
-        responses=schemas.PARAMETER_RESPONSE | error_responses(400, 404, 413, 507),
+        responses=schemas.PARAMETER_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.VALUE_BODY,
     )
-    @_with_errors
+    @with_error_responses
     async def put_parameter(node: NodeName, name: ParameterName, request: Request) -> Any:
         value = await read_value(request)
-        return (await _set(service, _canonical(node), [(name, value)]))[0]
+        return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
 
     @api.get(
         base + "/{node}/services",
         summary="Services of a node",
-        responses=schemas.SERVICES_RESPONSE | error_responses(404),
+        responses=schemas.SERVICES_RESPONSE | node_errors(404),
     )
-    @_with_errors
+    @with_error_responses
     async def services(node: NodeName) -> Any:
-        name = _canonical(node)
-        return [device.service_info(name, each) for each in device.SERVICES[name]]
+        name = _current_name(node)
+        return [device.service_info(name, service_name) for service_name in device.SERVICES[name]]
 
     @api.get(
         base + "/{node}/services/{name}",
         summary="A service",
-        responses=schemas.SERVICE_RESPONSE | error_responses(404),
+        responses=schemas.SERVICE_RESPONSE | node_errors(404),
     )
-    @_with_errors
-    async def one_service(node: NodeName, name: ServiceName) -> Any:
-        return device.service_info(*_service(node, name))
+    @with_error_responses
+    async def service_info(node: NodeName, name: ServiceName) -> Any:
+        return device.service_info(*_find_service(node, name))
 
     @api.put(
         base + "/{node}/services/{name}",
         summary="Call a service",
-        responses=schemas.CALL_RESPONSE | error_responses(400, 404, 413, 507),
+        responses=schemas.CALL_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.CALL_BODY,
     )
-    @_with_errors
+    @with_error_responses
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
         await check_call(request)
-        result = device.call(service, *_service(node, name))
+        result = device.call_service(service, *_find_service(node, name))
         await _wait_until_stored(service)
         return result
 
 
-def _with_errors(handler: Callable[P, Awaitable[Any]]) -> Callable[P, Awaitable[Any]]:
-    """Turn a ``RestError`` of a handler into its response."""
-
-    @wraps(handler)
-    async def handle(*args: P.args, **kwargs: P.kwargs) -> Any:
-        try:
-            return await handler(*args, **kwargs)
-        except RestError as error:
-            return error.response()
-
-    return handle
-
-
-def _canonical(node: str) -> str:
+def _current_name(node: str) -> str:
     """Return the current name of a node.
 
     Raises:
@@ -153,13 +135,13 @@ def _canonical(node: str) -> str:
     return node
 
 
-def _service(node: str, name: str) -> tuple[str, str]:
+def _find_service(node: str, name: str) -> tuple[str, str]:
     """Return the current name of a node and the name of its service.
 
     Raises:
         RestError: unknown node or service.
     """
-    node = _canonical(node)
+    node = _current_name(node)
     if name not in device.SERVICES[node]:
         raise RestError(404, f"{node} has no service {name[:80]!r}")
     return node, name
@@ -173,7 +155,7 @@ def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[
         raise RestError(404, str(error)) from None
 
 
-async def _set(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
+async def _set_parameters(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
     """Set and store parameters, and return them."""
     try:
         names = service.set_parameters(node, values)
@@ -186,6 +168,6 @@ async def _set(service: StereoService, node: str, values: list[tuple[str, object
 
 
 async def _wait_until_stored(service: StereoService) -> None:
-    problem = await service.stored() if service.stored is not None else ""
+    problem = await service.wait_until_stored() if service.wait_until_stored is not None else ""
     if problem:
         raise RestError(507, f"the values are set, but could not be stored: {problem}")

@@ -11,7 +11,7 @@ from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo import device
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES, Spec
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.rest_errors import ERROR_SCHEMA
+from gateway.stereo.rest_common import error_responses
 
 _SPECS: Final[dict[str, Spec]] = {name: spec for specs in NODES.values() for name, spec in specs.items()}
 """Parameters of all nodes by name; no name is in two nodes."""
@@ -48,16 +48,15 @@ ServiceName = Annotated[
 ]
 
 
-def error_responses(*statuses: int) -> Responses:
-    """Return the error responses of a route."""
-    texts = {
+def node_errors(*statuses: int) -> Responses:
+    """Return the error responses of a node's route."""
+    descriptions = {
         400: "Invalid body or value; the message names the parameter and the limit.",
         404: "There is no such node, parameter or service.",
         413: "The body is too large.",
         507: "The values are set, but could not be stored (--state).",
     }
-    content = {"application/json": {"schema": ERROR_SCHEMA}}
-    return {status: {"description": texts[status], "content": content} for status in statuses}
+    return error_responses({status: descriptions[status] for status in statuses})
 
 
 def _value_schema(spec: Spec) -> dict[str, Any]:
@@ -67,7 +66,7 @@ def _value_schema(spec: Spec) -> dict[str, Any]:
     if spec.type == "bool":
         return {"type": ["boolean", "integer"], "minimum": 0, "maximum": 1}
     kind = "integer" if spec.type == "int32" else "number"
-    return {"type": kind, "minimum": spec.low, "maximum": spec.high}
+    return {"type": kind, "minimum": spec.minimum, "maximum": spec.maximum}
 
 
 def _assignment_schema(spec: Spec) -> dict[str, Any]:
@@ -81,10 +80,10 @@ def _assignment_schema(spec: Spec) -> dict[str, Any]:
     }
 
 
-def _body(schema: dict[str, Any], shown: Any, text: str, *, required: bool) -> dict[str, Any]:
+def _body(schema: dict[str, Any], example_body: Any, description: str, *, required: bool) -> dict[str, Any]:
     """Return the description of a body that the handler decodes itself."""
-    content = {"application/json": {"schema": schema, "examples": example(shown)}}
-    return {"requestBody": {"required": required, "description": text, "content": content}}
+    content = {"application/json": {"schema": schema, "examples": example(example_body)}}
+    return {"requestBody": {"required": required, "description": description, "content": content}}
 
 
 ASSIGNMENTS_BODY: Final = _body(

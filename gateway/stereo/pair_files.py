@@ -1,4 +1,4 @@
-"""Folders of recorded stereo pairs, and the geometry that clients write beside the images."""
+"""Read a folder of recorded stereo pairs, and the camera geometry that clients write beside the images."""
 
 from __future__ import annotations
 
@@ -13,50 +13,53 @@ from gateway.stereo.pairs import Pair, Pairs
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 
 
-def pairs_in(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
+def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
     """Return all pairs below a folder, in the order of their names.
 
-    The right image of ``…left….png`` is ``…right….png``; file names and folder names count. ``…left_out1_low….png`` is
-    used with Out1 low, ``…left_out1_high….png`` with Out1 high.
+    The right image of ``…left….png`` is ``…right….png``, in file or folder names. ``…left_out1_low….png`` is used with
+    Out1 low, ``…left_out1_high….png`` with Out1 high.
 
     Raises:
         ValueError: no pairs, or more than ``max_pairs``; one sentence.
     """
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
-    known = set(files)
-    found = []
-    for left in files:
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder")
+    images = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
+    if not images:
+        raise ValueError(f"{folder} holds no images ({', '.join(_SUFFIXES)})")
+    existing = set(images)
+    pairs = []
+    for left in images:
         name = str(left.relative_to(folder))
         if "left" not in name or "out1_high" in name:
             continue
         low = (left, folder / _right_name(name))
-        if low[1] not in known:
+        if low[1] not in existing:
             continue
         high_name = name.replace("out1_low", "out1_high")
         high = (folder / high_name, folder / _right_name(high_name))
-        has_high = "out1_low" in name and known.issuperset(high)
-        found.append(Pair(low, high if has_high else None))
-    if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder")
-    if not files:
-        raise ValueError(f"{folder} holds no images ({', '.join(_SUFFIXES)})")
-    if not found:
-        raise ValueError(f"{folder} holds no stereo pairs: none of its {len(files)} images is a …left… with a …right…")
-    if len(found) > max_pairs:
-        raise ValueError(f"{folder} holds {len(found)} stereo pairs, more than {max_pairs}")
-    return Pairs(found, max_pixels)
+        has_high = "out1_low" in name and existing.issuperset(high)
+        pairs.append(Pair(low, high if has_high else None))
+    if not pairs:
+        raise ValueError(f"{folder} holds no stereo pairs: none of its {len(images)} images is a …left… with a …right…")
+    if len(pairs) > max_pairs:
+        raise ValueError(f"{folder} holds {len(pairs)} stereo pairs, more than {max_pairs}")
+    return Pairs(pairs, max_pixels)
 
 
-def _right_name(left: str) -> str:
-    before, _, after = left.rpartition("left")
+def _right_name(left_name: str) -> str:
+    before, _, after = left_name.rpartition("left")
     return f"{before}right{after}"
 
 
-def geometry_in(folder: Path) -> tuple[float, float] | None:
-    """Return focal length divided by image width, and baseline, from files below a folder; None: no such file.
+def read_geometry(folder: Path) -> tuple[float, float] | None:
+    """Return the camera geometry from files below a folder; None: no such file.
 
     The files are ``*.npz`` of ``scenegate stream``, or ``*param.txt`` of the vendor's tools (``camera.A``,
     ``camera.width``, ``t``). The latter describe the disparity image, whose width at Low is rounded.
+
+    Returns:
+        Focal length divided by the image width, and baseline in metres.
 
     Raises:
         ValueError: such a file cannot be read; one sentence.

@@ -1,4 +1,4 @@
-"""Recorded stereo pairs in place of the scene."""
+"""Recorded stereo pairs in place of the scene: decoding, and the image source that the frame scheduler uses."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ from renderers.stereo.sensor import SensorImage
 MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""
 FACTOR_LIMIT: Final = 20.0
-"""Focal lengths below are factors of the image width, others are pixels."""
-_CACHED: Final = 8
+"""Smaller focal lengths are factors of the image width, others are pixels."""
+_CACHED_IMAGES: Final = 8
 """Number of decoded images in the cache: a pair with Out1 low and high, and the next one."""
 
-Source = Path | bytes
+ImageSource = Path | bytes
+"""File, or encoded image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
     """Encoded images (PNG, JPEG, WebP) of both cameras, rectified."""
 
-    low: tuple[Source, Source]
+    low: tuple[ImageSource, ImageSource]
     """Left and right with Out1 low."""
-    high: tuple[Source, Source] | None = None
+    high: tuple[ImageSource, ImageSource] | None = None
     """Left and right with Out1 high; None: as with Out1 low."""
 
 
@@ -55,7 +56,7 @@ class Pairs:
         self._pairs = pairs
         self._max_pixels = max_pixels
         self._lock = threading.Lock()
-        self._decode: Callable[[int, bool, bool], NDArray[np.uint8]] = lru_cache(_CACHED)(self._decode_uncached)
+        self._decode: Callable[[int, bool, bool], NDArray[np.uint8]] = lru_cache(_CACHED_IMAGES)(self._decode_uncached)
 
     def __len__(self) -> int:
         return len(self._pairs)
@@ -79,7 +80,7 @@ class Pairs:
             except OSError as error:
                 raise ImageError(f"{name}: {error.strerror}") from error
         image = np.ascontiguousarray(decode_image(source, name=name, max_pixels=self._max_pixels)[:, :, :3])
-        width, height = image.shape[1], image.shape[0]
+        height, width = image.shape[:2]
         with self._lock:
             self.size = self.size or (width, height)
         if (width, height) != self.size:
@@ -109,7 +110,7 @@ class PairImaging(Imaging):
         rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
         k = self.config.model.intrinsics(request.divisor)
         if request.divisor > 1:
-            rgb = _downscaled(rgb, request.divisor, k.width, k.height)
+            rgb = _downscale(rgb, request.divisor, k.width, k.height)
         images = {}
         for color in request.colors:
             image = rgb if color else np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -117,11 +118,13 @@ class PairImaging(Imaging):
         return images
 
 
-def _downscaled(image: NDArray[np.uint8], divisor: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Return means over blocks of pixels; the last column and row are repeated where a block lies partly outside."""
-    right, below = width * divisor - image.shape[1], height * divisor - image.shape[0]
-    if right or below:
-        image = np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
+def _downscale(image: NDArray[np.uint8], divisor: int, width: int, height: int) -> NDArray[np.uint8]:
+    """Return means over ``divisor`` x ``divisor`` blocks; blocks partly outside repeat the last column and row."""
+    padding_right, padding_below = width * divisor - image.shape[1], height * divisor - image.shape[0]
+    if padding_right or padding_below:
+        image = np.asarray(
+            cv2.copyMakeBorder(image, 0, padding_below, 0, padding_right, cv2.BORDER_REPLICATE), np.uint8
+        )
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
@@ -140,9 +143,9 @@ def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) 
     """
     left = pairs.image(0, high=False, right=False)
     for high, right in ((False, True), (True, False), (True, True)):
-        pairs.image(0, high=high, right=right)
+        pairs.image(0, high=high, right=right)  # raises ImageError
     height, width = left.shape[:2]
-    factor = focal if focal < FACTOR_LIMIT else focal / width
-    model = StereoModel(MODEL_NAME, width, height, factor, baseline)
+    focal_factor = focal if focal < FACTOR_LIMIT else focal / width
+    model = StereoModel(MODEL_NAME, width, height, focal_factor, baseline)
     config = replace(imaging.config, model=model, depth_mode="matched")
     return PairImaging(config=config, renderer=imaging.renderer, pairs=pairs)

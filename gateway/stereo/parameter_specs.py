@@ -18,12 +18,12 @@ class Spec:
     name: str
     type: Literal["float64", "int32", "bool", "string"]
     default: Value
-    low: float | int | str | bool
+    minimum: float | int | str | bool
     """Minimum; "" for strings, as on the device."""
-    high: float | int | str | bool
+    maximum: float | int | str | bool
     """Maximum; "" for strings."""
     description: str
-    effect: bool = True
+    has_effect: bool = True
     """True if the stream depends on it."""
     choices: tuple[str, ...] = ()
     """Allowed strings."""
@@ -31,28 +31,31 @@ class Spec:
     """Other accepted spellings of choices."""
 
 
-def _float(name: str, low: float, high: float, default: float, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "float64", float(default), float(low), float(high), _text(text, effect), effect)
+def _float(name: str, minimum: float, maximum: float, default: float, text: str, *, has_effect: bool = True) -> Spec:
+    return Spec(
+        name, "float64", float(default), float(minimum), float(maximum), _describe(text, has_effect), has_effect
+    )
 
 
-def _int(name: str, low: int, high: int, default: int, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "int32", default, low, high, _text(text, effect), effect)
+def _int(name: str, minimum: int, maximum: int, default: int, text: str, *, has_effect: bool = True) -> Spec:
+    return Spec(name, "int32", default, minimum, maximum, _describe(text, has_effect), has_effect)
 
 
-def _bool(name: str, default: bool, text: str, *, effect: bool = True) -> Spec:
-    return Spec(name, "bool", default, False, True, _text(text, effect), effect)
+def _bool(name: str, default: bool, text: str, *, has_effect: bool = True) -> Spec:
+    return Spec(name, "bool", default, False, True, _describe(text, has_effect), has_effect)
 
 
-def _enum(name: str, choices: str, default: str, text: str, *, effect: bool = True, alias: str = "") -> Spec:
-    other, _, meant = alias.partition("=")
-    aliases = {other: meant} if meant else {}
+def _enum(
+    name: str, choices: str, default: str, text: str, *, aliases: Mapping[str, str] = MappingProxyType({})
+) -> Spec:
+    """``choices`` are separated by ``|``."""
     names = tuple(choices.split("|"))
-    full = f"{_text(text, effect)}: {', '.join(names)}"
-    return Spec(name, "string", default, "", "", full, effect, names, MappingProxyType(aliases))
+    description = f"{text}: {', '.join(names)}"
+    return Spec(name, "string", default, "", "", description, choices=names, aliases=aliases)
 
 
-def _text(text: str, effect: bool) -> str:
-    return text if effect else text + NO_EFFECT
+def _describe(text: str, has_effect: bool) -> str:
+    return text if has_effect else text + NO_EFFECT
 
 
 def _by_name(*specs: Spec) -> Mapping[str, Spec]:
@@ -60,7 +63,7 @@ def _by_name(*specs: Spec) -> Mapping[str, Spec]:
 
 
 _OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
-_OUT_ALIAS: Final = "AlternateExposureActive=ExposureAlternateActive"
+_OUT_ALIASES: Final = MappingProxyType({"AlternateExposureActive": "ExposureAlternateActive"})
 """Spelling in the protocol document of the image stream."""
 
 NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
@@ -86,12 +89,12 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
         ),
         "rc_stereomatching": _by_name(
             _enum("acquisition_mode", "Continuous|SingleFrame|SingleFrameOut1", "Continuous", "Depth acquisition"),
-            _float("exposure_adapt_timeout", 0, 2, 0, "Longest wait for the exposure, seconds", effect=False),
+            _float("exposure_adapt_timeout", 0, 2, 0, "Longest wait for the exposure, seconds", has_effect=False),
             _enum("quality", "Low|Medium|High|Full", "High", "Resolution of the depth images"),
             _bool("double_shot", False, "Fill holes from a second match"),
             _bool("static_scene", False, "Average eight images"),
             _int("seg", 0, 4000, 200, "Smallest segment that is kept, pixels at High"),
-            _bool("smooth", True, "Smoothing of disparities", effect=False),
+            _bool("smooth", True, "Smoothing of disparities", has_effect=False),
             _int("fill", 0, 4, 3, "Largest disparity step on the border of holes that are filled, pixels"),
             _float("minconf", 0.5, 1, 0.5, "Smallest confidence that is kept"),
             _float("mindepth", 0.1, 100, 0.1, "Nearest depth, metres"),
@@ -103,8 +106,8 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             _int("roi_height", 0, 8191, 0, "Height of the depth region, 0 is all"),
         ),
         "rc_iocontrol": _by_name(
-            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", alias=_OUT_ALIAS),
-            _enum("out2_mode", _OUT_MODES, "Low", "Output 2", alias=_OUT_ALIAS),
+            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", aliases=_OUT_ALIASES),
+            _enum("out2_mode", _OUT_MODES, "Low", "Output 2", aliases=_OUT_ALIASES),
         ),
     }
 )

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from gateway.stereo.parameter_specs import NODES, Spec, Value
 
-_SHOWN: Final = 80
+_MAX_SHOWN_CHARS: Final = 80
 """Maximum number of characters of a client's value in an error message."""
 
 
@@ -67,7 +67,7 @@ class Parameters:
             UnknownParameterError: unknown node or parameter.
             ParameterError: wrong type or out of range.
         """
-        checked = [(name, check(self.spec(node, name), value)) for name, value in values]
+        checked = [(name, check_value(self.spec(node, name), value)) for name, value in values]
         for name, value in checked:
             self._values[node][name] = value
             # The older switch exp_auto and the newer choice exp_control have one meaning.
@@ -92,14 +92,14 @@ class Parameters:
             "name": spec.name,
             "type": spec.type,
             "value": self._values[node][spec.name],
-            "min": spec.low,
-            "max": spec.high,
+            "min": spec.minimum,
+            "max": spec.maximum,
             "default": spec.default,
             "description": spec.description,
         }
 
 
-def check(spec: Spec, value: object) -> Value:
+def check_value(spec: Spec, value: object) -> Value:
     """Return the validated value.
 
     Args:
@@ -111,26 +111,28 @@ def check(spec: Spec, value: object) -> Value:
     """
     if spec.type == "string":
         if not isinstance(value, str):
-            raise ParameterError(f"{spec.name}: {_shown(value)} is not a string")
+            raise ParameterError(f"{spec.name}: {_shown_value(value)} is not a string")
         value = spec.aliases.get(value, value)
         if value not in spec.choices:
-            raise ParameterError(f"{spec.name}: {_shown(value)} is none of {', '.join(spec.choices)}")
+            raise ParameterError(f"{spec.name}: {_shown_value(value)} is none of {', '.join(spec.choices)}")
         return value
     if spec.type == "bool":
         if isinstance(value, (bool, int, float)) and value in (0, 1):
             return bool(value)
-        raise ParameterError(f"{spec.name}: {_shown(value)} is not true or false")
+        raise ParameterError(f"{spec.name}: {_shown_value(value)} is not true or false")
     number = _number(spec, value)
-    assert isinstance(spec.low, (int, float))
-    assert isinstance(spec.high, (int, float))
-    if not spec.low <= number <= spec.high:
-        raise ParameterError(f"{spec.name}: {number:g} is out of range, {spec.low:g} to {spec.high:g} are allowed")
+    assert isinstance(spec.minimum, (int, float))
+    assert isinstance(spec.maximum, (int, float))
+    if not spec.minimum <= number <= spec.maximum:
+        raise ParameterError(
+            f"{spec.name}: {number:g} is out of range, {spec.minimum:g} to {spec.maximum:g} are allowed"
+        )
     return number
 
 
 def _number(spec: Spec, value: object) -> int | float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ParameterError(f"{spec.name}: {_shown(value)} is not a number")
+        raise ParameterError(f"{spec.name}: {_shown_value(value)} is not a number")
     try:
         number = float(value)
     except OverflowError:
@@ -144,9 +146,9 @@ def _number(spec: Spec, value: object) -> int | float:
     return int(number)
 
 
-def _shown(value: object) -> str:
+def _shown_value(value: object) -> str:
     """Return a client's value for an error message, without the content of lists and objects."""
     if isinstance(value, (list, dict)):
         return "a list" if isinstance(value, list) else "an object"
     text = repr(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+    return text if len(text) <= _MAX_SHOWN_CHARS else f"{text[:_MAX_SHOWN_CHARS]}…"

@@ -1,4 +1,4 @@
-"""Kind of an image set: a client's request as a value. Clients with equal requests share frames and their bytes."""
+"""Kind of an image set: a client's request as a value. Clients with equal requests get the same serialised bytes."""
 
 from __future__ import annotations
 
@@ -29,8 +29,13 @@ class SetKind:
     """Left and right in RGB."""
 
     @property
+    def needs_left(self) -> bool:
+        """True if the set needs the left image: as an image, or as the colours of a mesh."""
+        return self.left or (self.mesh is not None and self.mesh.textured)
+
+    @property
     def has_depth(self) -> bool:
-        """True if the set needs a depth image, and so comes at the rate of depth images."""
+        """True if the set needs a depth image, and is sent at the rate of depth images."""
         return self.disparity or self.error or self.confidence or self.mesh is not None
 
     @property
@@ -39,13 +44,13 @@ class SetKind:
         return not (self.left or self.right or self.has_depth)
 
     def __str__(self) -> str:
-        names = [n for n in ("left", "right", "disparity", "error", "confidence") if getattr(self, n)]
+        names = [name for name in ("left", "right", "disparity", "error", "confidence") if getattr(self, name)]
         if self.mesh is not None:
             names.append(f"mesh({self.mesh.max_points or 'all'} points)")
         return "+".join(names) + (" rgb8" if self.color and (self.left or self.right) else "") or "timestamps only"
 
 
-def set_kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> SetKind:
+def read_set_kind(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> SetKind:
     """Return the kind of a request. Mesh options without a mesh are ignored.
 
     Args:

@@ -25,18 +25,18 @@ class SceneView:
             flattener: makes the draw list of a snapshot.
             mount: pose of the camera in the scene.
         """
-        self._current = snapshot
+        self._take_snapshot = snapshot
         self._flattener = flattener
         self._mount = mount
         self._snapshot = snapshot()
 
     def copy(self) -> SceneView:
         """Return a view for another thread, with its own snapshot."""
-        return SceneView(self._current, self._flattener, self._mount)
+        return SceneView(self._take_snapshot, self._flattener, self._mount)
 
     def scene(self) -> tuple[DrawList, int]:
         """Return the current scene and its revision."""
-        self._snapshot = self._current()
+        self._snapshot = self._take_snapshot()
         return self._flattener.flatten(self._snapshot), self._snapshot.revision
 
     def pose(self) -> NDArray[np.float64]:
@@ -49,11 +49,11 @@ class SceneView:
 
     def warning(self) -> str:
         """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
-        self._mount.pose(self._current().root)
+        self._mount.pose(self._take_snapshot().root)
         return self._mount.warning
 
     def camera(self, config: StereoConfig) -> Camera:
         """Return the left camera in the current snapshot."""
         k = config.model.intrinsics()
-        pose = self.pose_in(self._current())
+        pose = self.pose_in(self._take_snapshot())
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

@@ -18,22 +18,22 @@ from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import CUT_REASON, FaultInjector
-from gateway.stereo.hub import Hub, LimitError, StreamError
+from gateway.stereo.hub import ImageSetHub, LimitError, StreamError
 from gateway.stereo.reflection import ReflectionPool
-from gateway.stereo.request import RequestError, set_kind_of
+from gateway.stereo.request import RequestError, read_set_kind
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
 EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name
 MAX_CALLS = 1024
 """Maximum number of concurrent calls, health checks and reflection included; further ones get RESOURCE_EXHAUSTED."""
-CLIENT_LIMIT = 4 << 20
+CLIENT_MESSAGE_LIMIT = 4 << 20
 """Default of a gRPC client's maximum message size, bytes."""
 STOP_SECONDS = 1.0
-"""Time for clients to receive the end of their streams; only clients that do not read need it."""
+"""Seconds for clients to receive the end of their streams; only clients that do not read take that long."""
 RETURN_BYTES = 64 << 20
 """Number of bytes of unsent messages after which freed memory is returned to the system."""
 RETURN_SECONDS = 2.0
-"""Time for grpc to free the messages of ended streams before their memory is returned."""
+"""Seconds for grpc to free the messages of ended streams before their memory is returned."""
 _OPTIONS: list[tuple[str, int]] = [
     ("grpc.max_send_message_length", -1),
     ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
@@ -52,7 +52,7 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 class UnsentMessages:
     """Returns the memory of unsent messages to the system.
 
-    grpc copies a message for every client. Many clients that do not read need a lot of memory at the same time, which
+    grpc copies each message for each client. Many clients that do not read hold a lot of memory at the same time, which
     the allocator would keep after it is freed (see ``process_tuning.tune``).
     """
 
@@ -79,7 +79,7 @@ class UnsentMessages:
 class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
-    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
+    def __init__(self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
         self._hub = hub
         self._events = events
         self._injector = injector
@@ -89,17 +89,17 @@ class StreamServicer:
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Send image sets until the client cancels or its deadline passes."""
         try:
-            kind = set_kind_of(request, mesh_rgb=self._config.mesh_rgb)
+            kind = read_set_kind(request, mesh_rgb=self._config.mesh_rgb)
         except RequestError as error:
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
         try:
             with self._hub.subscribe(kind) as subscription:
-                first = True
+                logged = False
                 while True:
                     data = await subscription.get()
-                    if first:
+                    if not logged:
                         _log_stream(context.peer(), str(kind), len(data))
-                        first = False
+                        logged = True
                     try:
                         await context.write(data)
                     except BaseException:
@@ -125,8 +125,8 @@ class StreamServicer:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
 
 
-def _decoding(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
-    """Return a handler that decodes the bytes of a request and calls ``method``."""
+def _decode_requests(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
+    """Return a gRPC handler that decodes the bytes of a request and calls ``method``."""
 
     async def handle(data: bytes, context: Context) -> None:
         try:
@@ -145,12 +145,12 @@ def _decoding(message: type[Message], method: Callable[[Any, Context], Awaitable
 
 
 def _log_stream(peer: str, kind: str, size: int) -> None:
-    note = "more than the default limit of gRPC clients" if size > CLIENT_LIMIT else None
+    note = "more than the default limit of gRPC clients" if size > CLIENT_MESSAGE_LIMIT else None
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
 
 
 async def start(
-    hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig
+    hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig
 ) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
     """Start serving.
 
@@ -160,14 +160,14 @@ async def start(
     Raises:
         OSError: the port is not available, or a certificate cannot be read; one sentence.
     """
-    checks = () if config.tokens is None else (TokenCheck(config.tokens),)
-    server = grpc.aio.server(interceptors=checks, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)
+    interceptors = () if config.tokens is None else (TokenCheck(config.tokens),)
+    server = grpc.aio.server(interceptors=interceptors, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)
     servicer = StreamServicer(hub, events, injector, config)
     for service, name, method, message in (
         (SERVICE, "StreamImageSets", servicer.stream, pb.ImageSetRequest),
         (EVENTS_SERVICE, "StreamImageEvents", servicer.events, pb.ImageEventsRequest),
     ):
-        handler = grpc.unary_stream_rpc_method_handler(_decoding(message, method))  # bytes in and out
+        handler = grpc.unary_stream_rpc_method_handler(_decode_requests(message, method))  # bytes in and out
         server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {name: handler}),))
     health_servicer = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(health_servicer, server)
@@ -199,11 +199,11 @@ def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
     return int(server.add_secure_port(address, credentials))
 
 
-async def stop(server: grpc.aio.Server, end_health: Callable[[], Any]) -> None:
+async def stop(server: grpc.aio.Server, shut_down_health: Callable[[], Any]) -> None:
     """End all streams and close the port, also if the caller is cancelled."""
 
     async def finish() -> None:
-        await end_health()
+        await shut_down_health()
         await server.stop(STOP_SECONDS)
 
     await asyncio.shield(finish())

@@ -17,12 +17,11 @@ from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
 from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Imaging, MeteredExposure
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
-from gateway.stereo.trigger import Trigger
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("stereo")
@@ -50,17 +49,16 @@ class StereoService:
             clock: source of timestamps; None: the system clock.
         """
         self.parameters = Parameters()
-        self.stored: Callable[[], Awaitable[str]] | None = None
-        """Waits until the parameters are stored, if they are (--state). Returns an error message, empty on success."""
+        self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
+        """Waits until the parameters are on disk (--state) and returns an error message, empty on success."""
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self.hub = Hub(config.max_clients, config.max_kinds, self._generation)
+        self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
         """Seconds since the epoch."""
-        self._trigger = Trigger()
         self._scheduler = FrameScheduler(
             self.scene_imaging,
             workers,
@@ -71,7 +69,6 @@ class StereoService:
             scene,
             pose,
             clock or SystemClock(),
-            self._trigger,
         )
         self._image_changes = 0
         self._port: int | None = None
@@ -132,7 +129,9 @@ class StereoService:
         Raises:
             OSError: the port is taken, or a certificate cannot be read; one sentence.
         """
-        running, self._port, end_health = await server.start(self.hub, self.events, self.injector, self.config)
+        grpc_server, self._port, shut_down_health = await server.start(
+            self.hub, self.events, self.injector, self.config
+        )
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
         try:
@@ -140,7 +139,7 @@ class StereoService:
         finally:
             self._port = None
             self.hub.close("the stereo camera is shutting down")
-            await server.stop(running, end_health)
+            await server.stop(grpc_server, shut_down_health)
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
         """Set parameters, all or none; see ``Parameters.set``.
@@ -160,14 +159,19 @@ class StereoService:
 
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""
-        subscribed = any(kind.has_depth for kind in self.hub.kinds())
-        code = self._trigger.fire(single=self.settings.single_frame, subscribed=subscribed)
+        if not self.settings.single_frame:
+            return -8, "Triggering is only possible in SingleFrame acquisition mode"
+        if not any(kind.has_depth for kind in self.hub.kinds()):
+            return 102, "Trigger is ignored, because there are no subscribers"
+        if self._scheduler.trigger_pending:
+            return 101, "Trigger is ignored, because there is a trigger call pending"
+        self._scheduler.trigger_pending = True
         self.hub.changed.set()
-        return code
+        return 0, ""
 
     def status(self) -> dict[str, Any]:
         """Return plain values for health pages."""
-        c = self.counts
+        counts = self.counts
         return {
             "model": self.config.model.name,
             "port": self.port,
@@ -176,10 +180,10 @@ class StereoService:
             "kinds": sorted(map(str, self.hub.kinds())),
             "depth_mode": self.config.depth_mode,
             "quality": self.settings.quality.value,
-            "frames": c.frames,
-            "depth_frames": c.depth_frames,
-            "skipped": c.skipped,
-            "busy": c.busy,
-            "depth_seconds": round(c.depth_seconds, 4),
-            **({"warning": c.problem} if c.problem else {}),
+            "frames": counts.frames,
+            "depth_frames": counts.depth_frames,
+            "skipped": counts.skipped,
+            "busy": counts.busy,
+            "depth_seconds": round(counts.depth_seconds, 4),
+            **({"warning": counts.problem} if counts.problem else {}),
         }

@@ -12,7 +12,7 @@ from renderers.stereo.exposure import AutoExposure, Exposure
 from renderers.stereo.filters import Filters
 from renderers.stereo.model import Quality
 
-ALTERNATE_GAP = 40_000_000
+ALTERNATE_GAP_NS = 40_000_000
 """Nanoseconds between exposures with Out1 low and high (manual)."""
 STATIC_IMAGES: Final = 8
 """Number of images that ``static_scene`` averages (manual)."""
@@ -67,16 +67,16 @@ class StreamSettings:
     single_frame: bool
     """Make depth images on demand only."""
     single_frame_out1: bool
-    """Make depth images with Out1 high, on demand only."""
-    out1: str
+    """Make depth images on demand only, with Out1 high."""
+    out1_mode: str
     """Mode of output 1, which the projector is connected to."""
-    out2: str
+    out2_mode: str
     """Mode of output 2."""
 
     @property
-    def alternate(self) -> bool:
-        """True if camera and depth images are exposed alternately."""
-        return self.out1 == "ExposureAlternateActive"
+    def alternate_exposure(self) -> bool:
+        """True if camera and depth images are exposed in turn."""
+        return self.out1_mode == "ExposureAlternateActive"
 
     @property
     def separate_depth(self) -> bool:
@@ -87,7 +87,7 @@ class StreamSettings:
     def camera_rate(self) -> float:
         """Camera image sets per second. In alternate exposure every second exposure is for depth."""
         fps = self.fps / HDR_IMAGES if self.manual_exposure.hdr else self.fps
-        return min(fps, 12.5) if self.alternate else fps
+        return min(fps, 12.5) if self.alternate_exposure else fps
 
     @property
     def averaged_images(self) -> int:
@@ -104,7 +104,7 @@ class StreamSettings:
 
         In SingleFrameOut1 the acquisition controls Out1: high for depth exposures, low for the others.
         """
-        high = [_is_high(mode, depth=depth) for mode in (self.out1, self.out2)]
+        high = [_is_high(mode, depth=depth) for mode in (self.out1_mode, self.out2_mode)]
         if self.single_frame_out1:
             high[0] = depth
         return high[0] | high[1] << 1
@@ -116,15 +116,15 @@ def _is_high(mode: str, *, depth: bool) -> bool:
 
 def read_settings(parameters: Parameters) -> StreamSettings:
     """Return the current settings."""
-    camera, matching, io = (parameters.values(n) for n in ("rc_camera", "rc_stereomatching", "rc_iocontrol"))
-    automatic = camera["exp_control"] != "Manual"
-    mode = str(matching["acquisition_mode"])
+    camera, matching, io = (parameters.values(node) for node in ("rc_camera", "rc_stereomatching", "rc_iocontrol"))
+    automatic_exposure = camera["exp_control"] != "Manual"
+    acquisition_mode = str(matching["acquisition_mode"])
     return StreamSettings(
         fps=float(camera["fps"]),
         auto_exposure=AutoExposure(
             float(camera["exp_max"]), float(camera["exp_auto_average_max"]), float(camera["exp_auto_average_min"])
         )
-        if automatic
+        if automatic_exposure
         else None,
         manual_exposure=Exposure(
             float(camera["exp_value"]),
@@ -148,10 +148,10 @@ def read_settings(parameters: Parameters) -> StreamSettings:
             mindepth=float(matching["mindepth"]),
             maxdepth=float(matching["maxdepth"]),
         ),
-        single_frame=mode != "Continuous",
-        single_frame_out1=mode == "SingleFrameOut1",
-        out1=str(io["out1_mode"]),
-        out2=str(io["out2_mode"]),
+        single_frame=acquisition_mode != "Continuous",
+        single_frame_out1=acquisition_mode == "SingleFrameOut1",
+        out1_mode=str(io["out1_mode"]),
+        out2_mode=str(io["out2_mode"]),
     )
 
 

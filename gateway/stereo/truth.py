@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import io
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
 from fastapi import APIRouter, Query
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import Response
+from numpy.typing import NDArray
 
-from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull
-from gateway.server.openapi import example
+from gateway.server.openapi import Responses, example
 from gateway.stereo.clock import NANOSECONDS
 from gateway.stereo.depth import measurable_depths
 from gateway.stereo.frame import FrameRecord
+from gateway.stereo.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
 from gateway.stereo.service import StereoService
 from renderers.interface import Output
+from renderers.stereo.model import Intrinsics
 from renderers.stereo.truth import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
-_MESSAGE: dict[str, Any] = {
-    "application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}
-}
-_RESPONSES: dict[int | str, dict[str, Any]] = {
+_RESPONSES: Final[Responses] = {
     200: {
         "description": "NumPy's npz.",
         "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
     },
-    400: {"description": "Not a timestamp.", "content": _MESSAGE},
-    404: {"description": "No such frame in the history.", "content": _MESSAGE},
-    503: {"description": "Too many requests wait already; see Retry-After.", "content": _MESSAGE},
+    **error_responses(
+        {
+            400: "Not a timestamp.",
+            404: "No such frame in the history.",
+            503: "Too many requests wait already; see Retry-After.",
+        }
+    ),
 }
 
 
@@ -43,6 +46,7 @@ def truth_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_RESPONSES,
     )
+    @with_error_responses
     async def truth(
         timestamp: Annotated[
             str,
@@ -52,60 +56,50 @@ def truth_router(*services: StereoService) -> APIRouter:
                 openapi_examples=example("", "newest frame") | example("1700000000.040000000", "frame of a timestamp"),
             ),
         ] = "",
-        pipeline: Annotated[
-            int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
-        ] = 0,
+        pipeline: Pipeline = 0,
     ) -> Response:
-        if pipeline >= len(services):
-            return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)
-        service = services[pipeline]
+        service = find_pipeline(services, pipeline)
         try:
-            record = find_frame(service.history, timestamp)
+            nanoseconds = parse_timestamp(timestamp) if timestamp else None
         except ValueError as error:
-            return JSONResponse({"message": str(error)}, 400)
-        except LookupError as error:
-            return JSONResponse({"message": str(error)}, 404)
+            raise RestError(400, str(error)) from None
         try:
-            data = await service.workers.run(ground_truth_npz, record)
+            data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
         except LookupError as error:
-            return JSONResponse({"message": str(error)}, 404)
-        except QueueFull as error:
-            return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
-        except DeadlineExceeded as error:
-            return JSONResponse({"message": f"rendering was stopped: {error}"}, 503)
+            raise RestError(404, str(error)) from None
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
     return api
 
 
-def find_frame(history: list[FrameRecord], timestamp: str) -> FrameRecord:
-    """Return the frame with an image of this timestamp, or the newest frame if it is empty.
+def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameRecord:
+    """Return the frame with an image of this timestamp; None: the newest frame.
 
     Args:
         history: frames, oldest first.
-        timestamp: ``1700000000.040000000``: the digits after the point are nanoseconds, padded on the right.
+        nanoseconds: timestamp.
 
     Raises:
-        ValueError: malformed timestamp.
         LookupError: no such frame in the history.
     """
     if not history:
         raise LookupError("no frame was taken yet; frames are taken while a client streams")
-    if not timestamp:
+    if nanoseconds is None:
         return history[-1]
-    nanoseconds = parse_timestamp(timestamp)
     for record in reversed(history):
-        if nanoseconds in (record.depth.timestamp, record.camera.timestamp):
+        if nanoseconds in (record.depth_capture.timestamp, record.camera_capture.timestamp):
             return record
-    first, last = history[0].camera.timestamp, history[-1].depth.timestamp
+    oldest, newest = history[0].camera_capture.timestamp, history[-1].depth_capture.timestamp
     raise LookupError(
         f"no frame has the timestamp {timestamp_text(nanoseconds)}; the history has {len(history)} from "
-        f"{timestamp_text(first)} to {timestamp_text(last)}"
+        f"{timestamp_text(oldest)} to {timestamp_text(newest)}"
     )
 
 
 def parse_timestamp(timestamp: str) -> int:
-    """Return the nanoseconds of ``sec.nsec`` text, exactly.
+    """Return the nanoseconds of ``1700000000.040000000``, exactly.
+
+    The digits after the point are nanoseconds, padded on the right.
 
     Raises:
         ValueError: malformed timestamp.
@@ -139,17 +133,17 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     imaging, settings = record.imaging, record.settings
     model = imaging.config.model
     divisor = settings.quality.divisor
-    k, camera = model.intrinsics(divisor), model.intrinsics()
+    depth_intrinsics, camera_intrinsics = model.intrinsics(divisor), model.intrinsics()
     arrays: dict[str, Any] = {}
     depth_and_label = Output.DEPTH | Output.LABEL
     for side, offset in (("left", 0.0), ("right", model.baseline)):
-        with imaging.render(record.camera, offset, 1, depth_and_label) as frame:
+        with imaging.render(record.camera_capture, offset, 1, depth_and_label) as frame:
             assert frame.depth is not None
             assert frame.label is not None
             arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth.copy(), frame.label.copy()
     with (
-        imaging.render(record.depth, 0.0, divisor, depth_and_label) as left,
-        imaging.render(record.depth, model.baseline, divisor, Output.DEPTH) as right,
+        imaging.render(record.depth_capture, 0.0, divisor, depth_and_label) as left,
+        imaging.render(record.depth_capture, model.baseline, divisor, Output.DEPTH) as right,
     ):
         assert left.depth is not None
         assert left.label is not None
@@ -158,20 +152,25 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
             left.depth, right.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
         )
         arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
-    shift = np.eye(4)
-    shift[0, 3] = model.baseline
+    X_left_right = np.eye(4)
+    X_left_right[0, 3] = model.baseline
     arrays |= {
-        "K": np.array(((k.focal_length, 0, k.cx), (0, k.focal_length, k.cy), (0, 0, 1))),
-        "K_left": np.array(((camera.focal_length, 0, camera.cx), (0, camera.focal_length, camera.cy), (0, 0, 1))),
+        "K": _intrinsic_matrix(depth_intrinsics),
+        "K_left": _intrinsic_matrix(camera_intrinsics),
         "baseline": np.float64(model.baseline),
-        "X_world_left": record.camera.X_world_left,
-        "X_world_right": record.camera.X_world_left @ shift,
-        "X_world_depth": record.depth.X_world_left,
+        "X_world_left": record.camera_capture.X_world_left,
+        "X_world_right": record.camera_capture.X_world_left @ X_left_right,
+        "X_world_depth": record.depth_capture.X_world_left,
         "frame": np.int64(record.number),
-        "revision": np.int64(record.depth.revision),
-        "timestamp": np.int64(record.depth.timestamp),
-        "camera_timestamp": np.int64(record.camera.timestamp),
+        "revision": np.int64(record.depth_capture.revision),
+        "timestamp": np.int64(record.depth_capture.timestamp),
+        "camera_timestamp": np.int64(record.camera_capture.timestamp),
     }
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **arrays)
     return file.getvalue()
+
+
+def _intrinsic_matrix(k: Intrinsics) -> NDArray[np.float64]:
+    """Return the (3, 3) float64 camera matrix."""
+    return np.array(((k.focal_length, 0, k.cx), (0, k.focal_length, k.cy), (0, 0, 1)))

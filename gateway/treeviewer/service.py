@@ -14,7 +14,7 @@ import structlog
 
 from gateway.lcm import tcpq_transport
 from gateway.lcm.network import open_transport, resolve_url
-from gateway.lcm.tcpq_hub import Hub, HubConnection
+from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.lcm.transport import LcmUnavailableError, Transport
 from gateway.runtime.scheduling import yield_to_event_loop
 from gateway.scene.live import LiveTree
@@ -50,7 +50,7 @@ class TreeViewerService:
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer", yield_to_event_loop)
         self._dispatcher = Dispatcher(self.protocol, config, self._executor, durable)
         self._transport: Transport | None = None
-        self.hub: Hub | None = None
+        self.hub: TcpqHub | None = None
         self._problems: dict[str, str] = {}
         """Reason why a transport could not start, by its name."""
         self._started = asyncio.Event()
@@ -110,7 +110,7 @@ class TreeViewerService:
             transport.start(partial(self._on_message, transport), partial(_announce, transport, ready))
 
     async def _start_hub(self, ready: bytes) -> None:
-        hub = Hub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready))
+        hub = TcpqHub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready))
         try:
             await hub.start()
         except LcmUnavailableError as error:
@@ -143,7 +143,7 @@ class TreeViewerService:
         """Return whether LCM_DEFAULT_URL, set for all programs of a machine, names the hub of this service."""
         parts = urlsplit(url)
         try:
-            port = parts.port or tcpq_transport.PORT
+            port = parts.port or tcpq_transport.DEFAULT_PORT
         except ValueError:
             return False
         is_local = (parts.hostname or "127.0.0.1") in _LOCAL_HOSTS

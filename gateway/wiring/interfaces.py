@@ -37,7 +37,8 @@ INTERFACES: Final[Mapping[str, Setup]] = {
 
 def enabled_interfaces(settings: Settings) -> dict[str, Setup]:
     """Return the interfaces that the settings enable (``--only``, ``--demo``)."""
-    names = set[str](settings.only) or {*INTERFACES} - {"demo"}
-    if settings.demo:
-        names.add("demo")
-    return {name: setup for name, setup in INTERFACES.items() if name in names}
+    return {
+        name: setup
+        for name, setup in INTERFACES.items()
+        if (settings.demo if name == "demo" else not settings.only or name in settings.only)
+    }

@@ -26,7 +26,7 @@ from gateway.stereo.fault_routes import fault_router
 from gateway.stereo.frame import Frame
 from gateway.stereo.images import Capture
 from gateway.stereo.node_routes import node_router
-from gateway.stereo.pair_files import geometry_in, pairs_in
+from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import PairImaging, pair_imaging
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.request import SetKind
@@ -100,7 +100,7 @@ def _start_camera(context: Context, number: int, mount: Mount) -> StereoService:
 
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = context.state.commits.stored
+        service.wait_until_stored = context.state.commits.stored
     if number == 0:
         live = settings.stereo_scene == "live"
         context.stereo_camera = lambda: view.camera(config) if live else None
@@ -121,8 +121,8 @@ def _scene_view(context: Context, mount: Mount) -> SceneView:
 def _pairs(folder: Path, service: StereoService) -> PairImaging:
     """Return the pairs of a folder, with the geometry in the folder or else that of the model."""
     config = service.config
-    pairs = pairs_in(folder, config.max_pairs, config.max_pair_pixels)
-    geometry = geometry_in(folder) or (config.model.focal_factor, config.model.baseline)
+    pairs = find_pairs(folder, config.max_pairs, config.max_pair_pixels)
+    geometry = read_geometry(folder) or (config.model.focal_factor, config.model.baseline)
     return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
@@ -141,7 +141,7 @@ def config_of(settings: Settings) -> StereoConfig:
         seed=settings.stereo_seed,
         noise=settings.stereo_noise,
         image_noise=settings.stereo_image_noise,
-        d_eps=settings.stereo_d_eps,
+        disparity_error=settings.stereo_d_eps,
         mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
         faults=settings.stereo_faults,

@@ -1,13 +1,13 @@
 """Error model of ground-truth depth: measured disparity, error and confidence from the exact disparity.
 
-The manual defines the disparity error d_eps as the standard deviation of the measured disparity, and the confidence as
-the probability that the true disparity lies within +-3 d_eps of the measured one. Accordingly:
+The manual defines the disparity error (its d_eps) as the standard deviation of the measured disparity, and the
+confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Accordingly:
 
-* Every pixel gets Gaussian noise of standard deviation d_eps.
-* A pixel becomes an outlier (beyond 3 d_eps) with a probability that grows with the local slope of the disparity,
-  because matching windows fail on slanted surfaces and edges. The manual has no figures for this; the slopes are our
-  choice.
-* The confidence is the exact probability of the event above for this noise and these outliers.
+* Every pixel gets Gaussian noise whose standard deviation is the disparity error.
+* A pixel becomes an outlier (beyond 3 disparity errors) with a probability that grows with the local slope of the
+  disparity, because matching windows fail on slanted surfaces and edges. The manual has no figures for this; the slopes
+  are our choice.
+* The confidence is the exact probability, for this noise and these outliers, that a pixel is within 3 disparity errors.
 """
 
 from __future__ import annotations
@@ -78,16 +78,30 @@ def add_errors(
 
 
 def _add_noise(
-    true_disparity: NDArray[np.float32], sigma: float, d_eps: float, key: np.uint64
+    true_disparity: NDArray[np.float32], sigma: float, disparity_error: float, key: np.uint64
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Return disparity and confidence. ``d_eps`` is ``sigma`` as the error image represents it."""
+    """Return disparity and confidence.
+
+    Args:
+        true_disparity: (H, W) float32, pixels.
+        sigma: standard deviation of the measured disparity, pixels.
+        disparity_error: ``sigma`` as the error image represents it, pixels.
+        key: random key of the frame.
+    """
     disparity = np.empty(true_disparity.shape, np.uint16)
     confidence = np.empty(true_disparity.shape, np.uint8)
     # Rounding to 1/16 pixel is uniform noise of variance 1/16^2 / 12; the Gaussian part makes up the rest of sigma.
     gaussian_sigma = max(sigma**2 - DISPARITY_SCALE**2 / 12.0, 1e-12) ** 0.5
-    inlier_confidence = _probability_within(3.0 * d_eps, gaussian_sigma)
+    inlier_confidence = _probability_within(3.0 * disparity_error, gaussian_sigma)
     _add_noise_and_outliers(
-        true_disparity, np.uint64(key), gaussian_sigma, d_eps, inlier_confidence, NORMAL_TABLE, disparity, confidence
+        true_disparity,
+        np.uint64(key),
+        gaussian_sigma,
+        disparity_error,
+        inlier_confidence,
+        NORMAL_TABLE,
+        disparity,
+        confidence,
     )
     return disparity, confidence
 
@@ -96,17 +110,17 @@ def _probability_within(limit: float, gaussian_sigma: float) -> float:
     """Return P(|noise + rounding| <= limit) of a pixel that is no outlier; rounding is uniform over 1/16 pixel."""
     normal = NormalDist(0.0, gaussian_sigma)
     roundings = ((np.arange(64) + 0.5) / 64 - 0.5) * DISPARITY_SCALE
-    return float(np.mean([normal.cdf(limit + r) - normal.cdf(-limit + r) for r in roundings]))
+    return float(np.mean([normal.cdf(limit + rounding) - normal.cdf(-limit + rounding) for rounding in roundings]))
 
 
 @kernel("void(float32[:,::1], uint64, float64, float64, float64, float32[::1], uint16[:,::1], uint8[:,::1])")
 def _add_noise_and_outliers(
-    true_disparity, key, gaussian_sigma, d_eps, inlier_confidence, normal_table, disparity, confidence
+    true_disparity, key, gaussian_sigma, disparity_error, inlier_confidence, normal_table, disparity, confidence
 ):
     height, width = true_disparity.shape
     zero, one = np.float32(0.0), np.float32(1.0)
-    slope_without = np.float32(OUTLIER_FREE_SLOPE)
-    error_limit = np.float32(3.0 * d_eps)
+    outlier_free_slope = np.float32(OUTLIER_FREE_SLOPE)
+    error_limit = np.float32(3.0 * disparity_error)
     inlier = np.float32(inlier_confidence)
     gaussian_table = normal_table * np.float32(gaussian_sigma)
     slope = np.empty(width, np.float32)
@@ -116,7 +130,7 @@ def _add_noise_and_outliers(
         _steepest_slope(true_row, true_disparity[max(row - 1, 0)], true_disparity[min(row + 1, height - 1)], slope)
         confidence_row = confidence[row]
         for column in range(width):
-            probability = min(max((slope[column] - slope_without) * _OUTLIERS_PER_SLOPE, zero), one)
+            probability = min(max((slope[column] - outlier_free_slope) * _OUTLIERS_PER_SLOPE, zero), one)
             outlier_probability[column] = probability
             # The confidence is rounded to a byte first; the outliers below follow the rounded value.
             level = np.floor((one - probability) * inlier * np.float32(255.0))
@@ -134,7 +148,7 @@ def _add_noise_and_outliers(
                     outlier_bits = random64(~key, row * width + column)
                     uniform = np.float32(outlier_bits >> np.uint64(40)) * np.float32(2.0**-24)
                     if uniform * inlier < inlier - np.float32(confidence_row[column]) / np.float32(255.0):
-                        # Beyond 3 d_eps even after rounding, and within the step that the segmentation allows.
+                        # Beyond the limit even after rounding, and within the step that the segmentation allows.
                         excess = np.float32((outlier_bits >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024)
                         deviation = error_limit + np.float32(0.07) + np.float32(0.75) * excess
                         if (outlier_bits >> np.uint64(12)) & np.uint64(1):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 REFERENCE_EXPOSURE: Final = 0.005
 """Seconds; the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
+"""Light is the display-encoded value to this power."""
 LUMA: Final = np.array((0.299, 0.587, 0.114))
 """Rec. 601 weights of red, green and blue."""
 READ_NOISE: Final = 0.2
@@ -30,7 +31,7 @@ SATURATED_SHARE: Final = 0.01
 """Maximum share of saturated pixels before automatic exposure lowers its brightness target."""
 BRACKETS: Final = (0.25, 1.0, 4.0)
 """Exposure times that high dynamic range combines, relative to the automatic one. The device's are not published."""
-_BINS: Final = 2048
+_HISTOGRAM_BINS: Final = 2048
 """Bins of the brightness histogram: a resolution of 1/2000 of the brightest value."""
 
 
@@ -149,9 +150,9 @@ def auto_exposure(brightness: NDArray[np.float32], limits: AutoExposure, manual:
     max_time = max(limits.max_time, MIN_EXPOSURE)
     # The searches below evaluate the mean about 50 times: on a histogram, not on the image.
     brightest = max(float(brightness.max()), 1e-6)
-    bins = (brightness.reshape(-1) * np.float32((_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
-    counts = np.bincount(bins, minlength=_BINS)
-    levels = np.arange(_BINS) * (brightest / (_BINS - 1))
+    bins = (brightness.reshape(-1) * np.float32((_HISTOGRAM_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
+    counts = np.bincount(bins, minlength=_HISTOGRAM_BINS)
+    levels = np.arange(_HISTOGRAM_BINS) * (brightest / (_HISTOGRAM_BINS - 1))
 
     def factor_for(target: float) -> float:
         """Return the exposure factor at which the mean of the image is ``target``, by bisection."""

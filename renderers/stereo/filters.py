@@ -36,7 +36,7 @@ class Filters:
     fill: int = 3
     """Maximum disparity step on the border of a hole that is filled, pixels; 0 disables filling."""
     maxdeptherr: float = 100.0
-    """Maximum depth error ``d_eps Z^2 / (f t)``, metres."""
+    """Maximum depth error ``disparity_error Z^2 / (f t)``, metres, with focal length f and baseline t."""
     mindepth: float = 0.1
     """Metres."""
     maxdepth: float = 100.0
@@ -88,12 +88,12 @@ def _apply_limits(
     height, width = disparity.shape
     for row in range(height):
         for column in range(width):
-            d = float(disparity[row, column])
+            units = float(disparity[row, column])
             if (
                 confidence[row, column] < min_confidence
-                or d < min_disparity
-                or d > max_disparity
-                or float(error[row, column]) * depth_error_factor > max_depth_error * d * d
+                or units < min_disparity
+                or units > max_disparity
+                or float(error[row, column]) * depth_error_factor > max_depth_error * units * units
             ):
                 disparity[row, column] = 0
                 error[row, column] = 0
@@ -118,7 +118,7 @@ def fill_holes(depth: DepthImages, max_step: int) -> None:
     wait_until_compiled("stereo")
     disparity = depth.disparity
     label_count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
-    # By label; 0 is the label of the valid pixels.
+    # Indexed by label; 0 is the label of the valid pixels.
     size = np.zeros(label_count, np.int32)
     lowest = np.full(label_count, 65536, np.int32)
     highest = np.full(label_count, -1, np.int32)
@@ -144,15 +144,15 @@ def _measure_holes(disparity, labels, size, lowest, highest):
             if row == 0 or column == 0 or row == height - 1 or column == width - 1:
                 lowest[hole] = _AT_IMAGE_EDGE
                 continue
-            for d in (
+            for neighbour in (
                 disparity[row - 1, column],
                 disparity[row + 1, column],
                 disparity[row, column - 1],
                 disparity[row, column + 1],
             ):
-                if d != 0:
-                    lowest[hole] = min(lowest[hole], d)
-                    highest[hole] = max(highest[hole], d)
+                if neighbour != 0:
+                    lowest[hole] = min(lowest[hole], neighbour)
+                    highest[hole] = max(highest[hole], neighbour)
 
 
 @kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int32[:,::1], boolean[::1])")

@@ -40,7 +40,7 @@ def match_pair(
     check_stop()
     searched_count = -(-disparity_count // 16) * 16
     # OpenCV leaves the first `searched_count` columns invalid; a border of that width keeps all columns of the image.
-    padded = [cv2.copyMakeBorder(i, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
+    padded = [cv2.copyMakeBorder(image, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched_count,
@@ -75,21 +75,21 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
     for row in range(height):
         for column in range(width):
             sixteenths = int(matches[row, column])
-            # Zero and below: no match. Beyond the left edge of the right image: a match with the added border.
+            # Not matched (zero and below), or matched with the border left of the right image.
             if sixteenths <= 0 or sixteenths > disparity_count * 16 or column * 16 < sixteenths:
                 continue
-            d = sixteenths / 16.0
+            pixels = sixteenths / 16.0
             level_sum, square_sum, difference_sum, count = 0.0, 0.0, 0.0, 0
             for window_row in range(row - 2, row + 3):
                 y = min(max(window_row, 0), height - 1)
                 for window_column in range(column - 2, column + 3):
                     x = min(max(window_column, 1), width - 2)
-                    x_right = x - d
+                    x_right = x - pixels
                     if x_right < 0.0 or x_right > width - 1.001:
                         continue
-                    j = int(x_right)
-                    fraction = x_right - j
-                    right_level = right[y, j] * (1.0 - fraction) + right[y, j + 1] * fraction
+                    x_floor = int(x_right)
+                    fraction = x_right - x_floor
+                    right_level = right[y, x_floor] * (1.0 - fraction) + right[y, x_floor + 1] * fraction
                     left_level = float(left[y, x])
                     level_sum += left_level
                     square_sum += left_level * left_level
@@ -100,7 +100,7 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
             texture = np.sqrt(max(square_sum / count - (level_sum / count) ** 2, 0.0))
             difference = difference_sum / count
             noise_error = NOISE_WEIGHT * noise_sigma / (texture + 0.25 * noise_sigma)
-            d_eps = np.sqrt(BASE_ERROR * BASE_ERROR + noise_error**2 / count)
+            disparity_error = np.sqrt(BASE_ERROR * BASE_ERROR + noise_error**2 / count)
             disagreement = max(difference - noise_sigma, 0.0) / (texture + 2.0 * noise_sigma)
             texture_support = texture * texture / (texture * texture + 1.5 * noise_sigma * noise_sigma)
             agreement = texture_support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
@@ -108,5 +108,5 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
             doubt = 1.0 - agreement
             probability = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
             disparity[row, column] = sixteenths
-            error[row, column] = int(min(max(np.rint(d_eps * 16.0), 1.0), 255.0))
+            error[row, column] = int(min(max(np.rint(disparity_error * 16.0), 1.0), 255.0))
             confidence[row, column] = int(probability * 255.0)

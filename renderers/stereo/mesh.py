@@ -34,15 +34,15 @@ class MeshOptions:
     textured: bool = False
     """Colour points from the left image."""
     rgb: bool = False
-    """Repeat the colours under the names red, green and blue."""
+    """Write the colours a second time as red, green and blue."""
 
 
 def smallest_bin_size(width: int, height: int, max_points: int) -> int:
-    """Return the smallest n with at most ``max_points`` bins of n x n pixels; 1 if ``max_points`` is 0."""
-    n = 1
-    while max_points > 0 and -(-width // n) * -(-height // n) > max_points:
-        n += 1
-    return n
+    """Return the smallest side of square bins, pixels, with at most ``max_points`` bins; 1 if ``max_points`` is 0."""
+    side = 1
+    while max_points > 0 and -(-width // side) * -(-height // side) > max_points:
+        side += 1
+    return side
 
 
 def disparity_mesh(
@@ -79,16 +79,16 @@ def disparity_mesh(
         baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
     )  # fmt: skip
     vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured, rgb=options.rgb))
-    for c, name in enumerate(("x", "y", "z", "scan_size")):
-        vertices[name] = points[:, c]
+    for column, name in enumerate(("x", "y", "z", "scan_size")):
+        vertices[name] = points[:, column]
     if options.textured:
         if left is None:
             raise ValueError("a textured mesh needs the left image")
         colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
-        for c, name in enumerate(("red", "green", "blue")):
-            vertices[f"diffuse_{name}"] = colors[:, c]
+        for channel, name in enumerate(("red", "green", "blue")):
+            vertices[f"diffuse_{name}"] = colors[:, channel]
             if options.rgb:
-                vertices[name] = colors[:, c]
+                vertices[name] = colors[:, channel]
     max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
     triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
     kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
@@ -107,12 +107,13 @@ def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int)
         height: height of the disparity image.
         bin_size: side of a bin, pixels of the disparity image.
     """
-    size = -(-left.shape[1] // width) * bin_size  # pixels of the left image
+    side = -(-left.shape[1] // width) * bin_size  # of a bin, in pixels of the left image
     columns, rows = -(-width // bin_size), -(-height // bin_size)
-    right, below = max(columns * size - left.shape[1], 0), max(rows * size - left.shape[0], 0)
-    if right or below:
-        left = np.asarray(cv2.copyMakeBorder(left, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
-    left = np.ascontiguousarray(left[: rows * size, : columns * size])
-    small = left if size == 1 else cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
+    padding_right, padding_below = max(columns * side - left.shape[1], 0), max(rows * side - left.shape[0], 0)
+    if padding_right or padding_below:
+        padded = cv2.copyMakeBorder(left, 0, padding_below, 0, padding_right, cv2.BORDER_REPLICATE)
+        left = np.asarray(padded, np.uint8)
+    left = np.ascontiguousarray(left[: rows * side, : columns * side])
+    small = left if side == 1 else cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
     small = np.asarray(small, np.uint8)
     return small if small.ndim == 3 else np.repeat(small[:, :, None], 3, axis=2)

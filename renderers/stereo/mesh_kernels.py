@@ -43,9 +43,9 @@ def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
 
 @kernel("void(float32[:,::1])")
 def fill_empty_bins(bin_disparity):
-    """Give every empty bin the farther of its two neighbours in the row; copy empty rows from the nearest row.
+    """Fill every empty bin with the farther of its two neighbours in the row; copy empty rows from the row before.
 
-    The farther one, because the background continues behind an edge.
+    The farther one, because the background continues behind an edge. Empty rows at the top copy the first filled row.
     """
     rows, columns = bin_disparity.shape
     first_filled, last_filled = -1, -1
@@ -76,7 +76,7 @@ def fill_empty_bins(bin_disparity):
 
 @inlined
 def _copy_row(values, source, target):
-    """Copy by a loop: an assignment of slices would compile code for its errors, too."""
+    """Copy in a loop: a slice assignment would also compile its error handling."""
     for column in range(values.shape[1]):
         values[target, column] = values[source, column]
 

@@ -87,11 +87,11 @@ class StereoModel:
         The size is rounded up (1280/6 is 214), but focal length and principal point are exact fractions, as on the
         device: the smaller image has larger pixels, and its last column and row lie partly outside.
         """
-        f = self.focal_factor * self.width
+        focal_length = self.focal_factor * self.width
         return Intrinsics(
             width=-(-self.width // divisor),
             height=-(-self.height // divisor),
-            focal_length=f / divisor,
+            focal_length=focal_length / divisor,
             cx=self.width / 2 / divisor,
             cy=self.height / 2 / divisor,
         )
@@ -107,13 +107,13 @@ class StereoModel:
         limits the number of disparities. Disparities count from that of ``maxdepth``: with a smaller ``maxdepth`` they
         reach nearer.
         """
-        return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
+        return max(mindepth, 2.5 * self.baseline, self._nearest_depth_in_memory(maxdepth, divisor))
 
     def has_reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
         """Return True if the device's memory limits the nearest depth."""
-        return self._memory_limit(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
+        return self._nearest_depth_in_memory(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
 
-    def _memory_limit(self, maxdepth: float, divisor: int) -> float:
+    def _nearest_depth_in_memory(self, maxdepth: float, divisor: int) -> float:
         """Return the nearest depth that the device's memory permits, metres; 0: no limit."""
         if divisor != 1:
             return 0.0
@@ -138,8 +138,8 @@ class StereoModel:
 
 
 MODELS: Final[dict[str, StereoModel]] = {
-    m.name: m
-    for m in (
+    model.name: model
+    for model in (
         # 0.8449: sample in the manual, 4 mm lens. 1.255: 6 mm lens, from the published accuracy table (0.25 px at 3 m
         # are 8.8 mm) and the 43 x 33 degrees of its field of view.
         StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_MAX_DISPARITIES),
@@ -163,7 +163,7 @@ def custom_model(size: str | None, focal_factor: float | None, baseline: float |
     """
     default = MODELS["rc_visard 160-4"]
     width, cross, height = (size or f"{default.width}x{default.height}").partition("x")
-    if not (cross and all(n.isascii() and n.isdigit() and len(n) < 6 for n in (width, height))):
+    if not (cross and all(text.isascii() and text.isdigit() and len(text) < 6 for text in (width, height))):
         raise ValueError(f"{size!r} is not a size like 1280x960")
     return StereoModel(
         "rc_visard custom",

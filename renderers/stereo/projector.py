@@ -1,7 +1,7 @@
 """Random-dot projector: its light at every pixel of a camera image.
 
-The pattern is a texture on the projector's image plane, so it stays in place on a surface whichever camera looks at it,
-and gives a matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
+The pattern is a texture on the projector's image plane, so both cameras see it at the same place on a surface. It
+gives a matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
 Objects cast shadows in its light.
 """
 
@@ -21,10 +21,10 @@ CELL: Final = 1.5 / 552.0
 _PERIOD: Final = 1024
 """Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
 _MIN_CELL: Final = 1.5
-"""Minimum width of a cell, pixels. Where cells would be smaller, a coarser level of the pattern avoids aliasing, which
-would differ between the cameras."""
+"""Minimum width of a cell, pixels. For smaller cells a coarser level of the pattern is used, because aliasing would
+differ between the cameras."""
 _SHADOW_BIAS: Final = 0.02
-"""Relative bias against self-shadowing: a slanted surface's depth changes this much within the pixels compared."""
+"""Relative bias against self-shadowing: the depth of a slanted surface changes by this within the compared pixels."""
 
 
 @cache

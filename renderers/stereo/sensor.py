@@ -17,7 +17,7 @@ from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, Exposure, n
 from renderers.stereo.noise import NORMAL_TABLE
 
 _GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
-_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
+_NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
 """(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
 
 
@@ -56,23 +56,23 @@ def sensor_image(
     height, width = rendered.shape[:2]
     image = np.empty((height, width, 3 if color else 1), np.uint8)
     key = np.uint64(key)
-    response, sigma = _curves(exposure, noise)
+    response, sigma = _response_curves(exposure, noise)
     step_factor = exposure.factor / exposure.saturation * (kernels.RESPONSE_STEPS - 1)
-    # Without dots a grey level depends on one byte or luma step: a table of noisy levels halves the time.
+    # Without dots, a grey level depends on one byte or luma step only: a table of noisy levels halves the time.
     if dots is not None:
         light = 1.0 + dot_light * np.arange(256) / 255.0
         dot_factors = (light ** (1.0 / DISPLAY_GAMMA) * step_factor).astype(np.float32)
         weights = np.diag(exposure.channels / 255.0) if color else (exposure.channels * LUMA / 255.0)[None]
-        total = kernels.image_with_dots(
+        level_sum = kernels.image_with_dots(
             rendered, dots, dot_factors, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
         )
     elif color:
         levels = [_noisy_levels(response, sigma, 256, step_factor * channel) for channel in exposure.channels]
-        total = kernels.color_from_table(rendered, np.stack(levels), key, image)
+        level_sum = kernels.color_from_table(rendered, np.stack(levels), key, image)
     else:
         table = _noisy_levels(response, sigma, kernels.LUMA_STEPS, step_factor)
-        total = kernels.grey_from_table(rendered, table, _luma_weights(exposure), key, image[:, :, 0])
-    return SensorImage(image if color else image[:, :, 0], total / (255.0 * image.size))
+        level_sum = kernels.grey_from_table(rendered, table, _luma_weights(exposure), key, image[:, :, 0])
+    return SensorImage(image if color else image[:, :, 0], level_sum / (255.0 * image.size))
 
 
 def _luma_weights(exposure: Exposure) -> NDArray[np.int64]:
@@ -87,8 +87,8 @@ def _noisy_levels(
     """Return the grey levels of ``count`` display-encoded values from 0 to 1 for 128 equally likely noises.
 
     Args:
-        response: grey level of each step (``_curves``).
-        sigma: noise of each step (``_curves``).
+        response: grey level of each step (``_response_curves``).
+        sigma: noise of each step (``_response_curves``).
         count: number of values.
         step_factor: steps per display-encoded value.
 
@@ -97,11 +97,11 @@ def _noisy_levels(
     """
     values = np.arange(count, dtype=np.float32) / (count - 1) * np.float32(step_factor)
     step = np.minimum(values, kernels.RESPONSE_STEPS - 1).astype(np.int32)
-    levels = response[step][:, None] + sigma[step][:, None] * _QUANTILES
+    levels = response[step][:, None] + sigma[step][:, None] * _NOISE_QUANTILES
     return np.clip(levels, 0.0, 255.0).astype(np.uint8)
 
 
-def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _response_curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return grey level and noise by step of the multiplied display-encoded value, both (4096,) float32."""
     x = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation
     grey = 255.0 * exposure.response(x)

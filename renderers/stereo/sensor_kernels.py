@@ -12,8 +12,9 @@ from renderers.stereo.noise import random64
 RESPONSE_STEPS: Final = 4096
 """Number of samples of the response curve along the display-encoded value."""
 LUMA_STEPS: Final = 1024
-"""Number of luma steps of ``levels``: more than the 256 grey levels, to avoid banding."""
+"""Number of luma steps of the table of grey levels: more than 256, to avoid banding."""
 _WHITE_LUMA: Final = 255 * 256
+"""Luma of white, units of 1/256 grey level."""
 _STEPS_PER_LUMA_Q16: Final = 1028
 """Luma steps per unit of luma, times 2^16: the brightest luma is the last step."""
 
@@ -30,7 +31,7 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
         image: (H, W) uint8, output.
     """
     height, width = image.shape
-    total = 0
+    level_sum = 0
     red, green, blue = np.uint32(luma_weights[0]), np.uint32(luma_weights[1]), np.uint32(luma_weights[2])
     white = np.uint32(_WHITE_LUMA)
     for row in range(height):
@@ -42,15 +43,15 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
             level = levels[(min(luma, white) * _STEPS_PER_LUMA_Q16) >> 16, random_bits & np.uint64(127)]
             random_bits >>= np.uint64(8)
             image[row, column] = level
-            total += level
-    return total
+            level_sum += level
+    return level_sum
 
 
 @kernel("int64(uint8[:,:,::1], uint8[:,:,::1], uint64, uint8[:,:,::1])")
 def color_from_table(rendered, levels, key, image):
     """Write an RGB image. ``levels`` is (3, 256, 128) uint8: level by channel, byte and noise value."""
     height, width = image.shape[:2]
-    total = 0
+    level_sum = 0
     for row in range(height):
         for column in range(width):
             random_bits = random64(key, row * width + column)
@@ -58,8 +59,8 @@ def color_from_table(rendered, levels, key, image):
                 level = levels[channel, rendered[row, column, channel], random_bits & np.uint64(127)]
                 random_bits >>= np.uint64(8)
                 image[row, column, channel] = level
-                total += level
-    return total
+                level_sum += level
+    return level_sum
 
 
 @kernel(
@@ -84,7 +85,7 @@ def image_with_dots(rendered, dots, dot_factors, channel_weights, response, sigm
     height, width, channels = image.shape
     last_step = np.float32(RESPONSE_STEPS - 1)
     pixels_per_random = 4 // channels
-    total = 0
+    level_sum = 0
     for row in range(height):
         random_bits = np.uint64(0)
         for column in range(width):
@@ -102,5 +103,5 @@ def image_with_dots(rendered, dots, dot_factors, channel_weights, response, sigm
                 random_bits >>= np.uint64(16)
                 level = int(min(max(noisy, np.float32(0.0)), np.float32(255.0)))
                 image[row, column, channel] = level
-                total += level
-    return total
+                level_sum += level
+    return level_sum

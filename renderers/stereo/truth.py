@@ -12,7 +12,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 
 OCCLUSION_STEP: Final = 1.0
-"""Pixels: a point is occluded if the right camera sees something nearer there by more than this disparity (the
+"""Pixels. A point is occluded if what the right camera sees there has a larger disparity by more than this (the
 tolerance of the common left-right consistency check)."""
 
 
@@ -54,16 +54,16 @@ def _true_disparity(depth_left, depth_right, focal_times_baseline, min_depth, ma
     for row in range(height):
         for column in range(width):
             z = depth_left[row, column]
-            d = np.float32(0.0)
+            pixels = np.float32(0.0)
             if min_depth <= z <= max_depth:
-                d = focal_times_baseline / z
-                x_right = np.float32(column) - d  # integers are pixel centres
+                pixels = focal_times_baseline / z
+                x_right = np.float32(column) - pixels  # integers are pixel centres
                 if x_right < np.float32(-0.5):
-                    d = np.float32(0.0)
+                    pixels = np.float32(0.0)
                 else:
-                    j = max(int(np.floor(x_right)), 0)
+                    left_column = max(int(np.floor(x_right)), 0)
                     # +inf: the right camera looks past an edge, so nothing occludes the point.
-                    farther = max(depth_right[row, j], depth_right[row, min(j + 1, width - 1)])
-                    if focal_times_baseline / farther > d + np.float32(OCCLUSION_STEP):
-                        d = np.float32(0.0)
-            disparity[row, column] = d
+                    farther = max(depth_right[row, left_column], depth_right[row, min(left_column + 1, width - 1)])
+                    if focal_times_baseline / farther > pixels + np.float32(OCCLUSION_STEP):
+                        pixels = np.float32(0.0)
+            disparity[row, column] = pixels

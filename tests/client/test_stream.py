@@ -22,7 +22,7 @@ from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
-from gateway.stereo.pair_files import geometry_in
+from gateway.stereo.pair_files import read_geometry
 from gateway.stereo.truth import truth_router
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
@@ -56,7 +56,7 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
     assert "2 sets" in seen[-1]
     files = sorted(p.name for p in (tmp_path / "sets").iterdir())
     assert len(files) == 16
-    base = f"image_{progress.stamp}"
+    base = f"image_{progress.timestamp}"
     names = ("left.png", "disparity.png", "disparity_param.txt", "mesh.ply")
     assert {f"{base}_{n}" for n in names} | {f"{base}.npz"} <= set(files)
     data = np.load(tmp_path / "sets" / f"{base}.npz")
@@ -77,7 +77,7 @@ async def test_cvkit_s_tools_find_depth_in_the_files(start: Start, tmp_path: Pat
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", disparity=True, count=1, output=tmp_path)
     progress = await asyncio.to_thread(receive_all, options)
-    base = f"{tmp_path}/image_{progress.stamp}"
+    base = f"{tmp_path}/image_{progress.timestamp}"
     # <prefix>_param.txt, where the prefix is the part of the image's name up to the last dot.
     text = Path(f"{base}_disparity_param.txt").read_text("ascii")  # noqa: ASYNC240 - nothing else runs
     lines = [line for line in text.splitlines() if not line.startswith("#")]
@@ -107,7 +107,7 @@ async def test_exposure_and_gpios_are_written_on_request(start: Start, tmp_path:
         f"127.0.0.1:{port}", left=True, disparity=True, count=1, output=tmp_path, exposure=True, gpio=True
     )
     progress = await asyncio.to_thread(receive_all, options)
-    base = f"image_{progress.stamp}"
+    base = f"image_{progress.timestamp}"
     files = {p.name for p in tmp_path.iterdir()}  # noqa: ASYNC240 - nothing else runs
     # The vendor's client: outputs, then inputs, the highest line first.
     bits = {"left_00_00.png", "disparity_01_00.png", "disparity_01_00_param.txt"}
@@ -118,7 +118,7 @@ async def test_exposure_and_gpios_are_written_on_request(start: Start, tmp_path:
     assert 0 < data["left_brightness"] < data["disparity_brightness"]
     assert (data["left_gpio_values"], data["disparity_gpio_values"]) == (0, 1)
     assert (data["left_gpio_outputs"], data["left_gpio_inputs"]) == (3, 12)
-    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
+    assert list(read_geometry(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
 
 
 def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,11 +167,11 @@ async def test_truth_is_written_for_each_set(start: Start, tmp_path: Path) -> No
         truth=f"http://127.0.0.1:{http.status()['port']}",
     )  # fmt: skip
     progress = await asyncio.to_thread(receive_all, options)
-    data = np.load(tmp_path / f"image_{progress.stamp}.npz")
-    truth = np.load(tmp_path / f"image_{progress.stamp}_truth.npz")
+    data = np.load(tmp_path / f"image_{progress.timestamp}.npz")
+    truth = np.load(tmp_path / f"image_{progress.timestamp}_truth.npz")
     assert truth["timestamp"] == data["disparity_timestamp"]
-    both = np.isfinite(data["depth"]) & np.isfinite(truth["depth"])
-    assert np.median(np.abs(data["depth"][both] / truth["depth"][both] - 1)) < 0.02
+    valid_in_both = np.isfinite(data["depth"]) & np.isfinite(truth["depth"])
+    assert np.median(np.abs(data["depth"][valid_in_both] / truth["depth"][valid_in_both] - 1)) < 0.02
     assert len([p for p in tmp_path.iterdir() if p.name.endswith("_truth.npz")]) == 2  # noqa: ASYNC240 - nothing else runs
     with pytest.raises(TruthFailure, match="404: there is no pipeline 3"):
         await asyncio.to_thread(receive_all, replace(options, pipeline=3))

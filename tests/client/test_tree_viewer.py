@@ -48,29 +48,29 @@ def hub_of(service: TreeViewerService) -> str:
 
 
 def tour(url: str, binary: bool | None) -> None:
-    with TreeViewer(url, timeout=SECONDS, binary=binary) as it:
-        answer = it["robot"]["base"].set(Box((1, 2, 3)), Sphere(1), transform=(0, 0, 1))
+    with TreeViewer(url, timeout=SECONDS, binary=binary) as tree_viewer:
+        answer = tree_viewer["robot"]["base"].set(Box((1, 2, 3)), Sphere(1), transform=(0, 0, 1))
         assert (answer.status, answer.added, answer.transformed) == (0, (("robot", "base"),), (("robot", "base"),))
-        assert it["robot/arm"][0].set(PointCloud(np.zeros((5, 3)))).added == (("robot", "arm", 0),)
-        assert it["nobody"].transform((1, 2, 3)).missing == (("nobody",),)
-        with it.batch() as batch:
+        assert tree_viewer["robot/arm"][0].set(PointCloud(np.zeros((5, 3)))).added == (("robot", "arm", 0),)
+        assert tree_viewer["nobody"].transform((1, 2, 3)).missing == (("nobody",),)
+        with tree_viewer.batch() as batch:
             batch["x"].set(Sphere(1))
             batch["y"].set(Sphere(1), transform=np.eye(4))
             batch["x"].delete()
         assert batch.answer is not None
         assert (batch.answer.added, batch.answer.deleted) == ((("y",),), (("x",),))
         with pytest.raises(ValueError, match="lengths must have 3"):
-            half_a_batch(it)
+            half_a_batch(tree_viewer)
         with pytest.raises(TreeViewerError, match="no folder of mesh files is open to clients") as caught:
-            it["mesh"].set(MeshFile("/etc/passwd"))
+            tree_viewer["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
         with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
-            it["robot"].set("box")  # type: ignore[arg-type]  # the error is tested
-        assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
+            tree_viewer["robot"].set("box")  # type: ignore[arg-type]  # the error is tested
+        assert tree_viewer["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 
-def half_a_batch(it: TreeViewer) -> None:
-    with it.batch() as batch:
+def half_a_batch(tree_viewer: TreeViewer) -> None:
+    with tree_viewer.batch() as batch:
         batch["z"].set(Sphere(1))
         batch["z"].set(Box((1, 2)))
 
@@ -97,9 +97,9 @@ async def test_a_million_points_over_tcpq() -> None:
     async with serving(live=live) as service:
 
         def publish() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
                 points = np.zeros((1_000_000, 3), np.float32)
-                assert it["cloud"].set(PointCloud(points, rgb=points.astype(np.uint8))).status == 0
+                assert tree_viewer["cloud"].set(PointCloud(points, rgb=points.astype(np.uint8))).status == 0
 
         await in_thread(publish)
         node = live.snapshot.root.find(("cloud",))
@@ -114,14 +114,14 @@ async def test_async_client() -> None:
     async with serving(live=live) as service:
         with pytest.raises(RuntimeError, match="enter the viewer first"):
             AsyncTreeViewer(timeout=SECONDS)["a"]
-        async with AsyncTreeViewer(hub_of(service), timeout=SECONDS) as it:
-            answers = await asyncio.gather(*(it["swarm"][i].set(Sphere(1)) for i in range(20)))
+        async with AsyncTreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
+            answers = await asyncio.gather(*(tree_viewer["swarm"][i].set(Sphere(1)) for i in range(20)))
             assert {answer.status for answer in answers} == {0}
-            await it["swarm"][0].transform((1, 2, 3))
-            async with it.batch() as batch:
+            await tree_viewer["swarm"][0].transform((1, 2, 3))
+            async with tree_viewer.batch() as batch:
                 batch["swarm", 1].delete()
             assert len(paths(live)) == 19
-            await it.delete()
+            await tree_viewer.delete()
         assert paths(live) == set()
 
 
@@ -134,12 +134,12 @@ async def test_sends_missing_geometry_again() -> None:
                 edit.delete(())
 
         def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
-                it["robot"].transform((5, 0, 0))
-                it["robot"]["base"].set(Box((1, 1, 1)))
-                it["other"].set(Box((1, 1, 1)))
+            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
+                tree_viewer["robot"].transform((5, 0, 0))
+                tree_viewer["robot"]["base"].set(Box((1, 1, 1)))
+                tree_viewer["other"].set(Box((1, 1, 1)))
                 forget()
-                answer = it["robot"]["base"].transform((0, 0, 1))
+                answer = tree_viewer["robot"]["base"].transform((0, 0, 1))
                 assert (answer.status, answer.missing) == (0, ())
 
         await in_thread(talk)
@@ -153,15 +153,15 @@ async def test_sends_everything_to_a_restarted_viewer() -> None:
     (port,) = free_ports(1)
     config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
     async with serving(config):
-        it = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
-        await in_thread(it["robot"].set, Box((1, 1, 1)))
+        tree_viewer = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
+        await in_thread(tree_viewer["robot"].set, Box((1, 1, 1)))
     live = LiveTree()
     try:
         async with serving(config, live=live):
             await until(lambda: paths(live) == {("robot",)})
-            assert (await in_thread(it["robot"].transform, (1, 2, 3))).status == 0
+            assert (await in_thread(tree_viewer["robot"].transform, (1, 2, 3))).status == 0
     finally:
-        await in_thread(it.close)
+        await in_thread(tree_viewer.close)
 
 
 async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,14 +171,14 @@ async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delitem(readers, wire.BINARY)
 
         def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
-                assert it["a"].set(Sphere(1)).status == 0
-                assert it.message_format == wire.JSON
+            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
+                assert tree_viewer["a"].set(Sphere(1)).status == 0
+                assert tree_viewer.message_format == wire.JSON
             with (
-                TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as it,
+                TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as tree_viewer,
                 pytest.raises(TreeViewerError) as caught,
             ):
-                it["b"].set(Sphere(1))
+                tree_viewer["b"].set(Sphere(1))
             assert caught.value.answer.status == UNKNOWN_FORMAT
 
         await in_thread(talk)
@@ -189,13 +189,13 @@ def test_reports_timeout() -> None:
     url = free_url()
     join(url)
     with (
-        TreeViewer(url, timeout=0.05) as it,  # short: no viewer
+        TreeViewer(url, timeout=0.05) as tree_viewer,  # short: no viewer
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
-        it["a"].set(Sphere(1))
-    assert not it.pending
+        tree_viewer["a"].set(Sphere(1))
+    assert not tree_viewer.pending
     with pytest.raises(ConnectionError, match="closed"):
-        it["a"].delete()
+        tree_viewer["a"].delete()
 
 
 def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,13 +218,13 @@ def test_escapes_channels() -> None:
 def test_ignores_foreign_messages() -> None:
     url = free_url()
     other = join(url)
-    with TreeViewer(url, timeout=0.05) as it:  # short: no viewer
+    with TreeViewer(url, timeout=0.05) as tree_viewer:  # short: no viewer
         threads = threading.active_count()
         for message in (b"", b"junk", wire.encode({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)):
             other.publish(wire.RESPONSE, message)
-            other.publish(f"{wire.RESPONSE}_<{it.client_id}>", message)
+            other.publish(f"{wire.RESPONSE}_<{tree_viewer.client_id}>", message)
         with pytest.raises(TimeoutError):
-            it["a"].set(Sphere(1))
+            tree_viewer["a"].set(Sphere(1))
         assert threading.active_count() == threads
 
 
@@ -251,8 +251,8 @@ async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) ->
     async with serving() as service:
 
         def talk() -> None:
-            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
-                it["a"].set(Sphere(1))
+            with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
+                tree_viewer["a"].set(Sphere(1))
 
         await in_thread(talk)
     assert capfd.readouterr().err == ""

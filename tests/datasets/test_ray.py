@@ -139,8 +139,8 @@ def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], t
 
 
 def test_without_ray_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gateway.datasets.ray_tasks import RayError, run_ray
+    from gateway.datasets.ray_tasks import RayUnavailableError, run_ray
 
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(RayError, match=r"pip install 'scenegate\[ray\]'"):
+    with pytest.raises(RayUnavailableError, match=r"pip install 'scenegate\[ray\]'"):
         next(run_ray([], "auto"))

@@ -74,7 +74,7 @@ async def output_of(*command: str | Path) -> str:
     return str(done.stdout)
 
 
-async def ended(process: asyncio.subprocess.Process) -> None:
+async def wait_until_ended(process: asyncio.subprocess.Process) -> None:
     async with asyncio.timeout(SECONDS):
         await process.wait()
 
@@ -90,19 +90,19 @@ async def running(*command: str) -> AsyncIterator[asyncio.subprocess.Process]:
     finally:
         if process.returncode is None:
             os.killpg(process.pid, signal.SIGINT)
-        await ended(process)
+        await wait_until_ended(process)
 
 
-async def told(port: int) -> HubClient:
-    """Run a client that publishes all of EVENTS."""
+async def publishing_client(port: int) -> HubClient:
+    """Return a client that has published all of EVENTS."""
     client = await HubClient.connect(port)
     for channel, data in SENT:
         await client.publish(channel, data)
     return client
 
 
-async def recorded(out: Path) -> None:
-    """Return the path of a log of EVENTS by ``scenegate record``."""
+async def record_events(out: Path) -> None:
+    """Record a log of EVENTS with ``scenegate record``."""
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         # responses have other channels
@@ -112,7 +112,7 @@ async def recorded(out: Path) -> None:
         ) as ours:
             assert ours.stderr is not None
             assert await ours.stderr.readline() == b"Recording ...\n"
-            client = await told(service.tcpq_port)
+            client = await publishing_client(service.tcpq_port)
             await until(lambda: out.exists() and out.stat().st_size >= len(written(EVENTS)))
             await client.close()
 
@@ -136,24 +136,24 @@ async def test_a_log_of_lcm_logger_is_played(tmp_path: Path) -> None:
                 await client.publish(channel, data)
             await written_down(SENT[-1][1])
             await client.close()
-    found = [(event.channel, event.data) for event in read_events(io.BytesIO(out.read_bytes()))]
-    assert [entry for entry in found if entry in SENT] == SENT
+    events = [(event.channel, event.data) for event in read_events(io.BytesIO(out.read_bytes()))]
+    assert [entry for entry in events if entry in SENT] == SENT
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         play = [sys.executable, "-m", "gateway.cli", "play", str(out), "--lcm-url", url, "--speed", "0"]
         async with running(*play) as ours:
-            await ended(ours)
+            await wait_until_ended(ours)
             assert ours.returncode == 0
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
 
 
 async def test_lcms_tools_play_and_filter_a_log_of_ours(tmp_path: Path) -> None:
     player, out, live = tool("lcm-logplayer"), tmp_path / "ours.lcmlog", LiveTree()
-    await recorded(out)
+    await record_events(out)
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         async with running(player, "-l", url, str(out)) as theirs:
-            await ended(theirs)
+            await wait_until_ended(theirs)
             assert theirs.returncode == 0
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
         assert service.status()["received"] == 2
@@ -169,7 +169,7 @@ async def test_lcm_spy_reads_a_log_of_ours(tmp_path: Path) -> None:
     if jar is None or shutil.which("javac") is None:
         pytest.skip("lcm-spy is Java: javac or the wheel's lcm.jar is missing")
     out = tmp_path / "ours.lcmlog"
-    await recorded(out)
+    await record_events(out)
     types = ROOT / "lcmtypes" / "viewer2_comms_t.lcm"
     await output_of(tool("lcm-gen"), "-j", "--jpath", tmp_path, types)
     (tmp_path / "Spied.java").write_text(SPY)

@@ -18,7 +18,7 @@ from gateway.lcm.tcpq import (
     FrameParser,
     FrameType,
     publish_header,
-    subscription,
+    subscription_frame,
 )
 from gateway.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assembler
 
@@ -26,7 +26,9 @@ from gateway.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assemble
 def parse(stream: bytes, max_message: int = 100) -> list[tuple[FrameType, str, bytes]]:
     """Frames of a stream that follows the hello."""
     frames: list[tuple[FrameType, str, bytes]] = []
-    parser = FrameParser(MAGIC_CLIENT, max_message, lambda k, c, d: frames.append((k, c, bytes(d))), lambda _: True)
+    parser = FrameParser(
+        MAGIC_CLIENT, max_message, lambda kind, name, data: frames.append((kind, name, bytes(data))), lambda _: True
+    )
     stream = CLIENT_HELLO + stream
     while stream:
         buffer = parser.buffer()
@@ -45,9 +47,9 @@ def test_frame_of_the_maximum_size() -> None:
 
 def test_frame_name_of_the_maximum_length() -> None:
     name = "n" * tcpq.MAX_NAME_BYTES
-    assert parse(subscription(FrameType.SUBSCRIBE, name)) == [(FrameType.SUBSCRIBE, name, b"")]
+    assert parse(subscription_frame(FrameType.SUBSCRIBE, name)) == [(FrameType.SUBSCRIBE, name, b"")]
     with pytest.raises(FrameError, match="a channel of 65537 bytes"):
-        parse(subscription(FrameType.SUBSCRIBE, name + "n"))
+        parse(subscription_frame(FrameType.SUBSCRIBE, name + "n"))
 
 
 @pytest.mark.parametrize("more", [0, 1])
@@ -102,9 +104,9 @@ def test_channel_of_the_maximum_length_over_udp() -> None:
     assembler = Assembler(b"", 1 << 20, 1 << 20)
     for size in (5, 100_000):
         datagrams = [b"".join(buffers) for buffers in udpm.datagrams(longest, bytes(size), 1)]
-        found = [assembler.receive(datagram, ("x", 1)) for datagram in datagrams]
-        assert found[-1] is not None
-        assert (found[-1].channel, len(found[-1].data)) == (longest, size)
+        messages = [assembler.receive(datagram, ("x", 1)) for datagram in datagrams]
+        assert messages[-1] is not None
+        assert (messages[-1].channel, len(messages[-1].data)) == (longest, size)
     assert assembler.receive(b"LC02\0\0\0\1" + b"c" * 64 + b"\0", ("x", 1)) is None
 
 

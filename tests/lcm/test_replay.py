@@ -124,12 +124,12 @@ async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
     live = LiveTree()
     async with (
         serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live),
-        recording(out, url, "IMU|DIR.*") as got,
+        recording(out, url, "IMU|DIR.*") as received,
     ):
         await replay.play(log, url, 0.0, False, ".*_<a>", replay.Progress())
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
         await replay.play(log, url, 100.0, False, "IMU", replay.Progress())
-        await until(lambda: got.events == 5)  # and two responses
+        await until(lambda: received.events == 5)  # and two responses
     channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
     assert sorted(channels) == sorted(
         [f"{REQUEST}_<a>"] * 2 + [f"{REQUEST.replace('REQUEST', 'RESPONSE')}_<a>"] * 2 + ["IMU"]
@@ -154,7 +154,7 @@ async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
     """Closing a connection with unread bytes resets it, and the hub loses what it has not read."""
     log = tmp_path / "in.lcmlog"
     log.write_bytes(written(EVENTS) * 500)
-    got: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    received: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
     async def hub(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readexactly(8)
@@ -166,13 +166,13 @@ async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
                 writer.write(publish_header("CHATTER", 1000) + bytes(1000))
         except ConnectionError:
             size = -1
-        got.set_result(size)
+        received.set_result(size)
         writer.close()
 
     server = await asyncio.start_server(hub, "127.0.0.1", 0)
     url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
     await replay.play(log, url, 0.0, False, ".*", replay.Progress())
-    assert await got > sum(len(event.data) for event in EVENTS) * 500
+    assert await received > sum(len(event.data) for event in EVENTS) * 500
     server.close()
     await server.wait_closed()
 

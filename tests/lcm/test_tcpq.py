@@ -14,7 +14,7 @@ from gateway.lcm.tcpq import (
     FrameParser,
     FrameType,
     publish_header,
-    subscription,
+    subscription_frame,
 )
 
 FRAMES = st.lists(
@@ -30,34 +30,39 @@ FRAMES = st.lists(
 @settings(deadline=None, max_examples=60)
 @given(FRAMES, st.lists(st.integers(1, 300_000), min_size=1, max_size=20))
 def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]], cuts: list[int]) -> None:
-    got: list[tuple[FrameType, str, bytes]] = []
-    reader = FrameParser(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
+    frames_received: list[tuple[FrameType, str, bytes]] = []
+    parser = FrameParser(
+        MAGIC_CLIENT,
+        1_000_000,
+        lambda kind, name, data: frames_received.append((kind, name, bytes(data))),
+        lambda _: True,
+    )
     stream = CLIENT_HELLO
     expected = []
     for index, (kind, name, size) in enumerate(frames):
         data = bytes([index]) * size if kind is FrameType.PUBLISH else b""
-        stream += publish_header(name, size) + data if kind is FrameType.PUBLISH else subscription(kind, name)
+        stream += publish_header(name, size) + data if kind is FrameType.PUBLISH else subscription_frame(kind, name)
         expected.append((kind, name, data))
-    at, turn = 0, 0
-    while at < len(stream):
-        room = reader.buffer()
-        assert len(room) > 0
-        piece = stream[at : at + min(len(room), cuts[turn % len(cuts)])]
-        room[: len(piece)] = piece
-        reader.received(len(piece))
-        at, turn = at + len(piece), turn + 1
-    assert got == expected
+    position, turn = 0, 0
+    while position < len(stream):
+        buffer = parser.buffer()
+        assert len(buffer) > 0
+        piece = stream[position : position + min(len(buffer), cuts[turn % len(cuts)])]
+        buffer[: len(piece)] = piece
+        parser.received(len(piece))
+        position, turn = position + len(piece), turn + 1
+    assert frames_received == expected
 
 
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=400))
 def test_survives_any_bytes(data: bytes) -> None:
-    reader = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
+    parser = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
     for chunk in (CLIENT_HELLO, data):
-        room = reader.buffer()
-        room[: len(chunk)] = chunk
+        buffer = parser.buffer()
+        buffer[: len(chunk)] = chunk
         try:
-            reader.received(len(chunk))
+            parser.received(len(chunk))
         except FrameError:
             return
 

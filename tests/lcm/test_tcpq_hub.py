@@ -26,9 +26,9 @@ async def test_responds_to_a_hub_client() -> None:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}_<me>")
         await client.publish(f"{REQUEST}_<me>", ONE_BOX)
-        channel, answer = await client.next()
+        channel, response = await client.next()
         assert channel == f"{RESPONSE}_<me>"
-        assert decoded(answer)["added_geometries"] == [["a"]]
+        assert decoded(response)["added_geometries"] == [["a"]]
         assert live.snapshot.root.find(("a",)) is not None
         await client.close()
 
@@ -38,8 +38,8 @@ async def test_greets_new_subscribers() -> None:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe("OTHER")
         await client.subscribe(RESPONSE)
-        channel, answer = await client.next()
-        assert (channel, decoded(answer)) == (RESPONSE, {"timestamp": 0, "status": 0, "ready": True})
+        channel, response = await client.next()
+        assert (channel, decoded(response)) == (RESPONSE, {"timestamp": 0, "status": 0, "ready": True})
         await client.close()
 
 
@@ -101,8 +101,8 @@ async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytes
         quick_was_answered.set()
         assert [(await quick.next())[0] for _ in range(4)] == [f"{RESPONSE}_<slow>"] * 4
         answers = [decoded((await slow.next())[1]) for _ in range(4)]
-        assert [answer["timestamp"] for answer in answers] == [1, 2, 2, 2]
-        assert [answer["status"] for answer in answers] == [0, 0, 0, 0], "the transforms found the cloud"
+        assert [response["timestamp"] for response in answers] == [1, 2, 2, 2]
+        assert [response["status"] for response in answers] == [0, 0, 0, 0], "the transforms found the cloud"
         assert service.status()["waiting_bytes"] == 0
         await slow.close()
         await quick.close()

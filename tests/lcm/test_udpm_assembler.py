@@ -32,8 +32,8 @@ def cut(channel: str, data: bytes, sequence: int = 7) -> list[bytes]:
     return [b"".join(pieces) for pieces in udpm.datagrams(channel, data, sequence)]
 
 
-def assembler(most: int = 1 << 28, waiting: int = 1 << 28, clock: Clock | None = None) -> Assembler:
-    return Assembler(PREFIX, most, waiting, clock or Clock())
+def make_assembler(max_message: int = 1 << 28, max_bytes: int = 1 << 28, clock: Clock | None = None) -> Assembler:
+    return Assembler(PREFIX, max_message, max_bytes, clock or Clock())
 
 
 def fragment(sequence: int, size: int, offset: int, number: int, fragments: int, data: bytes) -> bytes:
@@ -42,7 +42,7 @@ def fragment(sequence: int, size: int, offset: int, number: int, fragments: int,
 
 def test_short_message_is_one_datagram() -> None:
     assert cut("WANTED_x", b"data", 258) == [b"LC02\0\0\1\2WANTED_x\0data"]
-    assert read(assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
+    assert read(make_assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
 
 
 def test_fragments_are_those_of_liblcm() -> None:
@@ -83,90 +83,90 @@ def test_reassembles_in_any_order(sizes: list[int], seed: int, shuffled: bool, r
     if repeated:
         for queue in queues.values():
             queue[:-1] = [datagram for datagram in queue[:-1] for _ in range(2)]
-    it = assembler()
-    found = {}
+    assembler = make_assembler()
+    received = {}
     while queues:
         sender = chance.choice(list(queues))
         for _ in range(chance.randrange(1, 4)):
-            message = read(it, queues[sender].pop(0), sender)
+            message = read(assembler, queues[sender].pop(0), sender)
             if message is not None:
-                found[sender] = message
+                received[sender] = message
             if not queues[sender]:
                 del queues[sender]
                 break
-    assert found == messages
-    assert it.waiting_bytes == it.incomplete == 0
+    assert received == messages
+    assert assembler.waiting_bytes == assembler.incomplete == 0
 
 
 def test_ignores_other_datagrams_between_fragments() -> None:
-    it = assembler()
+    assembler = make_assembler()
     data = random.Random(2).randbytes(500_000)
     other = random.Random(3).randbytes(300_000)
     junk = [b"", b"LC", b"junk" * 9, b"LC03", b"LC03" + bytes(12)]
     strangers = [*junk, *cut("OTHER", b"x" * 60_000), *cut("OTHER", other)]
     messages = []
     for piece in cut("WANTED", data):
-        messages.append(read(it, piece))
+        messages.append(read(assembler, piece))
         for stranger in strangers:
-            assert read(it, stranger, B) is None
-        assert read(it, b"LC02\0\0\0\0WANTED_s\0small", B) == ("WANTED_s", b"small")
+            assert read(assembler, stranger, B) is None
+        assert read(assembler, b"LC02\0\0\0\0WANTED_s\0small", B) == ("WANTED_s", b"small")
     assert messages[-1] == ("WANTED", data)
 
 
 def test_unwanted_messages_take_no_memory() -> None:
-    it = assembler()
+    assembler = make_assembler()
     pieces = cut("OTHER", bytes(500_000))
     for piece in pieces[:-1]:
-        read(it, piece)
-        assert it.waiting_bytes == 0
-    assert read(it, pieces[-1]) is None
-    assert it.incomplete == 0
+        read(assembler, piece)
+        assert assembler.waiting_bytes == 0
+    assert read(assembler, pieces[-1]) is None
+    assert assembler.incomplete == 0
 
 
 def test_counts_incomplete_messages_at_the_next_message() -> None:
     clock = Clock()
-    it = assembler(clock=clock)
+    assembler = make_assembler(clock=clock)
     lost, whole = cut("WANTED", bytes(300_000), 1), cut("WANTED", bytes(200_000), 2)
     for piece in lost[:-1]:
-        read(it, piece)
+        read(assembler, piece)
     clock.now += udpm_assembler.STALE_SECONDS
-    assert [read(it, piece) for piece in whole][-1] == ("WANTED", bytes(200_000))
-    assert (it.incomplete, it.waiting_bytes) == (1, 0)
+    assert [read(assembler, piece) for piece in whole][-1] == ("WANTED", bytes(200_000))
+    assert (assembler.incomplete, assembler.waiting_bytes) == (1, 0)
 
 
 def test_counts_incomplete_messages_when_stale() -> None:
     clock = Clock()
-    it = assembler(clock=clock)
+    assembler = make_assembler(clock=clock)
     lost = cut("WANTED", bytes(300_000))
     for piece in lost[:-1]:
-        read(it, piece)
-    it.discard_stale()
-    assert (it.incomplete, it.waiting_bytes) == (0, 300_000)
+        read(assembler, piece)
+    assembler.discard_stale()
+    assert (assembler.incomplete, assembler.waiting_bytes) == (0, 300_000)
     clock.now += udpm_assembler.STALE_SECONDS
-    it.discard_stale()
-    assert (it.incomplete, it.waiting_bytes) == (1, 0)
-    assert read(it, lost[-1]) is None
+    assembler.discard_stale()
+    assert (assembler.incomplete, assembler.waiting_bytes) == (1, 0)
+    assert read(assembler, lost[-1]) is None
 
 
 def test_restarted_sender_reuses_sequence_numbers() -> None:
-    it = assembler()
-    read(it, cut("WANTED", bytes(300_000), 0)[0])
+    assembler = make_assembler()
+    read(assembler, cut("WANTED", bytes(300_000), 0)[0])
     data = b"y" * 200_000
-    assert [read(it, piece) for piece in cut("WANTED", data, 0)][-1] == ("WANTED", data)
-    assert it.incomplete == 1
+    assert [read(assembler, piece) for piece in cut("WANTED", data, 0)][-1] == ("WANTED", data)
+    assert assembler.incomplete == 1
 
 
 def test_discards_the_oldest_beyond_the_limits() -> None:
-    it = assembler(waiting=1_000_000)
+    assembler = make_assembler(max_bytes=1_000_000)
     first = {sender: cut("WANTED", bytes(400_000)) for sender in (A, B)}
     for sender in (A, B):
-        read(it, first[sender][0], sender)
-    read(it, cut("WANTED", bytes(300_000))[0], ("10.0.0.3", 1))
-    assert (it.incomplete, it.waiting_bytes) == (1, 700_000)
-    assert [read(it, piece, B) for piece in first[B][1:]][-1] is not None
+        read(assembler, first[sender][0], sender)
+    read(assembler, cut("WANTED", bytes(300_000))[0], ("10.0.0.3", 1))
+    assert (assembler.incomplete, assembler.waiting_bytes) == (1, 700_000)
+    assert [read(assembler, piece, B) for piece in first[B][1:]][-1] is not None
     for number in range(udpm_assembler.MAX_PARTIAL + 5):
-        read(it, fragment(number, 10, 0, 1, 2, b"x"), ("10.0.0.4", 1))
-    assert it.waiting_bytes <= 10 * udpm_assembler.MAX_PARTIAL
+        read(assembler, fragment(number, 10, 0, 1, 2, b"x"), ("10.0.0.4", 1))
+    assert assembler.waiting_bytes <= 10 * udpm_assembler.MAX_PARTIAL
 
 
 @pytest.mark.parametrize(
@@ -182,68 +182,68 @@ def test_discards_the_oldest_beyond_the_limits() -> None:
     ids=["beyond the end", "number beyond the count", "too big", "endless channel", "no fragments", "far offset"],
 )
 def test_ignores_invalid_fragments(datagram: bytes) -> None:
-    it = assembler()
-    assert read(it, datagram) is None
-    assert it.waiting_bytes == 0
+    assembler = make_assembler()
+    assert read(assembler, datagram) is None
+    assert assembler.waiting_bytes == 0
 
 
 def test_refuses_tiny_fragments() -> None:
-    it = assembler()
+    assembler = make_assembler()
     for number in range(2000):
-        read(it, fragment(1, 65_535, number, number, 65_535, b"x"))
-    assert it.waiting_bytes == 0
+        read(assembler, fragment(1, 65_535, number, number, 65_535, b"x"))
+    assert assembler.waiting_bytes == 0
     data = random.Random(5).randbytes(50_000)
     size, cuts = 1423, range(0, 50_000, 1423)  # as liblcm on macOS
     pieces = [fragment(1, 50_000, at, i, len(cuts), data[at : at + size]) for i, at in enumerate(cuts)]
     pieces[0] = pieces[0][:20] + b"WANTED\0" + pieces[0][20:]
-    assert [read(it, piece) for piece in pieces][-1] == ("WANTED", data)
+    assert [read(assembler, piece) for piece in pieces][-1] == ("WANTED", data)
 
 
 def test_counts_refused_messages_once() -> None:
-    it = assembler(most=1_000_000)
+    assembler = make_assembler(max_message=1_000_000)
     for sequence, name in ((1, "WANTED"), (2, "WANTED"), (3, "OTHER")):
         for piece in cut(name, bytes(1_000_001), sequence):
-            assert read(it, piece) is None
+            assert read(assembler, piece) is None
     for number in range(3):  # a wanted message with too many fragments
-        assert read(it, fragment(9, 70_000, 0, number, 60_000, b"WANTED\0x")) is None
-    assert (it.refused, it.incomplete, it.waiting_bytes) == (3, 0, 0)
-    assert [read(it, piece) for piece in cut("WANTED", bytes(1_000_000))][-1] is not None
-    assert it.refused == 3
+        assert read(assembler, fragment(9, 70_000, 0, number, 60_000, b"WANTED\0x")) is None
+    assert (assembler.refused, assembler.incomplete, assembler.waiting_bytes) == (3, 0, 0)
+    assert [read(assembler, piece) for piece in cut("WANTED", bytes(1_000_000))][-1] is not None
+    assert assembler.refused == 3
 
 
 def test_ignores_repeated_datagrams() -> None:
     clock = Clock()
-    it = assembler(clock=clock)
+    assembler = make_assembler(clock=clock)
     pieces = cut("WANTED", random.Random(1).randbytes(300_000))
     other = cut("OTHER", bytes(300_000), 8)
     for piece in pieces[:-1] + other[:-1]:
-        read(it, piece)
-    assert read(it, pieces[-1]) is not None
-    assert read(it, other[-1]) is None
-    assert [read(it, piece) for piece in pieces + other] == [None] * (len(pieces) + len(other))
+        read(assembler, piece)
+    assert read(assembler, pieces[-1]) is not None
+    assert read(assembler, other[-1]) is None
+    assert [read(assembler, piece) for piece in pieces + other] == [None] * (len(pieces) + len(other))
     clock.now = udpm_assembler.STALE_SECONDS + 1.0
-    it.discard_stale()
-    assert (it.incomplete, it.waiting_bytes) == (0, 0)
+    assembler.discard_stale()
+    assert (assembler.incomplete, assembler.waiting_bytes) == (0, 0)
     # later the same sequence number is another message, or at once if the size differs
-    assert [read(it, piece) for piece in pieces][-1] is not None
-    assert [read(it, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
+    assert [read(assembler, piece) for piece in pieces][-1] is not None
+    assert [read(assembler, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
     for number in range(udpm_assembler.MAX_COMPLETED + 10):
         for piece in cut("WANTED", bytes(70_000), 100 + number):
-            read(it, piece)
-    assert len(it.completed) == udpm_assembler.MAX_COMPLETED
+            read(assembler, piece)
+    assert len(assembler.completed) == udpm_assembler.MAX_COMPLETED
 
 
 def test_gaps_never_expose_uninitialised_memory() -> None:
-    it = assembler()
-    assert read(it, fragment(1, 100, 0, 0, 2, b"WANTED\0" + bytes(50))) is None
-    assert read(it, fragment(1, 100, 10, 1, 2, bytes(50))) is None
-    assert it.waiting_bytes == 0
+    assembler = make_assembler()
+    assert read(assembler, fragment(1, 100, 0, 0, 2, b"WANTED\0" + bytes(50))) is None
+    assert read(assembler, fragment(1, 100, 10, 1, 2, bytes(50))) is None
+    assert assembler.waiting_bytes == 0
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=64), st.booleans()), max_size=30))
 def test_survives_any_datagrams(datagrams: list[tuple[int, bytes, bool]]) -> None:
-    it = assembler(most=1000, waiting=5000)
+    assembler = make_assembler(max_message=1000, max_bytes=5000)
     for sender, rest, long in datagrams:
-        read(it, (b"LC03" if long else b"LC02") + rest, ("x", sender))
-        assert it.waiting_bytes <= 5000
+        read(assembler, (b"LC03" if long else b"LC02") + rest, ("x", sender))
+        assert assembler.waiting_bytes <= 5000

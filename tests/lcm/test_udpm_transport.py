@@ -36,10 +36,10 @@ async def test_drops_and_counts_messages_beyond_the_queue_limit(url: str) -> Non
             transport.queue.put("c", b"x" * 744)
         status = transport.status()
         assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
-        got: list[str] = []
-        transport.start(lambda channel, data: got.append(channel), lambda: None)
+        received: list[str] = []
+        transport.start(lambda channel, data: received.append(channel), lambda: None)
         join(url).publish(REQUEST, b"y")
-        await until(lambda: len(got) >= 3)
+        await until(lambda: len(received) >= 3)
         assert transport.queue.waiting_bytes <= 1000
     finally:
         await transport.close()
@@ -173,8 +173,8 @@ async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
     """Sizes around the borders of fragments, with small messages of another sender in between."""
     ours = open_udpm(url, 1 << 28, receive_buffer_bytes=8 << 20)
     theirs, other = join(url), join(url)
-    there: list[bytes] = []
-    lossless(theirs, RESPONSE, lambda channel, data: there.append(data))
+    arrived: list[bytes] = []
+    lossless(theirs, RESPONSE, lambda channel, data: arrived.append(data))
     here: dict[str, list[bytes]] = {f"{REQUEST}_<b>": [], f"{REQUEST}_<s>": []}
     ours.start(lambda channel, data: here[channel].append(bytes(data)), lambda: None)
     try:
@@ -189,9 +189,9 @@ async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
         ):
             message = os.urandom(size)
             if size < 200_000:
-                there.clear()
+                arrived.clear()
                 async with asyncio.timeout(SECONDS):
-                    while message not in there:  # the kernel drops datagrams when liblcm's buffer is full
+                    while message not in arrived:  # the kernel drops datagrams when liblcm's buffer is full
                         ours.publish(RESPONSE, message)
                         await in_thread(theirs.handle_timeout, AGAIN_MS)
             theirs.publish("SOMETHING_ELSE", message)

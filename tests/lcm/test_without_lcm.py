@@ -62,10 +62,10 @@ async def test_liblcm_transport_limits_its_queue() -> None:
             transport.queue.put("c", b"x" * 744)
         status = transport.status()
         assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
-        got: list[str] = []
-        transport.start(lambda channel, data: got.append(channel), lambda: None)
+        received: list[str] = []
+        transport.start(lambda channel, data: received.append(channel), lambda: None)
         transport.publish(REQUEST, b"y")
-        await until(lambda: len(got) >= 3)
+        await until(lambda: len(received) >= 3)
         assert transport.queue.waiting_bytes <= 1000
     finally:
         await transport.close()

@@ -27,8 +27,8 @@ def table() -> DrawList:
         part(Box((0.1, 0.1, 0.1)), (0.9, 0.8, 0.2), -0.35, 0.1, 0.05),
     )
     edit = TreeEdit(Node())
-    for index, one in enumerate(parts):
-        edit.set_parts(("table", index), (one,))
+    for index, image_set in enumerate(parts):
+        edit.set_parts(("table", index), (image_set,))
     return flatten(edit.commit(), label_of=lambda path, _: int(path[-1]))
 
 

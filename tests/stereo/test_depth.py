@@ -37,8 +37,8 @@ def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], ND
 @pytest.mark.parametrize("quality", list(Quality))
 def test_depth_by_the_manuals_formula_equals_rendered_depth(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
-    left, _, true = scene(MODEL, quality)
-    images = add_errors(true, 0.0, frame_key(0, 0, NoiseStream.DISPARITY))
+    left, _, exact_disparity = scene(MODEL, quality)
+    images = add_errors(exact_disparity, 0.0, frame_key(0, 0, NoiseStream.DISPARITY))
     valid = images.disparity > 0
     assert valid.mean() > 0.7
     # d = f t / z: the difference is the rounding to 1/16 pixel and nothing else.
@@ -49,21 +49,21 @@ def test_depth_by_the_manuals_formula_equals_rendered_depth(quality: Quality) ->
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.LOW])
 def test_measures_only_points_seen_by_both_cameras(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
-    left, _, true = scene(MODEL, quality)
-    ft = k.focal_length * MODEL.baseline
+    left, _, exact_disparity = scene(MODEL, quality)
+    focal_times_baseline = k.focal_length * MODEL.baseline
     column = np.arange(k.width) + 0.5
     seen = 0
     for row in range(0, k.height, 7):
-        d = ft / left[row].astype(np.float64)
+        d = focal_times_baseline / left[row].astype(np.float64)
         x = column - d
         # A point is hidden when nearer ones of its row land on both sides of it in the right image.
         gap, nearer = x - x[:, None], d > d[:, None] + 3.0
         hidden = ((gap > -2.1) & (gap < -0.9) & nearer).any(1) & ((gap > 0.9) & (gap < 2.1) & nearer).any(1)
         clear = ~((np.abs(gap) < 2.5) & (d > d[:, None] + 0.2)).any(1)
-        assert not (true[row][hidden] > 0).any(), "hidden points must be holes"
+        assert not (exact_disparity[row][hidden] > 0).any(), "hidden points must be holes"
         seen += int(hidden.sum())
-        assert not (true[row][x < -0.5] > 0).any(), "points beside the right image must be holes"
-        assert (true[row][clear & (x > 0.5)] > 0).all(), "visible points must be images"
+        assert not (exact_disparity[row][x < -0.5] > 0).any(), "points beside the right image must be holes"
+        assert (exact_disparity[row][clear & (x > 0.5)] > 0).all(), "visible points must be images"
     assert seen > 100
 
 
@@ -71,45 +71,45 @@ def test_depth_range_cuts_both_ends() -> None:
     k = MODEL.intrinsics(2)
     left = plane(k, 0.0, 2.0, 0.8)
     right = plane(k, MODEL.baseline, 2.0, 0.8)
-    true = true_disparity(left, right, k.focal_length * MODEL.baseline, DepthRange(1.8, 2.2))
-    assert (true > 0).any()
-    assert left[true > 0].min() >= 1.8
-    assert left[true > 0].max() <= 2.2
+    exact_disparity = true_disparity(left, right, k.focal_length * MODEL.baseline, DepthRange(1.8, 2.2))
+    assert (exact_disparity > 0).any()
+    assert left[exact_disparity > 0].min() >= 1.8
+    assert left[exact_disparity > 0].max() <= 2.2
 
 
-@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
+@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda images: images.name)
 def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
     k = model.intrinsics(1)
-    ft = k.focal_length * model.baseline
+    focal_times_baseline = k.focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
-        true = np.full((k.height, k.width), ft / depth, np.float32)
-        d = add_errors(true, 0.25, frame_key(3, 1, NoiseStream.DISPARITY)).disparity / 16
-        millimetres = float(np.std(ft / d)) * 1000
-        assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
+        exact_disparity = np.full((k.height, k.width), focal_times_baseline / depth, np.float32)
+        d = add_errors(exact_disparity, 0.25, frame_key(3, 1, NoiseStream.DISPARITY)).disparity / 16
+        millimetres = float(np.std(focal_times_baseline / d)) * 1000
+        assert millimetres == pytest.approx(0.25 * depth**2 / focal_times_baseline * 1000, rel=0.05)
         assert millimetres == pytest.approx(published, abs=0.1)
 
 
 def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
-    true = np.full((100, 100), 50.0, np.float32)
+    exact_disparity = np.full((100, 100), 50.0, np.float32)
     for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
         assert choose_error_scale(sigma, 100) == 1 / 16
-        assert set(np.unique(add_errors(true, sigma, np.uint64(9)).error)) == {unit}
+        assert set(np.unique(add_errors(exact_disparity, sigma, np.uint64(9)).error)) == {unit}
 
 
-@pytest.mark.parametrize("d_eps", [0.25, 0.7])
+@pytest.mark.parametrize("disparity_error", [0.25, 0.7])
 @pytest.mark.parametrize(("quality", "averaged"), [*((q, 1) for q in Quality), (Quality.FULL, 8), (Quality.HIGH, 8)])
 def test_error_image_is_the_standard_deviation_within_five_percent(
-    quality: Quality, averaged: int, d_eps: float
+    quality: Quality, averaged: int, disparity_error: float
 ) -> None:
     # Not a multiple of 1/16 anywhere: disparities on a slope too small for outliers.
-    true = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
-    sigma = d_eps / quality.divisor / averaged**0.5
+    exact_disparity = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
+    sigma = disparity_error / quality.divisor / averaged**0.5
     scale = choose_error_scale(sigma, MODEL.disparity_count(quality.divisor, 0.1))
-    images = add_errors(true, sigma, np.uint64(9), scale)
+    images = add_errors(exact_disparity, sigma, np.uint64(9), scale)
     (unit,) = np.unique(images.error)
     assert unit * scale == pytest.approx(sigma, rel=0.05)
     if sigma > 1 / 32:  # below, rounding to 1/16 pixel is most of the error
-        assert np.std(images.disparity / 16 - true) == pytest.approx(sigma, rel=0.05)
+        assert np.std(images.disparity / 16 - exact_disparity) == pytest.approx(sigma, rel=0.05)
 
 
 @pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
@@ -124,18 +124,18 @@ def test_disparities_fit_into_16_bits_at_every_scale(sigma: float, disparities: 
 
 def test_confidence_is_the_probability_defined_by_the_manual() -> None:
     k = MODEL.intrinsics(1)
-    ft = k.focal_length * MODEL.baseline
+    focal_times_baseline = k.focal_length * MODEL.baseline
     # Planes from frontal to steep make all confidences appear.
     counts = np.zeros(256, np.int64)
     within = np.zeros(256, np.int64)
     for frame, slope in enumerate((0.0, 1.2, 2.2, 3.2, 4.2, 5.2)):
         left = plane(k, 0.0, 1.2, slope)
-        true = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), ft, RANGE)
-        m = add_errors(true, 0.25, frame_key(5, frame, NoiseStream.DISPARITY))
-        valid = m.disparity > 0
-        inside = np.abs(m.disparity[valid] / 16 - true[valid]) <= 3 * m.error[valid] / 16
-        counts += np.bincount(m.confidence[valid], minlength=256)
-        within += np.bincount(m.confidence[valid], weights=inside, minlength=256).astype(np.int64)
+        exact_disparity = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), focal_times_baseline, RANGE)
+        images = add_errors(exact_disparity, 0.25, frame_key(5, frame, NoiseStream.DISPARITY))
+        valid = images.disparity > 0
+        inside = np.abs(images.disparity[valid] / 16 - exact_disparity[valid]) <= 3 * images.error[valid] / 16
+        counts += np.bincount(images.confidence[valid], minlength=256)
+        within += np.bincount(images.confidence[valid], weights=inside, minlength=256).astype(np.int64)
     for low, high in ((26, 77), (102, 141), (141, 191), (191, 242), (242, 256)):
         n = counts[low:high].sum()
         assert n > 5000, f"no pixels with a confidence of {low} to {high}"
@@ -145,11 +145,11 @@ def test_confidence_is_the_probability_defined_by_the_manual() -> None:
 
 
 def test_noise_is_determined_by_seed_and_frame() -> None:
-    true = scene(MODEL, Quality.LOW)[2]
+    exact_disparity = scene(MODEL, Quality.LOW)[2]
 
     def make(seed: int, frame: int) -> bytes:
-        m = add_errors(true, 0.05, frame_key(seed, frame, NoiseStream.DISPARITY))
-        return m.disparity.tobytes() + m.confidence.tobytes()
+        images = add_errors(exact_disparity, 0.05, frame_key(seed, frame, NoiseStream.DISPARITY))
+        return images.disparity.tobytes() + images.confidence.tobytes()
 
     assert make(1, 1) == make(1, 1)
     assert len({make(1, 1), make(1, 2), make(2, 1)}) == 3
@@ -166,14 +166,14 @@ def test_removes_small_segments() -> None:
     d = np.zeros((60, 60), np.uint16)
     d[2:6, 2:6] = 800  # 16 pixels
     d[20:50, 20:50] = 800
-    m = block(d)
-    apply_filters(m, Filters(seg=17, fill=0), 88.0, 2)
-    assert not m.disparity[:10].any()
-    assert not m.confidence[:10].any()
-    assert (m.disparity[20:50, 20:50] == 800).all()
-    m = block(d)
-    apply_filters(m, Filters(seg=16, fill=0), 88.0, 2)
-    assert (m.disparity == d).all()
+    images = block(d)
+    apply_filters(images, Filters(seg=17, fill=0), 88.0, 2)
+    assert not images.disparity[:10].any()
+    assert not images.confidence[:10].any()
+    assert (images.disparity[20:50, 20:50] == 800).all()
+    images = block(d)
+    apply_filters(images, Filters(seg=16, fill=0), 88.0, 2)
+    assert (images.disparity == d).all()
 
 
 def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
@@ -182,51 +182,51 @@ def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
     d[10:13, 28:32] = 0
     d[30:33, 10:13] = 0
     d[0:3, 40:43] = 0  # at the edge of the image: nothing to interpolate between
-    for fill, first in ((3, True), (1, False), (0, False)):
-        m = block(d)
-        apply_filters(m, Filters(seg=0, fill=fill), 88.0, 2)
-        assert (m.disparity[10:13, 28:32] > 0).all() == first
-        assert (m.disparity[30:33, 10:13] == 800).all() == (fill > 0)
-        assert not m.disparity[0:3, 40:43].any()
-        if first:
-            assert ((m.disparity[10:13, 28:32] > 800) & (m.disparity[10:13, 28:32] < 832)).all()
-            assert (m.confidence[10:13, 28:32] == 128).all()
+    for fill, fills_across_step in ((3, True), (1, False), (0, False)):
+        images = block(d)
+        apply_filters(images, Filters(seg=0, fill=fill), 88.0, 2)
+        assert (images.disparity[10:13, 28:32] > 0).all() == fills_across_step
+        assert (images.disparity[30:33, 10:13] == 800).all() == (fill > 0)
+        assert not images.disparity[0:3, 40:43].any()
+        if fills_across_step:
+            assert ((images.disparity[10:13, 28:32] > 800) & (images.disparity[10:13, 28:32] < 832)).all()
+            assert (images.confidence[10:13, 28:32] == 128).all()
 
 
 @pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
 def test_minimum_confidence_applies_to_filled_pixels(minconf: float, filled: bool) -> None:
     d = np.full((60, 60), 800, np.uint16)
     d[30:33, 10:13] = 0
-    m = block(d, confidence=255)
-    apply_filters(m, Filters(minconf=minconf, seg=0), 88.0, 2)
-    assert m.disparity[30:33, 10:13].all() == filled
-    assert m.confidence[m.disparity > 0].min() >= minconf * 255
+    images = block(d, confidence=255)
+    apply_filters(images, Filters(minconf=minconf, seg=0), 88.0, 2)
+    assert images.disparity[30:33, 10:13].all() == filled
+    assert images.confidence[images.disparity > 0].min() >= minconf * 255
 
 
 def test_at_most_five_percent_are_filled_smallest_first() -> None:
     d = np.full((100, 100), 800, np.uint16)
     d[10:40, 10:40] = 0  # 9 %
     d[60:64, 60:64] = 0
-    m = block(d)
-    apply_filters(m, Filters(seg=0), 88.0, 2)
-    assert not m.disparity[10:40, 10:40].any()
-    assert m.disparity[60:64, 60:64].all()
+    images = block(d)
+    apply_filters(images, Filters(seg=0), 88.0, 2)
+    assert not images.disparity[10:40, 10:40].any()
+    assert images.disparity[60:64, 60:64].all()
 
 
 def test_depth_error_and_confidence_limits() -> None:
     d = np.array([[160, 320, 640, 1280]], np.uint16)
-    ft = 88.0
-    m = block(np.repeat(d, 3, axis=0))
-    z = ft / (d[0] / 16.0)
-    z_eps = 2 / 16 * z**2 / ft
-    apply_filters(m, Filters(maxdeptherr=float(z_eps[1]) * 1.001, seg=0, fill=0), ft, 2)
-    assert (m.disparity[0] > 0).tolist() == [False, True, True, True]
-    m = block(np.repeat(d, 3, axis=0), confidence=150)
-    apply_filters(m, Filters(minconf=0.6, seg=0, fill=0), ft, 2)
-    assert not m.disparity.any()
-    m = block(np.repeat(d, 3, axis=0))
-    apply_filters(m, Filters(mindepth=float(z[2]), maxdepth=float(z[1]), seg=0, fill=0), ft, 2)
-    assert (m.disparity[0] > 0).tolist() == [False, True, True, False]
+    focal_times_baseline = 88.0
+    images = block(np.repeat(d, 3, axis=0))
+    z = focal_times_baseline / (d[0] / 16.0)
+    z_eps = 2 / 16 * z**2 / focal_times_baseline
+    apply_filters(images, Filters(maxdeptherr=float(z_eps[1]) * 1.001, seg=0, fill=0), focal_times_baseline, 2)
+    assert (images.disparity[0] > 0).tolist() == [False, True, True, True]
+    images = block(np.repeat(d, 3, axis=0), confidence=150)
+    apply_filters(images, Filters(minconf=0.6, seg=0, fill=0), focal_times_baseline, 2)
+    assert not images.disparity.any()
+    images = block(np.repeat(d, 3, axis=0))
+    apply_filters(images, Filters(mindepth=float(z[2]), maxdepth=float(z[1]), seg=0, fill=0), focal_times_baseline, 2)
+    assert (images.disparity[0] > 0).tolist() == [False, True, True, False]
 
 
 def test_intrinsics_are_exact_fractions() -> None:

@@ -29,7 +29,7 @@ def client(*routes: APIRouter) -> httpx.AsyncClient:
 
 
 def status_values(camera: Camera, node: str) -> dict[str, str]:
-    values: dict[str, str] = device.status(camera.service, node)["values"]
+    values: dict[str, str] = device.node_status(camera.service, node)["values"]
     return values
 
 
@@ -104,7 +104,7 @@ async def test_rates_are_those_of_subscribed_images(
 async def test_outputs(start: Start, out1: str, out2: str, bits: int) -> None:
     camera = await start()
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", out1), ("out2_mode", out2)])
-    response = device.call(camera.service, "rc_iocontrol", "get_io_values")["response"]
+    response = device.call_service(camera.service, "rc_iocontrol", "get_io_values")["response"]
     stamp = response.pop("timestamp")
     assert abs(stamp["sec"] + 1e-9 * stamp["nsec"] - time.time()) < 1000.0
     assert 0 <= stamp["nsec"] < 10**9
@@ -127,7 +127,7 @@ async def test_outputs(start: Start, out1: str, out2: str, bits: int) -> None:
 async def test_a_reset_reports_success(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_camera", [("fps", 5.0)])
-    response = device.call(camera.service, "rc_camera", "reset_defaults")
+    response = device.call_service(camera.service, "rc_camera", "reset_defaults")
     assert response == {"name": "reset_defaults", "response": {"return_code": {"value": 0, "message": ""}}}
     assert camera.service.parameters.values("rc_camera")["fps"] == 25.0
 
@@ -135,7 +135,7 @@ async def test_a_reset_reports_success(start: Start) -> None:
 async def test_system_information_is_that_of_the_first_camera(start: Start) -> None:
     cameras = [await start(serial="1"), await start(serial="2", model=OTHER, hostname="second")]
     services = [camera.service for camera in cameras]
-    system = device.system(services)
+    system = device.system_info(services)
     now = time.time()
     assert (system["serial"], system["hostname"], system["model_name"]) == ("1", "scenegate", "small")
     assert 0.0 <= system["uptime"] <= now - services[0].started

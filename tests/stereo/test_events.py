@@ -35,10 +35,13 @@ async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
     for _ in range(3):
         event = await events.read()
         assert event.HasField("depth_acquisition_done")
-        one = await sets.read()
-        while (one.timestamp.sec, one.timestamp.nsec) < (event.imageset_timestamp.sec, event.imageset_timestamp.nsec):
-            one = await sets.read()
-        assert one.timestamp == event.imageset_timestamp
+        image_set = await sets.read()
+        while (image_set.timestamp.sec, image_set.timestamp.nsec) < (
+            event.imageset_timestamp.sec,
+            event.imageset_timestamp.nsec,
+        ):
+            image_set = await sets.read()
+        assert image_set.timestamp == event.imageset_timestamp
         done, taken = event.depth_acquisition_done.timestamp, event.imageset_timestamp
         assert (done.sec, done.nsec) >= (taken.sec, taken.nsec)
 
@@ -49,8 +52,8 @@ async def test_no_event_for_camera_images(start: Start) -> None:
     pending = asyncio.ensure_future(events.read())
     await camera.take(5, left_enabled=True)
     assert not pending.done()
-    (one,) = await camera.take(disparity_enabled=True)
-    assert (await pending).imageset_timestamp == one.timestamp
+    (image_set,) = await camera.take(disparity_enabled=True)
+    assert (await pending).imageset_timestamp == image_set.timestamp
     assert camera.service.status()["event_clients"] == 2
     silent.cancel()
 
@@ -64,8 +67,8 @@ async def test_alternate_exposure_and_triggers_have_events(start: Start) -> None
     pending = asyncio.ensure_future(events.read())
     await camera.take(2, left_enabled=True)
     assert camera.service.fire_trigger()[0] == 0
-    event, one = await pending, await sets.read()
-    assert event.imageset_timestamp == one.timestamp == one.disparity.timestamp
+    event, image_set = await pending, await sets.read()
+    assert event.imageset_timestamp == image_set.timestamp == image_set.disparity.timestamp
 
 
 async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Start) -> None:
@@ -107,7 +110,7 @@ async def test_disconnected_clients_are_removed(start: Start) -> None:
 
 async def test_the_events_service_is_healthy(start: Start) -> None:
     camera = await start()
-    answer = await health_pb2_grpc.HealthStub(camera.channel).Check(
+    response = await health_pb2_grpc.HealthStub(camera.channel).Check(
         health_pb2.HealthCheckRequest(service="ImageEventsInterface")
     )
-    assert answer.status == health_pb2.HealthCheckResponse.SERVING
+    assert response.status == health_pb2.HealthCheckResponse.SERVING

@@ -36,37 +36,37 @@ def scene(level: float = 0.2) -> NDArray[np.float32]:
 
 
 def test_only_the_exposure_region_is_metered() -> None:
-    whole, _ = choose_exposure(scene(), scene(), out1=False, settings=settings(), memory=ExposureMemory())
+    whole, _ = choose_exposure(scene(), scene(), out1_high=False, settings=settings(), memory=ExposureMemory())
     region = settings(exp_offset_x=640, exp_width=600, exp_height=900)
-    right, _ = choose_exposure(scene(), scene(), out1=False, settings=region, memory=ExposureMemory())
+    right, _ = choose_exposure(scene(), scene(), out1_high=False, settings=region, memory=ExposureMemory())
     expected = auto_exposure(scene()[:, 80:], AutoExposure())
     assert right == expected
     assert right.light < whole.light
     beside = settings(exp_offset_x=5000, exp_width=600, exp_height=900)
-    assert choose_exposure(scene(), scene(), out1=False, settings=beside, memory=ExposureMemory())[0] == whole
+    assert choose_exposure(scene(), scene(), out1_high=False, settings=beside, memory=ExposureMemory())[0] == whole
 
 
 def test_normal_mode_meters_every_image_except_in_alternate_exposure() -> None:
     dark, bright = scene(0.1), scene(0.25)
-    low, reduction = choose_exposure(dark, bright, out1=False, settings=settings(), memory=ExposureMemory())
-    high, _ = choose_exposure(dark, bright, out1=True, settings=settings(), memory=ExposureMemory())
+    low, reduction = choose_exposure(dark, bright, out1_high=False, settings=settings(), memory=ExposureMemory())
+    high, _ = choose_exposure(dark, bright, out1_high=True, settings=settings(), memory=ExposureMemory())
     assert (low, high) == (auto_exposure(dark, AutoExposure()), auto_exposure(bright, AutoExposure()))
     assert reduction == 0
-    alternate = replace(settings(), out1="ExposureAlternateActive")
-    assert choose_exposure(dark, bright, out1=False, settings=alternate, memory=ExposureMemory())[0] == high
+    alternate = replace(settings(), out1_mode="ExposureAlternateActive")
+    assert choose_exposure(dark, bright, out1_high=False, settings=alternate, memory=ExposureMemory())[0] == high
 
 
 def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
     mode, memory = settings(exp_auto_mode="Out1High"), ExposureMemory()
-    high, _ = choose_exposure(scene(0.1), scene(0.25), out1=True, settings=mode, memory=memory)
+    high, _ = choose_exposure(scene(0.1), scene(0.25), out1_high=True, settings=mode, memory=memory)
     # It has become brighter since.
-    assert choose_exposure(scene(0.2), scene(0.3), out1=False, settings=mode, memory=memory)[0] == high
-    assert choose_exposure(scene(0.2), scene(0.3), out1=True, settings=mode, memory=memory)[0] != high
+    assert choose_exposure(scene(0.2), scene(0.3), out1_high=False, settings=mode, memory=memory)[0] == high
+    assert choose_exposure(scene(0.2), scene(0.3), out1_high=True, settings=mode, memory=memory)[0] != high
 
 
 def test_adaptive_mode_reduces_images_with_out1_low() -> None:
     mode = settings(exp_auto_mode="AdaptiveOut1")
-    low, reduction = choose_exposure(scene(0.1), scene(0.25), out1=False, settings=mode, memory=ExposureMemory())
+    low, reduction = choose_exposure(scene(0.1), scene(0.25), out1_high=False, settings=mode, memory=ExposureMemory())
     alone = auto_exposure(scene(0.1), AutoExposure())
     assert low == auto_exposure(scene(0.25), AutoExposure())
     assert 0 < reduction < 1
@@ -114,31 +114,31 @@ def test_white_balance_changes_red_and_blue() -> None:
     assert sensor_image(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
 
 
-async def new(camera: Camera, **request: Any) -> pb.ImageSet:
+async def capture_set(camera: Camera, **request: Any) -> pb.ImageSet:
     """Return a set captured with the current parameters."""
     begin = time.time_ns()
     call = camera.stream(**request)
     while True:
-        one: pb.ImageSet = await call.read()
-        if one.timestamp.sec * 10**9 + one.timestamp.nsec >= begin:
+        image_set: pb.ImageSet = await call.read()
+        if image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec >= begin:
             call.cancel()
-            return one
+            return image_set
 
 
 async def test_modes_in_the_stream(start: Start) -> None:
     camera = await start(rate="max")
     set_ = camera.service.set_parameters
     set_("rc_camera", [("exp_auto_mode", "AdaptiveOut1"), ("exp_auto_average_max", 0.5)])
-    low = await new(camera, left_enabled=True)
+    low = await capture_set(camera, left_enabled=True)
     assert 0 < low.left.out1_reduction < 1
     set_("rc_iocontrol", [("out1_mode", "High")])
-    high = await new(camera, left_enabled=True)
+    high = await capture_set(camera, left_enabled=True)
     assert high.left.exposure_time == pytest.approx(low.left.exposure_time)
     assert high.left.out1_reduction == pytest.approx(low.left.out1_reduction)
     assert high.left.brightness > low.left.brightness
     set_("rc_iocontrol", [("out1_mode", "Low")])
     set_("rc_camera", [("exp_auto_mode", "Normal"), ("exp_control", "HDR")])
-    hdr = await new(camera, left_enabled=True)
+    hdr = await capture_set(camera, left_enabled=True)
     assert hdr.left.out1_reduction == 0
     assert camera.service.settings.camera_rate == pytest.approx(25 / 3)
 
@@ -147,19 +147,23 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
     camera = await start(scene=lambda: (dotted_wall(), 1), rate="max")
     set_ = camera.service.set_parameters
     for color in (False, True):
-        one = await new(camera, left_enabled=True, disparity_enabled=True, confidence_enabled=True, color=color)
-        seen = {one.left.brightness, one.disparity.image.brightness, one.confidence.brightness}
+        image_set = await capture_set(
+            camera, left_enabled=True, disparity_enabled=True, confidence_enabled=True, color=color
+        )
+        seen = {image_set.left.brightness, image_set.disparity.image.brightness, image_set.confidence.brightness}
         assert len(seen) == 1
-        assert one.left.brightness == pytest.approx(pixels(one.left).mean() / 255, abs=0.006)
+        assert image_set.left.brightness == pytest.approx(pixels(image_set.left).mean() / 255, abs=0.006)
     # Without a camera image of the same exposure it is one at the depth images' resolution; here that is the same.
     set_("rc_stereomatching", [("quality", "Full")])
     set_("rc_camera", [("exp_control", "Manual")])
-    alone = await new(camera, disparity_enabled=True)
-    assert alone.disparity.image.brightness == pytest.approx((await new(camera, left_enabled=True)).left.brightness)
+    alone = await capture_set(camera, disparity_enabled=True)
+    assert alone.disparity.image.brightness == pytest.approx(
+        (await capture_set(camera, left_enabled=True)).left.brightness
+    )
     set_("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
-    apart = await new(camera, left_enabled=True, disparity_enabled=True)
+    apart = await capture_set(camera, left_enabled=True, disparity_enabled=True)
     set_("rc_iocontrol", [("out1_mode", "High")])
-    lit = await new(camera, left_enabled=True)
+    lit = await capture_set(camera, left_enabled=True)
     assert apart.disparity.image.brightness == pytest.approx(lit.left.brightness, abs=0.01)
     assert apart.left.brightness < apart.disparity.image.brightness
 
@@ -167,14 +171,14 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
 async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> None:
     camera = await start(rate="max")
     set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
-    one = await new(camera, left_enabled=True)
+    image_set = await capture_set(camera, left_enabled=True)
     await camera.take(2, left_enabled=True)
     set_("rc_camera", [("wb_auto", False), ("wb_ratio_red", 2.0), ("exp_control", "Manual")])
-    assert values["exp_value"] == pytest.approx(one.left.exposure_time, rel=1e-5)
-    assert values["gain_value"] == pytest.approx(one.left.gain, abs=1e-5)
+    assert values["exp_value"] == pytest.approx(image_set.left.exposure_time, rel=1e-5)
+    assert values["gain_value"] == pytest.approx(image_set.left.gain, abs=1e-5)
     assert (values["wb_ratio_red"], values["wb_ratio_blue"]) == (2.0, 2.4)
-    two = await new(camera, left_enabled=True)
-    assert two.left.exposure_time == pytest.approx(one.left.exposure_time)
+    two = await capture_set(camera, left_enabled=True)
+    assert two.left.exposure_time == pytest.approx(image_set.left.exposure_time)
 
 
 @pytest.mark.parametrize("mode", ["ground_truth", "matched"])
@@ -183,17 +187,17 @@ async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
     set_ = camera.service.set_parameters
     set_("rc_iocontrol", [("out1_mode", "High")])
     region = [("roi_offset_x", 100), ("roi_offset_y", 60), ("roi_width", 120), ("roi_height", 100)]
-    everywhere = await new(camera, disparity_enabled=True)
+    everywhere = await capture_set(camera, disparity_enabled=True)
     set_("rc_stereomatching", region)
-    one = await new(camera, disparity_enabled=True, confidence_enabled=True)
+    image_set = await capture_set(camera, disparity_enabled=True, confidence_enabled=True)
     inside = np.zeros((120, 160), np.bool_)
     inside[30:80, 50:110] = True
-    d = pixels(one.disparity.image)
+    d = pixels(image_set.disparity.image)
     assert (d[inside] > 0).mean() > 0.8 * (pixels(everywhere.disparity.image)[inside] > 0).mean()
     assert not d[~inside].any()
-    assert not pixels(one.confidence)[~inside].any()
+    assert not pixels(image_set.confidence)[~inside].any()
     set_("rc_stereomatching", [("roi_offset_x", 5000)])
-    none = await new(camera, disparity_enabled=True)
+    none = await capture_set(camera, disparity_enabled=True)
     assert not pixels(none.disparity.image).any()
 
 
@@ -207,13 +211,13 @@ async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> 
     density = []
     for on in (False, True):
         set_("rc_stereomatching", [("double_shot", on)])
-        one = await new(camera, disparity_enabled=True)
-        density.append(float((pixels(one.disparity.image) > 0).mean()))
+        image_set = await capture_set(camera, disparity_enabled=True)
+        density.append(float((pixels(image_set.disparity.image) > 0).mean()))
     assert density[1] > density[0] + gain
 
 
 async def test_static_scenes_are_averaged(start: Start) -> None:
-    camera = await start(d_eps=0.5)
+    camera = await start(disparity_error=0.5)
     settings = camera.service.settings
     assert settings.averaged_images == 1
     camera.service.set_parameters("rc_stereomatching", [("static_scene", True)])
@@ -226,8 +230,8 @@ async def test_static_scenes_are_averaged(start: Start) -> None:
     errors = []
     for on in (False, True):
         camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
-        one = await new(camera, disparity_enabled=True, disparity_error_enabled=True)
-        errors.append(float(pixels(one.disparity_error).max()) * one.disparity.scale)
+        image_set = await capture_set(camera, disparity_enabled=True, disparity_error_enabled=True)
+        errors.append(float(pixels(image_set.disparity_error).max()) * image_set.disparity.scale)
     assert errors == pytest.approx([0.5, 0.5 / 8**0.5], rel=0.05)
 
 
@@ -239,8 +243,9 @@ async def test_static_scenes_are_matched_in_images_with_less_noise(start: Start)
     for on in (False, True):
         camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
         first, second = (
-            pixels(one.disparity.image).astype(float) for one in await camera.take(2, disparity_enabled=True)
+            pixels(image_set.disparity.image).astype(float)
+            for image_set in await camera.take(2, disparity_enabled=True)
         )
-        both = (first > 0) & (second > 0)
-        changes.append(float(np.abs(first - second)[both].clip(max=16.0).mean()))
+        valid_in_both = (first > 0) & (second > 0)
+        changes.append(float(np.abs(first - second)[valid_in_both].clip(max=16.0).mean()))
     assert changes[0] > 1.5 * changes[1]

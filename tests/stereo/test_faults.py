@@ -24,7 +24,7 @@ async def camera(start: Start) -> Camera:
 
 
 @pytest.fixture
-async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
+async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     async with client_of(camera) as client:
         yield client
 
@@ -35,60 +35,60 @@ def client_of(camera: Camera) -> httpx.AsyncClient:
     return httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera")
 
 
-def stamp(one: Any) -> int:
-    return int(one.timestamp.sec * 10**9 + one.timestamp.nsec)
+def timestamp_ns(image_set: Any) -> int:
+    return int(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec)
 
 
 async def test_disabled_by_default(start: Start) -> None:
     camera = await start()
-    async with client_of(camera) as rest:
+    async with client_of(camera) as rest_client:
         for method, path in (("GET", ""), ("PUT", ""), ("DELETE", ""), ("POST", "/disconnect")):
-            answer = await rest.request(method, f"/stereo/faults{path}", json={})
-            assert answer.status_code == 403
-            assert answer.json()["message"] == "fault injection is off; start the gateway with --stereo-faults"
+            response = await rest_client.request(method, f"/stereo/faults{path}", json={})
+            assert response.status_code == 403
+            assert response.json()["message"] == "fault injection is off; start the gateway with --stereo-faults"
     assert camera.service.injector.faults == Faults()
 
 
-async def test_the_seed_determines_dropped_frames(camera: Camera, rest: httpx.AsyncClient) -> None:
-    answer = await rest.put("/stereo/faults", json={"drop": 0.5})
-    assert answer.json()["drop"] == 0.5
+async def test_the_seed_determines_dropped_frames(camera: Camera, rest_client: httpx.AsyncClient) -> None:
+    response = await rest_client.put("/stereo/faults", json={"drop": 0.5})
+    assert response.json()["drop"] == 0.5
     sets = await camera.take(12, left_enabled=True)
-    frames = [(stamp(one) - 1_000_000_000) // 40_000_000 + 1 for one in sets]
-    twin, kept = FaultInjector(0, 0), list[int]()
-    twin.set(Faults(drop=0.5))
+    frames = [(timestamp_ns(image_set) - 1_000_000_000) // 40_000_000 + 1 for image_set in sets]
+    other_injector, delivered = FaultInjector(0, 0), list[int]()
+    other_injector.set(Faults(drop=0.5))
     for number in range(1, frames[-1] + 1):
-        twin.deliver(number, b"", partial(kept.append, number))
-    assert frames == kept
+        other_injector.deliver(number, b"", partial(delivered.append, number))
+    assert frames == delivered
     assert frames[-1] > 12
-    assert (await rest.get("/stereo/faults")).json()["dropped"] >= frames[-1] - 12
-    assert (await rest.delete("/stereo/faults")).json()["drop"] == 0
+    assert (await rest_client.get("/stereo/faults")).json()["dropped"] >= frames[-1] - 12
+    assert (await rest_client.delete("/stereo/faults")).json()["drop"] == 0
 
 
 async def test_delayed_sets_keep_their_order_within_the_limit() -> None:
-    injector, came, loop = FaultInjector(0, 100), list[int](), asyncio.get_running_loop()
+    injector, delivered, loop = FaultInjector(0, 100), list[int](), asyncio.get_running_loop()
     injector.set(Faults(delay=0.05))
-    begin = loop.time()
+    start = loop.time()
     done = asyncio.Event()
 
     def last() -> None:
-        came.append(7)
+        delivered.append(7)
         done.set()
 
     for number in range(3):
-        injector.deliver(number, bytes(40), partial(came.append, number))
-    assert (came, injector.dropped) == ([], 1)
+        injector.deliver(number, bytes(40), partial(delivered.append, number))
+    assert (delivered, injector.dropped) == ([], 1)
     injector.set(Faults())
     # Later sets do not overtake those that are late.
     injector.deliver(7, bytes(10), last)
     await done.wait()
-    assert came == [0, 1, 7]
-    assert loop.time() - begin >= 0.05
-    injector.deliver(8, bytes(1000), lambda: came.append(8))
-    assert came[-1] == 8
+    assert delivered == [0, 1, 7]
+    assert loop.time() - start >= 0.05
+    injector.deliver(8, bytes(1000), lambda: delivered.append(8))
+    assert delivered[-1] == 8
 
 
-async def test_a_delay_in_the_stream(camera: Camera, rest: httpx.AsyncClient) -> None:
-    await rest.put("/stereo/faults", json={"delay": 0.2})
+async def test_a_delay_in_the_stream(camera: Camera, rest_client: httpx.AsyncClient) -> None:
+    await rest_client.put("/stereo/faults", json={"delay": 0.2})
     begin = asyncio.get_running_loop().time()
     await camera.take(1, left_enabled=True)
     assert asyncio.get_running_loop().time() - begin >= 0.2
@@ -107,31 +107,31 @@ async def read_all(camera: Camera, begun: asyncio.Event) -> int:
     return count
 
 
-async def test_streams_are_cut(camera: Camera, rest: httpx.AsyncClient) -> None:
-    await rest.put("/stereo/faults", json={"disconnect_after": 3})
+async def test_streams_are_cut(camera: Camera, rest_client: httpx.AsyncClient) -> None:
+    await rest_client.put("/stereo/faults", json={"disconnect_after": 3})
     assert await read_all(camera, asyncio.Event()) == 3
-    await rest.delete("/stereo/faults")
+    await rest_client.delete("/stereo/faults")
     begun = asyncio.Event()
     reading = asyncio.create_task(read_all(camera, begun))
     await begun.wait()
-    assert (await rest.post("/stereo/faults/disconnect")).json() == {"streams": 1}
+    assert (await rest_client.post("/stereo/faults/disconnect")).json() == {"streams": 1}
     assert await reading >= 1
     await camera.take(1, left_enabled=True)
 
 
-async def test_frozen_and_wrong_clocks(camera: Camera, rest: httpx.AsyncClient) -> None:
-    await rest.put("/stereo/faults", json={"clock_frozen": True})
+async def test_frozen_and_wrong_clocks(camera: Camera, rest_client: httpx.AsyncClient) -> None:
+    await rest_client.put("/stereo/faults", json={"clock_frozen": True})
     call = camera.stream(disparity_enabled=True, left_enabled=True)
     sets = [await call.read() for _ in range(3)]
-    assert len({stamp(one) for one in sets}) == 1
-    assert len({one.left.data for one in sets}) == 3
+    assert len({timestamp_ns(image_set) for image_set in sets}) == 1
+    assert len({image_set.left.data for image_set in sets}) == 3
     call.cancel()
-    await rest.put("/stereo/faults", json={"clock_offset": -1.0})
+    await rest_client.put("/stereo/faults", json={"clock_offset": -1.0})
     call = camera.stream(left_enabled=True)
-    one = stamp(await call.read())
-    assert one != stamp(sets[0])
-    assert 0 <= one < 5 * 10**9
-    assert one % 40_000_000 == 0
+    offset_timestamp = timestamp_ns(await call.read())
+    assert offset_timestamp != timestamp_ns(sets[0])
+    assert 0 <= offset_timestamp < 5 * 10**9
+    assert offset_timestamp % 40_000_000 == 0
 
 
 @pytest.mark.parametrize(
@@ -143,10 +143,12 @@ async def test_frozen_and_wrong_clocks(camera: Camera, rest: httpx.AsyncClient) 
         ("[", "the body is not like"),
     ],
 )
-async def test_invalid_requests_are_rejected_without_effect(rest: httpx.AsyncClient, body: str, sentence: str) -> None:
-    answer = await rest.put("/stereo/faults", content=body)
-    assert answer.status_code == 400
-    assert sentence in answer.json()["message"]
-    assert (await rest.get("/stereo/faults")).json()["drop"] == 0
-    assert (await rest.put("/stereo/faults", content=" " * 5000)).status_code == 413
-    assert (await rest.get("/stereo/faults?pipeline=3")).status_code == 404
+async def test_invalid_requests_are_rejected_without_effect(
+    rest_client: httpx.AsyncClient, body: str, sentence: str
+) -> None:
+    response = await rest_client.put("/stereo/faults", content=body)
+    assert response.status_code == 400
+    assert sentence in response.json()["message"]
+    assert (await rest_client.get("/stereo/faults")).json()["drop"] == 0
+    assert (await rest_client.put("/stereo/faults", content=" " * 5000)).status_code == 413
+    assert (await rest_client.get("/stereo/faults?pipeline=3")).status_code == 404

@@ -36,17 +36,17 @@ def clock_at(clock: Clock, rate: Rate = "device") -> FrameClock:
 
 def test_frames_keep_their_beat() -> None:
     clock = clock_at(SimulatedClock())
-    clock.start_frame(10.0, 0.04)
+    clock.schedule_next_frame(10.0, 0.04)
     assert clock.seconds_until_frame(10.0) == pytest.approx(0.04)
-    clock.start_frame(10.045, 0.04)  # 5 ms late
+    clock.schedule_next_frame(10.045, 0.04)  # 5 ms late
     assert clock.seconds_until_frame(10.045) == pytest.approx(0.035)
 
 
 @pytest.mark.parametrize(("late", "wait"), [(0.125, 0.125), (0.25, 0.25), (3.0, 0.25)])
 def test_missed_frames_are_not_made_up_for(late: float, wait: float) -> None:
     clock = clock_at(SimulatedClock())
-    clock.start_frame(7.75, 0.25)  # next at 8.0
-    clock.start_frame(8.0 + late, 0.25)
+    clock.schedule_next_frame(7.75, 0.25)  # next at 8.0
+    clock.schedule_next_frame(8.0 + late, 0.25)
     assert clock.seconds_until_frame(8.0 + late) == pytest.approx(wait)
 
 
@@ -54,7 +54,7 @@ def test_depth_is_due_within_half_a_period() -> None:
     source = FixedClock()
     clock = clock_at(source)
     assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "the first frame has depth"
-    clock.captured_depth(0, 10.0)  # next at 0.1 s
+    clock.schedule_next_depth(0, 10.0)  # next at 0.1 s
     for now, due in ((79_999_999, False), (80_000_000, True), (100_000_000, True), (300_000_000, True)):
         source.now = now
         assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
@@ -63,7 +63,7 @@ def test_depth_is_due_within_half_a_period() -> None:
 def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.captured_depth(10 * NANOSECONDS, 10.0)
+    clock.schedule_next_depth(10 * NANOSECONDS, 10.0)
     far = round(10.1 * NANOSECONDS - 2e9 / SETTINGS.depth_rate)
     for now, due in ((far + 1, False), (far - 1, True)):
         source.now = now
@@ -81,8 +81,8 @@ def test_depth_in_single_frame_mode_needs_the_trigger() -> None:
 def test_depth_keeps_its_beat(second: int, third: int) -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.captured_depth(0, 10.0)
-    clock.captured_depth(second, 10.0)
+    clock.schedule_next_depth(0, 10.0)
+    clock.schedule_next_depth(second, 10.0)
     source.now = third - PERIOD // 2 - 1
     assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
     source.now += 1
@@ -92,8 +92,8 @@ def test_depth_keeps_its_beat(second: int, third: int) -> None:
 def test_depth_restarts_after_a_gap() -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.captured_depth(0, 10.0)
-    clock.captured_depth(200_000_001, 10.0)
+    clock.schedule_next_depth(0, 10.0)
+    clock.schedule_next_depth(200_000_001, 10.0)
     source.now = 300_000_000 - PERIOD // 2
     assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
     clock.reset_depth()

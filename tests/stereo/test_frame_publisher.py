@@ -76,7 +76,7 @@ def publisher(hub: FakeHub) -> FramePublisher:
 
 
 async def make(publisher: FramePublisher, frame: Any) -> None:
-    await publisher.make(frame, set(frame.results))
+    await publisher.publish_sets(frame, set(frame.results))
 
 
 async def test_frames_and_depth_frames_are_counted(publisher: FramePublisher, hub: FakeHub) -> None:

@@ -12,8 +12,8 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.pairs import Pair, Pairs
 from gateway.stereo.parameter_specs import NODES, Spec
-from gateway.stereo.parameters import ParameterError, check
-from gateway.stereo.request import RequestError, set_kind_of
+from gateway.stereo.parameters import ParameterError, check_value
+from gateway.stereo.request import RequestError, read_set_kind
 from gateway.stereo.settings import Region
 from gateway.stereo.truth import parse_timestamp
 from renderers.drawlist import ImageError
@@ -140,14 +140,14 @@ def test_regions_cover_partly_covered_pixels() -> None:
 def test_parameters_include_their_limits(spec: Spec) -> None:
     if spec.type == "string":
         with pytest.raises(ParameterError, match=spec.name):
-            check(spec, "")
+            check_value(spec, "")
         return
-    assert check(spec, spec.low) == spec.low
-    assert check(spec, spec.high) == spec.high
+    assert check_value(spec, spec.minimum) == spec.minimum
+    assert check_value(spec, spec.maximum) == spec.maximum
     step = 1 if spec.type in ("int32", "bool") else 1e-9
-    for beyond in (float(spec.low) - step, float(spec.high) + step):
+    for beyond in (float(spec.minimum) - step, float(spec.maximum) + step):
         with pytest.raises(ParameterError, match=spec.name):
-            check(spec, beyond)
+            check_value(spec, beyond)
 
 
 def test_the_minimum_of_mesh_points() -> None:
@@ -155,12 +155,12 @@ def test_the_minimum_of_mesh_points() -> None:
         return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
 
     for points in (0, 1000):
-        kind = set_kind_of(mesh(points))
+        kind = read_set_kind(mesh(points))
         assert kind.mesh is not None
         assert kind.mesh.max_points == points
     for points in (1, 999):
         with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
-            set_kind_of(mesh(points))
+            read_set_kind(mesh(points))
 
 
 def test_timestamps_have_twelve_and_nine_digits() -> None:

@@ -24,7 +24,7 @@ from gateway.stereo import server
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.hub import Hub, MailboxState
+from gateway.stereo.hub import ImageSetHub, MailboxState
 
 async def publish(hub):
     number = 0
@@ -39,7 +39,7 @@ async def publish(hub):
 async def main():
     logs.configure("json", "error")
     process_tuning.tune()
-    hub = Hub(64, 16)
+    hub = ImageSetHub(64, 16)
     running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 1 << 20), StereoConfig(port=0))
     publishing = asyncio.create_task(publish(hub))
     print(port, flush=True)

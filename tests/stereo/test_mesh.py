@@ -75,14 +75,14 @@ def test_header_is_the_vendor_s() -> None:
 def test_points_lie_on_the_true_surface(options: MeshOptions) -> None:
     k = MODEL.intrinsics(2)
     tolerance = 1 / 32
-    ft = k.focal_length * MODEL.baseline
+    focal_times_baseline = k.focal_length * MODEL.baseline
     d = encode(plane(k, 0, 1.5, 0.4, 0.2), k)
     d[20:60, 30:33] = 0  # bins with some pixels missing
     _, vertices, faces = read(disparity_mesh(d, k, MODEL.baseline, options))
     p = points(vertices)
     # On a plane z = 1.5 + 0.4 x + 0.2 y, up to the rounding of disparity.
     true = 1.5 / (1 - 0.4 * p[:, 0] / p[:, 2] - 0.2 * p[:, 1] / p[:, 2])
-    assert np.abs(ft / p[:, 2] - ft / true).max() < tolerance * 1.01
+    assert np.abs(focal_times_baseline / p[:, 2] - focal_times_baseline / true).max() < tolerance * 1.01
     if options.max_points:
         assert len(p) <= 3000
     normals = np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]])

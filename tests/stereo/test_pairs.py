@@ -18,7 +18,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.node_routes import node_router
-from gateway.stereo.pair_files import geometry_in, pairs_in
+from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import Pair, Pairs, pair_imaging
 from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
@@ -28,7 +28,7 @@ from renderers.stereo.exposure import Exposure
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.sensor import SensorImage
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
-from tests.stereo.test_exposure import new
+from tests.stereo.test_exposure import capture_set
 
 LIMIT = 1_000_000
 PATH = "/api/v2/pipelines/0/test/set"
@@ -43,7 +43,7 @@ async def recorded(start: Start) -> pb.ImageSet:
     """Return a set with the projector on."""
     camera = await start(rate="max", depth_mode="matched")
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
-    return await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
+    return await capture_set(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ async def camera(start: Start) -> Camera:
 
 
 @pytest.fixture
-async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
+async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
     app.include_router(node_router(camera.service))
     app.include_router(system_router(camera.service))
@@ -64,55 +64,57 @@ async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
 
 async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camera: Camera, tmp_path: Path) -> None:
     save(recorded, tmp_path)
-    geometry = geometry_in(tmp_path)
+    geometry = read_geometry(tmp_path)
     assert geometry is not None
     assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
-    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), *geometry))
-    one = await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
-    assert (pixels(one.left) == pixels(recorded.left)).all()
-    assert (pixels(one.right) == pixels(recorded.right)).all()
-    assert one.left.brightness == pytest.approx(recorded.left.brightness, abs=0.02)
-    assert one.disparity.baseline == pytest.approx(SMALL.baseline)
-    assert one.disparity.image.focal_length == pytest.approx(recorded.disparity.image.focal_length)
+    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), *geometry))
+    image_set = await capture_set(
+        camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True
+    )
+    assert (pixels(image_set.left) == pixels(recorded.left)).all()
+    assert (pixels(image_set.right) == pixels(recorded.right)).all()
+    assert image_set.left.brightness == pytest.approx(recorded.left.brightness, abs=0.02)
+    assert image_set.disparity.baseline == pytest.approx(SMALL.baseline)
+    assert image_set.disparity.image.focal_length == pytest.approx(recorded.disparity.image.focal_length)
     # The device renders depth images at their own resolution, a recording is reduced: nearly the same disparity.
-    both = (pixels(one.disparity.image) > 0) & (pixels(recorded.disparity.image) > 0)
-    assert both.mean() > 0.4
-    difference = pixels(one.disparity.image).astype(int) - pixels(recorded.disparity.image).astype(int)
-    assert np.median(np.abs(difference[both])) <= 4
-    assert one.mesh.data.startswith(b"ply")
+    valid_in_both = (pixels(image_set.disparity.image) > 0) & (pixels(recorded.disparity.image) > 0)
+    assert valid_in_both.mean() > 0.4
+    difference = pixels(image_set.disparity.image).astype(int) - pixels(recorded.disparity.image).astype(int)
+    assert np.median(np.abs(difference[valid_in_both])) <= 4
+    assert image_set.mesh.data.startswith(b"ply")
     camera.service.show_pairs(None)
-    back = await new(camera, left_enabled=True, disparity_enabled=True)
+    back = await capture_set(camera, left_enabled=True, disparity_enabled=True)
     assert camera.service.config.depth_mode == "ground_truth"
     assert (pixels(back.left) != pixels(recorded.left)).any()
 
 
 async def test_shows_an_uploaded_pair_in_test_mode(
-    recorded: pb.ImageSet, camera: Camera, rest: httpx.AsyncClient
+    recorded: pb.ImageSet, camera: Camera, rest_client: httpx.AsyncClient
 ) -> None:
     left, right = pixels(recorded.left), pixels(recorded.right)
     files = {
         "left_out1_low": png(left // 2), "right_out1_low": png(right // 2),
         "left_out1_high": png(left), "right_out1_high": png(right),
     }  # fmt: skip
-    answer = await rest.post(PATH, files=files, data={"f": "270.368", "t": "0.2"})
-    assert (answer.status_code, answer.json()["return_code"]["value"]) == (200, 0)
+    response = await rest_client.post(PATH, files=files, data={"f": "270.368", "t": "0.2"})
+    assert (response.status_code, response.json()["return_code"]["value"]) == (200, 0)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
-    one = await new(camera, left_enabled=True, disparity_enabled=True, color=True)
-    assert (pixels(one.left)[:, :, 1] == left // 2).all()
-    assert one.left.encoding == "rgb8"
-    assert one.disparity.baseline == pytest.approx(0.2)
-    assert one.left.focal_length == pytest.approx(270.368)
+    image_set = await capture_set(camera, left_enabled=True, disparity_enabled=True, color=True)
+    assert (pixels(image_set.left)[:, :, 1] == left // 2).all()
+    assert image_set.left.encoding == "rgb8"
+    assert image_set.disparity.baseline == pytest.approx(0.2)
+    assert image_set.left.focal_length == pytest.approx(270.368)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
-    lit = await new(camera, left_enabled=True)
+    lit = await capture_set(camera, left_enabled=True)
     assert (pixels(lit.left) == left).all()
-    status = (await rest.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
+    status = (await rest_client.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
     assert (status["test"], status["baseline"]) == ("1", "0.2")
-    assert (await rest.get("/api/v2/system")).json()["model_name"] == "rc_test"
-    truth = await rest.get("/stereo/truth.npz")
+    assert (await rest_client.get("/api/v2/system")).json()["model_name"] == "rc_test"
+    truth = await rest_client.get("/stereo/truth.npz")
     assert truth.status_code == 404
     assert "there is no ground truth" in truth.json()["message"]
-    assert (await rest.delete(PATH)).status_code == 200
-    assert (await rest.get("/api/v2/system")).json()["model_name"] == "small"
+    assert (await rest_client.delete(PATH)).status_code == 200
+    assert (await rest_client.get("/api/v2/system")).json()["model_name"] == "small"
 
 
 @pytest.mark.parametrize(
@@ -130,17 +132,17 @@ async def test_shows_an_uploaded_pair_in_test_mode(
     ],
 )
 async def test_invalid_uploads_are_rejected_without_effect(
-    rest: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
+    rest_client: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
 ) -> None:
     side = 8 if files == "tiny" else 64
-    one = png(np.zeros((side, side), np.uint8))
+    blank = png(np.zeros((side, side), np.uint8))
     if isinstance(files, str):
-        other = png(np.zeros((32, 32), np.uint8)) if files == "sizes" else one
-        lit = {"left_out1_high": one, "right_out1_high": b"broken"} if files == "high" else {}
-        files = {"left_out1_low": one, "right_out1_low": other, **lit}
-    answer = await rest.post(PATH, files=files or {"x": b"y"}, data=data)
-    assert answer.status_code == 400
-    assert sentence in answer.json()["message"]
+        other = png(np.zeros((32, 32), np.uint8)) if files == "sizes" else blank
+        lit = {"left_out1_high": blank, "right_out1_high": b"broken"} if files == "high" else {}
+        files = {"left_out1_low": blank, "right_out1_low": other, **lit}
+    response = await rest_client.post(PATH, files=files or {"x": b"y"}, data=data)
+    assert response.status_code == 400
+    assert sentence in response.json()["message"]
     assert camera.service.config.model is SMALL
 
 
@@ -149,8 +151,8 @@ async def test_uploads_are_limited(start: Start) -> None:
     app = FastAPI()
     app.include_router(upload_router(camera.service))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
-        answer = await client.post(PATH, files={"left_out1_low": b"x" * 20_000})
-        assert (answer.status_code, answer.json()["message"]) == (413, "the form is larger than 10000 bytes")
+        response = await client.post(PATH, files={"left_out1_low": b"x" * 20_000})
+        assert (response.status_code, response.json()["message"]) == (413, "the form is larger than 10000 bytes")
         many = {f"file{i}": b"x" for i in range(9)}
         assert (await client.post(PATH, files=many)).status_code == 400
         assert (await client.post(PATH, json={"f": 1})).status_code == 400
@@ -169,20 +171,20 @@ async def test_uploads_are_limited(start: Start) -> None:
         ('multipart/form-data; boundary="\\"\\\\"', "the form needs the files"),
     ],
 )
-async def test_the_content_type_of_a_form(rest: httpx.AsyncClient, kind: str, sentence: str) -> None:
+async def test_the_content_type_of_a_form(rest_client: httpx.AsyncClient, kind: str, sentence: str) -> None:
     body = b'--"\\\r\nContent-Disposition: form-data; name="f"\r\n\r\n1\r\n--"\\--\r\n'
-    answer = await rest.post(PATH, content=body, headers={"Content-Type": kind})
-    assert answer.status_code == 400
-    assert sentence in answer.json()["message"]
+    response = await rest_client.post(PATH, content=body, headers={"Content-Type": kind})
+    assert response.status_code == 400
+    assert sentence in response.json()["message"]
 
 
-async def test_the_charset_of_a_form_is_ignored(rest: httpx.AsyncClient) -> None:
+async def test_the_charset_of_a_form_is_ignored(rest_client: httpx.AsyncClient) -> None:
     body = b'--x\r\nContent-Disposition: form-data; name="f"\r\n\r\nMQ==\r\n--x--\r\n'
     for charset in ("idna", "undefined", "utf-16"):  # the first takes a minute for a megabyte, the second any name
-        answer = await rest.post(
+        response = await rest_client.post(
             PATH, content=body, headers={"Content-Type": f"multipart/form-data; boundary=x; charset={charset}"}
         )
-        assert "the form needs the files" in answer.json()["message"]
+        assert "the form needs the files" in response.json()["message"]
 
 
 async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
@@ -190,7 +192,7 @@ async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Came
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
         (tmp_path / f"{number}_right.png").write_bytes(right)
-    imaging = pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), 0.8, 0.1)
+    imaging = pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), 0.8, 0.1)
     camera.service.show_pairs(imaging)
     call = camera.stream(left_enabled=True, right_enabled=True)
     with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
@@ -205,27 +207,27 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(image)
-    assert len(pairs_in(tmp_path, 2, LIMIT)) == 2
+    assert len(find_pairs(tmp_path, 2, LIMIT)) == 2
     with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
-        pairs_in(tmp_path, 1, LIMIT)
+        find_pairs(tmp_path, 1, LIMIT)
     with pytest.raises(ValueError, match="nowhere is no folder"):
-        pairs_in(tmp_path / "nowhere", 10, 10_000_000)
+        find_pairs(tmp_path / "nowhere", 10, 10_000_000)
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match=r"empty holds no images \(\.png, "):
-        pairs_in(tmp_path / "empty", 10, 10_000_000)
+        find_pairs(tmp_path / "empty", 10, 10_000_000)
     with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 images"):
-        pairs_in(tmp_path / "right", 1, LIMIT)
+        find_pairs(tmp_path / "right", 1, LIMIT)
 
 
 def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
     text = "# Created by grpc_image_client\ncamera.A=[552.18500 0 320.00000; 0 552.18500 240.00000; 0 0 1]\n"
     text += "camera.height=480\ncamera.width=640\nrho=88.37721\nt=0.16005\n"
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text)
-    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.862789, rel=1e-5), 0.16005]
-    assert geometry_in(tmp_path / "none") is None
+    assert list(read_geometry(tmp_path) or ()) == [pytest.approx(0.862789, rel=1e-5), 0.16005]
+    assert read_geometry(tmp_path / "none") is None
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text.replace("width=640", "width=0"))
     with pytest.raises(ValueError, match="is not a number"):
-        geometry_in(tmp_path)
+        read_geometry(tmp_path)
 
 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 48), (64, 47), (65, 67)])
@@ -280,6 +282,6 @@ def test_damaged_geometry_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / "one.npz"
     path.write_bytes(b"no archive")
     with pytest.raises(ValueError, match=r"one\.npz cannot be read: "):
-        geometry_in(tmp_path)
+        read_geometry(tmp_path)
     path.unlink()
-    assert geometry_in(tmp_path) is None
+    assert read_geometry(tmp_path) is None

@@ -8,10 +8,9 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.parameter_specs import NODES, Spec
-from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check
-from gateway.stereo.request import SetKind, set_kind_of
+from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check_value
+from gateway.stereo.request import SetKind, read_set_kind
 from gateway.stereo.settings import Region, StreamSettings, read_settings
-from gateway.stereo.trigger import Trigger
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.model import Quality, StereoModel
@@ -27,19 +26,19 @@ def settings(node: str = "rc_camera", **values: object) -> StreamSettings:
 
 @pytest.mark.parametrize("spec", NUMBERS, ids=lambda spec: spec.name)
 def test_both_limits_are_included_and_nothing_beyond(spec: Spec) -> None:
-    assert isinstance(spec.low, (int, float))
-    assert isinstance(spec.high, (int, float))
+    assert isinstance(spec.minimum, (int, float))
+    assert isinstance(spec.maximum, (int, float))
     step = 1 if spec.type == "int32" else 1e-6
-    assert check(spec, spec.low) == spec.low
-    assert check(spec, spec.high) == spec.high
-    assert check(spec, spec.default) == spec.default
-    for outside in (spec.low - step, spec.high + step):
+    assert check_value(spec, spec.minimum) == spec.minimum
+    assert check_value(spec, spec.maximum) == spec.maximum
+    assert check_value(spec, spec.default) == spec.default
+    for outside in (spec.minimum - step, spec.maximum + step):
         with pytest.raises(ParameterError, match=f"^{spec.name}: .* is out of range, .* are allowed$"):
-            check(spec, outside)
+            check_value(spec, outside)
 
 
 def test_the_devices_ranges() -> None:
-    ranges = {spec.name: (spec.low, spec.high, spec.default) for spec in NUMBERS}
+    ranges = {spec.name: (spec.minimum, spec.maximum, spec.default) for spec in NUMBERS}
     assert ranges["fps"] == (1.0, 25.0, 25.0)
     assert ranges["exp_max"] == (6.6e-5, 0.018, 0.018)
     assert ranges["exp_value"] == (6.6e-5, 0.018, 0.005)
@@ -57,10 +56,10 @@ def test_the_devices_ranges() -> None:
 
 def test_types() -> None:
     fps, seg, auto = NODES["rc_camera"]["fps"], NODES["rc_stereomatching"]["seg"], NODES["rc_camera"]["exp_auto"]
-    assert isinstance(check(fps, 5), float)
-    assert check(seg, 5.0) == 5
-    assert isinstance(check(seg, 5.0), int)
-    assert [check(auto, value) for value in (0, 1, True, 0.0)] == [False, True, True, False]
+    assert isinstance(check_value(fps, 5), float)
+    assert check_value(seg, 5.0) == 5
+    assert isinstance(check_value(seg, 5.0), int)
+    assert [check_value(auto, value) for value in (0, 1, True, 0.0)] == [False, True, True, False]
     for spec, value, message in (
         (seg, 5.5, "seg: 5.5 is not a whole number"),
         (seg, True, "seg: True is not a number"),
@@ -73,7 +72,7 @@ def test_types() -> None:
         (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is none of Auto, Manual, HDR"),
     ):
         with pytest.raises(ParameterError) as refusal:
-            check(spec, value)
+            check_value(spec, value)
         assert str(refusal.value) == message
 
 
@@ -81,7 +80,7 @@ def test_long_values_are_cut_in_messages() -> None:
     control = NODES["rc_camera"]["exp_control"]
     for length, shown in ((78, repr("a" * 78)), (79, repr("a" * 79)[:80] + "…")):
         with pytest.raises(ParameterError) as refusal:
-            check(control, "a" * length)
+            check_value(control, "a" * length)
         assert f"exp_control: {shown} is none" in str(refusal.value)
 
 
@@ -132,8 +131,8 @@ def test_output_modes(mode: str, camera: int, depth: int) -> None:
     assert (first.gpio(depth=False), first.gpio(depth=True)) == (camera, depth)
     assert (second.gpio(depth=False), second.gpio(depth=True)) == (2 * camera, 2 * depth)
     assert first.separate_depth == second.separate_depth == (camera != depth)
-    assert first.alternate == (mode == "ExposureAlternateActive")
-    assert not second.alternate
+    assert first.alternate_exposure == (mode == "ExposureAlternateActive")
+    assert not second.alternate_exposure
     triggered = replace(first, single_frame_out1=True)
     assert (triggered.gpio(depth=False), triggered.gpio(depth=True)) == (0, 1)
 
@@ -171,17 +170,6 @@ def test_white_balance_and_exposure_parameters() -> None:
     assert hdr.auto_exposure is not None
     limits = hdr.auto_exposure
     assert (limits.max_time, limits.average_max, limits.average_min) == (0.01, 0.6, 0.2)
-
-
-def test_the_trigger_holds_one_request() -> None:
-    trigger = Trigger()
-    assert trigger.fire(single=False, subscribed=True)[0] == -8
-    assert trigger.fire(single=True, subscribed=False)[0] == 102
-    assert trigger.fire(single=True, subscribed=True) == (0, "")
-    assert trigger.pending
-    assert trigger.fire(single=True, subscribed=True)[0] == 101
-    trigger.done()
-    assert trigger.fire(single=True, subscribed=True)[0] == 0
 
 
 def test_kinds_as_text() -> None:
@@ -236,11 +224,11 @@ def test_descriptions_have_the_devices_fields() -> None:
 def test_mesh_options_of_a_request() -> None:
     options = pb.MeshOptions(max_points=1000, binning_method=pb.MeshOptions.MIN_DEPTH, watertight=True)
     request = pb.ImageSetRequest(mesh_enabled=True, mesh_options=options)
-    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, min_depth=True, watertight=True)
+    assert read_set_kind(request, mesh_rgb=True).mesh == MeshOptions(1000, min_depth=True, watertight=True)
     request.mesh_options.textured = True
     request.mesh_options.binning_method = pb.MeshOptions.AVERAGE
-    assert set_kind_of(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
-    assert set_kind_of(request).mesh == MeshOptions(1000, watertight=True, textured=True)
+    assert read_set_kind(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
+    assert read_set_kind(request).mesh == MeshOptions(1000, watertight=True, textured=True)
 
 
 @pytest.mark.parametrize(("control", "auto"), [("Manual", False), ("Auto", True), ("HDR", True)])

@@ -78,15 +78,15 @@ def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
 def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoModel) -> None:
     imaging = Imaging(StereoConfig(model=model), renderer)
-    ft = model.intrinsics().focal_length * model.baseline
+    focal_times_baseline = model.intrinsics().focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
         capture = Capture(0, wall(), 1, look_at((-depth, 0.0, 0.0), (0.0, 0.0, 0.0), UP), 0)
         disparity = measure(imaging, capture, Quality.FULL, maxdepth=1.5 * depth)
-        z = ft / (disparity[disparity > 0] / 16)
+        z = focal_times_baseline / (disparity[disparity > 0] / 16)
         assert len(z) > 200_000
         millimetres = float(np.std(z)) * 1000
         assert float(np.mean(z)) == pytest.approx(depth, abs=0.002 * depth)
-        assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
+        assert millimetres == pytest.approx(0.25 * depth**2 / focal_times_baseline * 1000, rel=0.05)
         assert millimetres == pytest.approx(published, abs=0.1)
 
 

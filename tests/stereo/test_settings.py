@@ -30,7 +30,7 @@ def test_custom_camera_from_a_file(tmp_path: Path) -> None:
     config = config_of(load(config=path))
     assert (config.model.width, config.model.height, config.model.baseline) == (640, 400, 0.05)
     assert config.model.intrinsics(2).focal_length == 352.0
-    assert (config.d_eps, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
+    assert (config.disparity_error, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
     assert model_of(load({"stereo_model": "custom"})).baseline == MODELS["rc_visard 160-4"].baseline
     assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
 
@@ -53,9 +53,9 @@ def test_image_noise_is_a_factor() -> None:
 
 async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
     camera = await start(mesh_rgb=True, image_noise=2.0)
-    (one,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
-    header = one.mesh.data[: one.mesh.data.index(b"end_header")]
+    (image_set,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
+    header = image_set.mesh.data[: image_set.mesh.data.index(b"end_header")]
     assert b"property uint8 diffuse_red" in header
     assert b"property uint8 red" in header
-    assert pixels(one.left).shape == (SMALL.height, SMALL.width)
-    assert 0.5 < one.left.noise < 3.0
+    assert pixels(image_set.left).shape == (SMALL.height, SMALL.width)
+    assert 0.5 < image_set.left.noise < 3.0

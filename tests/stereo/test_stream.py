@@ -13,7 +13,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.truth import find_frame, ground_truth_npz, timestamp_text
+from gateway.stereo.truth import find_frame, ground_truth_npz
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
@@ -23,16 +23,17 @@ from tests.support.waiting import until
 
 async def test_all_messages_of_a_set_have_one_timestamp(start: Start) -> None:
     camera = await start()
-    (one,) = await camera.take(**EVERYTHING)
+    (image_set,) = await camera.take(**EVERYTHING)
     stamps = {
         (t.sec, t.nsec)
         for t in (
-            one.timestamp, one.left.timestamp, one.right.timestamp, one.disparity.timestamp,
-            one.disparity.image.timestamp, one.disparity_error.timestamp, one.confidence.timestamp, one.mesh.timestamp,
+            image_set.timestamp, image_set.left.timestamp, image_set.right.timestamp, image_set.disparity.timestamp,
+            image_set.disparity.image.timestamp, image_set.disparity_error.timestamp, image_set.confidence.timestamp,
+            image_set.mesh.timestamp,
         )
     }  # fmt: skip
     assert len(stamps) == 1
-    for image in (one.left, one.right):
+    for image in (image_set.left, image_set.right):
         assert (image.width, image.height, image.encoding) == (320, 240, "mono8")
         assert image.focal_length == pytest.approx(0.8449 * 320)
         assert (image.principal_point_u, image.principal_point_v) == (160, 120)
@@ -41,32 +42,32 @@ async def test_all_messages_of_a_set_have_one_timestamp(start: Start) -> None:
         assert 0 < image.brightness <= 1
         assert image.exposure_time > 0
         assert pixels(image).std() > 5
-    d = one.disparity
+    d = image_set.disparity
     assert (d.scale, d.offset, d.invalid_data_value, d.delta_d) == (0.0625, 0, 0, 0.0625)
     assert d.baseline == pytest.approx(0.16)
     assert (d.image.width, d.image.height, d.image.encoding) == (160, 120, "mono16")
     assert d.image.focal_length == pytest.approx(0.8449 * 160)
-    assert d.image.brightness == pytest.approx(one.left.brightness, abs=0.03)
+    assert d.image.brightness == pytest.approx(image_set.left.brightness, abs=0.03)
     valid = pixels(d.image) > 0
     assert valid.mean() > 0.6
-    for image in (one.disparity_error, one.confidence):
+    for image in (image_set.disparity_error, image_set.confidence):
         assert ((pixels(image) > 0) == valid).all()
-    assert one.mesh.format == "ply"
-    assert one.mesh.data.startswith(b"ply\nformat binary_little_endian 1.0\n")
+    assert image_set.mesh.format == "ply"
+    assert image_set.mesh.data.startswith(b"ply\nformat binary_little_endian 1.0\n")
 
 
 @pytest.mark.parametrize("name", [*EVERYTHING])
 async def test_unrequested_messages_are_absent(start: Start, name: str) -> None:
     camera = await start()
-    (one,) = await camera.take(**{name: True})
-    assert {f.name for f, _ in one.ListFields()} == {"timestamp", name.removesuffix("_enabled")}
+    (image_set,) = await camera.take(**{name: True})
+    assert {f.name for f, _ in image_set.ListFields()} == {"timestamp", name.removesuffix("_enabled")}
 
 
 async def test_nothing_enabled_gives_timestamps_at_the_camera_s_rate(start: Start) -> None:
     camera = await start(clock=SimulatedClock())
     sets = await camera.take(3)
-    assert [[f.name for f, _ in one.ListFields()] for one in sets] == [["timestamp"]] * 3
-    assert np.diff([one.timestamp.sec * 10**9 + one.timestamp.nsec for one in sets]).tolist() == [40_000_000] * 2
+    assert [[f.name for f, _ in image_set.ListFields()] for image_set in sets] == [["timestamp"]] * 3
+    assert np.diff([at(image_set.timestamp) for image_set in sets]).tolist() == [40_000_000] * 2
 
 
 async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -> None:
@@ -87,8 +88,8 @@ async def test_quality_determines_size_and_intrinsics(
 ) -> None:
     camera = await start()
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
-    (one,) = await camera.take(disparity_enabled=True)
-    image = one.disparity.image
+    (image_set,) = await camera.take(disparity_enabled=True)
+    image = image_set.disparity.image
     assert (image.width, image.height) == size
     assert image.focal_length == pytest.approx(0.8449 * 320 / divisor)
     assert image.principal_point_u == pytest.approx(160 / divisor)
@@ -100,16 +101,16 @@ async def test_depth_error_at_every_quality(start: Start) -> None:
     camera = await start(model=model, rate="max")
     for quality in ("Low", "Medium", "High", "Full"):
         camera.service.parameters.set("rc_stereomatching", [("quality", quality), ("fill", 0)])
-        (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
-        image = one.disparity.image
+        (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
+        image = image_set.disparity.image
         valid = pixels(image) > 0
-        d, e = (pixels(i)[valid].astype(float) * one.disparity.scale for i in (image, one.disparity_error))
-        ft = image.focal_length * one.disparity.baseline
+        d, e = (pixels(i)[valid].astype(float) * image_set.disparity.scale for i in (image, image_set.disparity_error))
+        focal_times_baseline = image.focal_length * image_set.disparity.baseline
         k = model.intrinsics()
-        wanted = 0.25 * (ft / d) ** 2 / (k.focal_length * model.baseline)
-        assert np.abs(e * ft / d**2 / wanted - 1).max() < 0.05
+        wanted = 0.25 * (focal_times_baseline / d) ** 2 / (k.focal_length * model.baseline)
+        assert np.abs(e * focal_times_baseline / d**2 / wanted - 1).max() < 0.05
         # Disparities are multiples of 1/16 pixel at every scale.
-        assert one.disparity.delta_d == 1 / 16
+        assert image_set.disparity.delta_d == 1 / 16
         assert not (d * 16 % 1).any()
 
 
@@ -128,7 +129,7 @@ async def test_rejects_too_few_mesh_points(start: Start, points: int) -> None:
 async def test_same_seed_scene_and_frame_give_the_same_bytes(start: Start) -> None:
     async def run(seed: int) -> list[bytes]:
         camera = await start(clock=SimulatedClock(), rate="max", seed=seed)
-        return [one.SerializeToString(deterministic=True) for one in await camera.take(3, **EVERYTHING)]
+        return [image_set.SerializeToString(deterministic=True) for image_set in await camera.take(3, **EVERYTHING)]
 
     first, second, other = await run(1), await run(1), await run(2)
     assert first == second
@@ -143,16 +144,20 @@ def at(time: pb.Time) -> int:
 async def test_alternate_exposure(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "AlternateExposureActive")])
-    (one,) = await camera.take(**EVERYTHING)
-    assert at(one.timestamp) == at(one.disparity.timestamp) == at(one.mesh.timestamp)
-    assert at(one.timestamp) - at(one.left.timestamp) == 40_000_000
-    assert at(one.left.timestamp) == at(one.right.timestamp)
-    assert (one.left.gpios.values, one.disparity.image.gpios.values, one.confidence.gpios.values) == (0, 1, 1)
+    (image_set,) = await camera.take(**EVERYTHING)
+    assert at(image_set.timestamp) == at(image_set.disparity.timestamp) == at(image_set.mesh.timestamp)
+    assert at(image_set.timestamp) - at(image_set.left.timestamp) == 40_000_000
+    assert at(image_set.left.timestamp) == at(image_set.right.timestamp)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values, image_set.confidence.gpios.values) == (
+        0,
+        1,
+        1,
+    )
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     (lit,) = await camera.take(left_enabled=True)
     assert lit.left.gpios.values == 1
     # The projector's dots are what the difference is: neighbouring pixels of the wall differ much more.
-    rough = [float(np.abs(np.diff(pixels(i.left)[:60].astype(float), axis=1)).mean()) for i in (one, lit)]
+    rough = [float(np.abs(np.diff(pixels(i.left)[:60].astype(float), axis=1)).mean()) for i in (image_set, lit)]
     assert rough[1] > 5 * rough[0]
 
 
@@ -183,26 +188,26 @@ async def test_depth_on_demand_with_out1_has_a_separate_exposure(start: Start, o
     await left.read()
     await until(lambda: len(camera.service.hub) == 2)
     assert camera.service.fire_trigger()[0] == 0
-    one = await pending
-    taken, exposed = at(one.left.timestamp), at(one.disparity.timestamp)
-    assert (one.left.gpios.values, one.disparity.image.gpios.values) == (0, 1)
+    image_set = await pending
+    taken, exposed = at(image_set.left.timestamp), at(image_set.disparity.timestamp)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values) == (0, 1)
     assert exposed - taken == 40_000_000
-    assert at(one.timestamp) == exposed
+    assert at(image_set.timestamp) == exposed
     # Camera images go on, but none is exposed until the depth exposure is over.
     stamps = [at((await left.read()).left.timestamp)]
     while stamps[-1] < exposed + 200_000_000:
         image = (await left.read()).left
         assert image.gpios.values == 0
         stamps.append(at(image.timestamp))
-    assert not [stamp for stamp in stamps if taken < stamp < exposed + 40_000_000]
+    assert not [timestamp_ns for timestamp_ns in stamps if taken < timestamp_ns < exposed + 40_000_000]
 
 
 async def test_outputs_of_camera_and_depth_images_differ_only_between_exposures(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_iocontrol", [("out2_mode", "ExposureAlternateActive")])
-    (one,) = await camera.take(left_enabled=True, disparity_enabled=True)
-    assert (one.left.gpios.values, one.disparity.image.gpios.values) == (0, 2)
-    assert at(one.disparity.timestamp) - at(one.left.timestamp) == 40_000_000
+    (image_set,) = await camera.take(left_enabled=True, disparity_enabled=True)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values) == (0, 2)
+    assert at(image_set.disparity.timestamp) - at(image_set.left.timestamp) == 40_000_000
 
 
 async def test_a_failed_image_ends_the_stream_with_the_reason(start: Start) -> None:
@@ -265,7 +270,7 @@ async def test_device_rates(start: Start, quality: str, request_depth: bool, per
     camera = await start(clock=SimulatedClock())
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
     sets = await camera.take(7, left_enabled=True, disparity_enabled=request_depth)
-    stamps = [one.timestamp.sec * 10**9 + one.timestamp.nsec for one in sets]
+    stamps = [image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec for image_set in sets]
     assert np.diff(stamps).mean() / 1e6 == pytest.approx(period, abs=40 / 6)
     assert set(np.diff(stamps) % 40_000_000) == {0}
 
@@ -273,13 +278,13 @@ async def test_device_rates(start: Start, quality: str, request_depth: bool, per
 async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
     camera = await start(depth_mode="matched", rate="max", model=MODELS["rc_visard 160-4"])
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
-    (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
-    record = find_frame(camera.service.history, timestamp_text(one.timestamp.sec * 10**9 + one.timestamp.nsec))
+    (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
+    record = find_frame(camera.service.history, image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec)
     truth = np.load(io.BytesIO(ground_truth_npz(record)))["disparity"]
-    d = pixels(one.disparity.image) / 16
-    both = (d > 0) & (truth > 0)
-    assert both.sum() / (truth > 0).sum() >= 0.95
-    assert (np.abs(d - truth)[both] > 1).mean() < 0.01
+    d = pixels(image_set.disparity.image) / 16
+    valid_in_both = (d > 0) & (truth > 0)
+    assert valid_in_both.sum() / (truth > 0).sum() >= 0.95
+    assert (np.abs(d - truth)[valid_in_both] > 1).mean() < 0.01
 
 
 async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> None:

@@ -68,9 +68,9 @@ async def test_new_clients_get_a_set_at_once(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
     first = camera.stream(disparity_enabled=True)
-    one = await first.read()
+    image_set = await first.read()
     (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
-    assert two.timestamp == one.timestamp
+    assert two.timestamp == image_set.timestamp
 
 
 async def test_streams_opened_after_a_parameter_change_get_no_older_set(start: Start) -> None:

@@ -32,8 +32,8 @@ async def test_health_and_reflection(start: Start) -> None:
     camera = await start()
     stub = health_pb2_grpc.HealthStub(camera.channel)
     for name in ("", "ImageInterface"):
-        answer = await stub.Check(health_pb2.HealthCheckRequest(service=name))
-        assert answer.status == health_pb2.HealthCheckResponse.SERVING
+        response = await stub.Check(health_pb2.HealthCheckRequest(service=name))
+        assert response.status == health_pb2.HealthCheckResponse.SERVING
 
     def look() -> tuple[list[str], list[str]]:
         with grpc.insecure_channel(f"127.0.0.1:{camera.service.port}") as channel:
@@ -63,9 +63,9 @@ async def test_reflection_finds_methods_too(start: Start, name: str, known: bool
     camera = await start()
     call = reflection_pb2_grpc.ServerReflectionStub(camera.channel).ServerReflectionInfo()
     await call.write(reflection_pb2.ServerReflectionRequest(file_containing_symbol=name))
-    answer = await call.read()
+    response = await call.read()
     await call.done_writing()
-    assert answer.WhichOneof("message_response") == ("file_descriptor_response" if known else "error_response")
+    assert response.WhichOneof("message_response") == ("file_descriptor_response" if known else "error_response")
 
 
 async def test_a_taken_port_is_one_sentence(start: Start) -> None:
@@ -82,8 +82,8 @@ async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> Non
 
     async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
         async with grpc.aio.secure_channel(target, credentials) as channel:
-            (one,) = await Camera(camera.service, channel, camera.task).take(left_enabled=True)
-            return one
+            (image_set,) = await Camera(camera.service, channel, camera.task).take(left_enabled=True)
+            return image_set
 
     trusted = grpc.ssl_channel_credentials(pem.read_bytes(), client_key.read_bytes(), client_pem.read_bytes())
     assert (await first(trusted)).HasField("left")

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.server import _decoding
+from gateway.stereo.server import _decode_requests
 from tests.stereo.conftest import SMALL, running
 from tests.stereo.scenes import table
 from tests.support.endless import EndlessRenderer
@@ -18,12 +18,12 @@ from tests.support.waiting import until
 
 
 async def test_a_connection_broken_while_writing_cancels_the_call() -> None:
-    async def answer(request: pb.ImageSetRequest, context: Any) -> None:
+    async def response(request: pb.ImageSetRequest, context: Any) -> None:
         assert request.left_enabled
         raise grpc.aio.InternalError('Failed "execute_batch"')
 
     with pytest.raises(asyncio.CancelledError):
-        await _decoding(pb.ImageSetRequest, answer)(b"\x08\x01", None)
+        await _decode_requests(pb.ImageSetRequest, response)(b"\x08\x01", None)
 
 
 async def test_frames_are_cancelled_without_clients() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
 from gateway.stereo.messages import ImageMetadata
-from gateway.stereo.request import RequestError, SetKind, set_kind_of
+from gateway.stereo.request import RequestError, SetKind, read_set_kind
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import Intrinsics
 
@@ -60,11 +60,11 @@ def test_meshes_and_disparities_are_wrapped() -> None:
         *wire.field(4, messages.disparity(inner, 5, 0.16)),
         *wire.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
     ]
-    one = pb.ImageSet.FromString(wire.join(chunks))
-    assert one.mesh == pb.Mesh(timestamp=pb.Time(nsec=6), format="ply", data=b"abcd")
-    assert one.disparity.timestamp.nsec == 5
-    assert one.disparity.baseline == pytest.approx(0.16)
-    assert one.disparity.image.width == 1
+    image_set = pb.ImageSet.FromString(wire.join(chunks))
+    assert image_set.mesh == pb.Mesh(timestamp=pb.Time(nsec=6), format="ply", data=b"abcd")
+    assert image_set.disparity.timestamp.nsec == 5
+    assert image_set.disparity.baseline == pytest.approx(0.16)
+    assert image_set.disparity.image.width == 1
 
 
 @given(st.integers(0, 2**63))
@@ -107,7 +107,7 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     options = request.mesh_options
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
-        kind = set_kind_of(request)
+        kind = read_set_kind(request)
     except RequestError as error:
         assert wrong
         assert "mesh_options." in str(error)
@@ -123,8 +123,8 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
 
 def test_equivalent_requests_are_one_kind() -> None:
     # Mesh options without a mesh, and colour without images, are ignored.
-    assert set_kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
-    assert set_kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
+    assert read_set_kind(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
+    assert read_set_kind(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
         left=True
     )
 
@@ -148,5 +148,5 @@ def test_the_length_of_a_field(length: int) -> None:
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
-    large = np.arange(wire._LARGE + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()  # noqa: SLF001
+    large = np.arange(wire._MIN_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()  # noqa: SLF001
     assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"

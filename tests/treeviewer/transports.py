@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription_frame
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
@@ -92,7 +92,7 @@ class HubClient:
         return cls(reader, writer)
 
     async def subscribe(self, pattern: str, kind: FrameType = FrameType.SUBSCRIBE) -> None:
-        self.writer.write(subscription(kind, pattern))
+        self.writer.write(subscription_frame(kind, pattern))
         await self.writer.drain()
 
     async def publish(self, channel: str, data: bytes) -> None:

@@ -192,7 +192,7 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
         seed=5,
         noise=False,
         image_noise=2.5,
-        d_eps=0.5,
+        disparity_error=0.5,
         mesh_rgb=True,
         background=(1, 2, 3),
         faults=True,

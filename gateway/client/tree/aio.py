@@ -1,4 +1,4 @@
-"""The client for asyncio: the same calls as coroutines, which wait in threads."""
+"""The client for asyncio: the same calls as coroutines, each run in a thread."""
 
 from __future__ import annotations
 

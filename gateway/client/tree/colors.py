@@ -20,15 +20,15 @@ def rgba(value: ArrayLike) -> list[float]:
     Raises:
         ValueError: the value is none of these.
     """
-    array = np.array(_parsed(value), np.uint8) if isinstance(value, str) else np.asarray(value)
+    array = np.array(_parse_color(value), np.uint8) if isinstance(value, str) else np.asarray(value)
     numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
     if numbers.shape not in ((3,), (4,)):
         raise ValueError(f"color must have 3 or 4 numbers, not shape {numbers.shape}")
     if np.isnan(numbers).any():
         raise ValueError("color must have numbers, not nan")
     check_range("color", numbers)
-    listed: list[float] = numbers.tolist()
-    return listed
+    channels: list[float] = numbers.tolist()
+    return channels
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
@@ -47,13 +47,13 @@ def check_range(name: str, values: NDArray[Any]) -> None:
         raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {wrong:g}")
 
 
-def _parsed(text: str) -> tuple[int, ...]:
+def _parse_color(text: str) -> tuple[int, ...]:
     from PIL import ImageColor  # slow to import, and most clients write numbers
 
     try:
-        found = ImageColor.getrgb(text)
-        if max(found) <= 255:
-            return found
+        channels = ImageColor.getrgb(text)
+        if max(channels) <= 255:
+            return channels
     except ValueError:
         pass
     raise ValueError(f"color {text[:40]!r} is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa")

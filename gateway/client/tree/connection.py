@@ -32,9 +32,8 @@ _STDERR: Final = 2
 
 _stderr_lock: Final = threading.Lock()
 
-_lost: Final[list[Any]] = []
-"""LCM objects of lost connections. They are kept alive: liblcm may crash when an object is freed that another thread
-uses."""
+_lost_connections: Final[list[Any]] = []
+"""LCM objects of lost connections, kept alive: liblcm may crash if one is freed while another thread uses it."""
 
 
 class LcmConnection:
@@ -121,14 +120,14 @@ class LcmConnection:
                 continue
             try:
                 self._lcm.handle_timeout(POLL_MS)
-            except OSError:  # a signal, or the hub is gone, which the file number shows
+            except OSError:  # a signal, or the hub is gone, which fileno() shows
                 time.sleep(0.01)
 
     def _reconnect(self) -> None:
         with contextlib.suppress(ConnectionError):
             network = self._connect()
             with self._connected:
-                _lost.append(self._lcm)
+                _lost_connections.append(self._lcm)
                 self._lcm = network
                 self._connected.notify_all()
             return
@@ -137,32 +136,32 @@ class LcmConnection:
 
 @contextlib.contextmanager
 def filtered_stderr() -> Iterator[None]:
-    """Hold back what any thread writes to stderr, and write it afterwards without ``_INFO_LINES``.
+    """Capture what all threads write to stderr, and write it afterwards without ``_INFO_LINES``.
 
     liblcm's C code writes to file descriptor 2 and has no option for it. Connecting to a listening hub takes
     milliseconds.
     """
-    with _stderr_lock, tempfile.TemporaryFile() as held:
+    with _stderr_lock, tempfile.TemporaryFile() as captured:
         try:
             stderr = os.dup(_STDERR)
         except OSError:  # it is closed
             yield
             return
-        os.dup2(held.fileno(), _STDERR)
+        os.dup2(captured.fileno(), _STDERR)
         try:
             yield
         finally:
             os.dup2(stderr, _STDERR)
             os.close(stderr)
-            held.seek(0)
-            kept = b"".join(line for line in held if line.rstrip() not in _INFO_LINES)
+            captured.seek(0)
+            forwarded = b"".join(line for line in captured if line.rstrip() not in _INFO_LINES)
             with contextlib.suppress(OSError):  # its reader is gone
-                os.write(_STDERR, kept)
+                os.write(_STDERR, forwarded)
 
 
 def escape_channel(channel: str) -> str:
     """Return the pattern that matches exactly this channel."""
-    return "".join(c if c.isalnum() or c in "_<>" else f"\\{c}" for c in channel)
+    return "".join(char if char.isalnum() or char in "_<>" else f"\\{char}" for char in channel)
 
 
 def _call(handler: Callable[[bytes], None], channel: str, data: bytes) -> None:
@@ -181,7 +180,7 @@ def _with_host_address(url: str) -> str:
 
 
 def _listens(url: str) -> bool:
-    """Return whether a hub accepts connections at a TCPQ URL and sends its hello."""
+    """Return True if a hub accepts connections at a TCPQ URL and sends its hello."""
     try:
         parts = urlsplit(url)
         with socket.create_connection((parts.hostname, parts.port or TCPQ_PORT), HELLO_SECONDS) as probe:

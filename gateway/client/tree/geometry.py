@@ -55,10 +55,10 @@ class Transform:
 def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """Return (w, x, y, z) of a rotation matrix, by its largest component (Shepperd 1978)."""
     trace = float(np.trace(R))
-    squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    largest = int(np.argmax(squares))
+    diagonal = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
+    largest = int(np.argmax(diagonal))
     q = np.empty(4)
-    q[largest] = math.sqrt(max(0.0, 1.0 + 2.0 * squares[largest] - trace)) if largest else math.sqrt(1.0 + trace)
+    q[largest] = math.sqrt(max(0.0, 1.0 + 2.0 * diagonal[largest] - trace)) if largest else math.sqrt(1.0 + trace)
     if largest == 0:
         q[1:] = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / q[0]
     else:
@@ -81,19 +81,19 @@ def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
     return numbers
 
 
-def _rows(name: str, values: ArrayLike, *columns: int, kind: type[np.generic] = np.float32) -> NDArray[Any]:
-    """Return a copy, (N, columns) of ``kind``, or (N,) where columns is 1."""
+def _rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
+    """Return a copy, (N, columns) of ``dtype``, or (N,) if columns is 1."""
     array = np.ascontiguousarray(values)
     if array.size == 0:
-        return np.empty((0, columns[0]) if columns[0] > 1 else (0,), kind)
+        return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
     width = array.shape[1] if array.ndim == 2 else 1
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
         wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
         raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
-    integers = kind in (np.int64, np.uint32)
+    integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if integers else 'numbers'}, not {array.dtype}")
-    copy = empty_with_header(array.shape, kind)  # recorded, so independent of the caller's array
+    copy = empty_with_header(array.shape, dtype)  # recorded, so independent of the caller's array
     copy[...] = array
     return copy
 
@@ -222,7 +222,7 @@ class Mesh(Geometry):
     def _fields(self) -> dict[str, Any]:
         is_uint32 = np.asarray(self.faces).dtype == np.uint32  # other types are checked before the conversion
         vertices = _rows("vertices", self.vertices, 3)
-        faces = _rows("faces", self.faces, 3, kind=np.uint32 if is_uint32 else np.int64)
+        faces = _rows("faces", self.faces, 3, dtype=np.uint32 if is_uint32 else np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {len(vertices)}")
         return {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
@@ -286,7 +286,7 @@ def _channels(
     for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
         if values is not None:
             is_uint8 = np.asarray(values).dtype == np.uint8
-            channels[name] = _rows(name, values, *columns, kind=np.uint8 if is_uint8 else np.float32)
+            channels[name] = _rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
     for name, values in others.items():
         flat = np.ndim(values) == 1
         channels[name] = _rows(name, values, *((1,) if flat else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))))

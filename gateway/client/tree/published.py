@@ -1,4 +1,4 @@
-"""Record of what was published, so that a viewer that lost it can get it again; and the changes of one request."""
+"""The changes of one request, and a record of everything published, to publish it again to a viewer that lost it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def path_of(value: str | int | tuple[str | int, ...]) -> Path:
 
 
 def is_below(path: Path, top: Path) -> bool:
-    """Return whether ``path`` is ``top`` or under it."""
+    """Return True if ``path`` is ``top`` or under it."""
     return path[: len(top)] == top
 
 
@@ -55,13 +55,19 @@ class Changes:
         return {
             "timestamp": timestamp,
             "delete": [{"path": path} for path in self.deleted],
-            "setgeometry": [{"path": p, "geometries": e.geometries} for p, e in entries if e.geometries is not None],
-            "settransform": [{"path": p, "transform": e.transform} for p, e in entries if e.transform is not None],
+            "setgeometry": [
+                {"path": path, "geometries": entry.geometries}
+                for path, entry in entries
+                if entry.geometries is not None
+            ],
+            "settransform": [
+                {"path": path, "transform": entry.transform} for path, entry in entries if entry.transform is not None
+            ],
         }
 
 
 class PublishedTree:
-    """Everything that is published now."""
+    """Record of everything that is published now."""
 
     def __init__(self) -> None:
         self._entries: dict[Path, Entry] = {}
@@ -78,9 +84,9 @@ class PublishedTree:
                 entry.transform = change.transform
 
     def missing(self, paths: list[Path]) -> Changes:
-        """Return what a viewer needs that lacks geometry at ``paths``.
+        """Return the changes to publish again to a viewer without geometry at ``paths``.
 
-        These are the entries at and below the paths, and the transforms of their parents. Empty if no geometry was
+        They are the entries at and below the paths, and the transforms of their parents; none if no geometry was
         published there.
         """
         changes = Changes()

@@ -51,17 +51,17 @@ class Answer:
 class Node:
     """A path of the tree. Index it for paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
-    __slots__ = ("_to", "path")
+    __slots__ = ("_target", "path")
 
-    def __init__(self, to: TreeViewer | Batch, path: Path) -> None:
-        self._to = to
+    def __init__(self, target: TreeViewer | Batch, path: Path) -> None:
+        self._target = target
         self.path = path
 
     def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
-        return Node(self._to, self.path + path_of(key))
+        return Node(self._target, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
-        """Replace the geometry here, and the transform if one is given. Children stay; no geometries: empty."""
+        """Replace the geometry here (none: no geometry), and the transform if one is given. Children stay."""
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
                 raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
@@ -69,19 +69,19 @@ class Node:
         changes.set(self.path, [geometry.body() for geometry in geometries])
         if transform is not None:
             changes.transform(self.path, Transform.of(transform).body())
-        return self._to.send(changes)
+        return self._target.send(changes)
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
         """Replace the transform to the parent: (4, 4), three numbers (a translation) or a ``Transform``."""
         changes = Changes()
         changes.transform(self.path, Transform.of(value).body())
-        return self._to.send(changes)
+        return self._target.send(changes)
 
     def delete(self) -> Answer:
         """Delete this path and everything below it."""
         changes = Changes()
         changes.delete(self.path)
-        return self._to.send(changes)
+        return self._target.send(changes)
 
 
 class Batch:
@@ -182,12 +182,14 @@ class TreeViewer:
         missing = [tuple(path) for path in response.body.get("missing_paths", ())]
         if response.status == MISSING_PATHS:
             with self._lock:
-                again = self._published.missing(missing)
-            if again.entries:
-                second = self._request(again)
-                missing = [tuple(path) for path in second.body.get("missing_paths", ())] if second.status == 1 else []
-                if second.status < 0:
-                    response = second
+                republished = self._published.missing(missing)
+            if republished.entries:
+                second_response = self._request(republished)
+                missing = []
+                if second_response.status == MISSING_PATHS:
+                    missing = [tuple(path) for path in second_response.body.get("missing_paths", ())]
+                elif second_response.status < OK:
+                    response = second_response
         answer = _answer(response, missing)
         if answer.status < OK:
             raise TreeViewerError(answer)
@@ -204,22 +206,22 @@ class TreeViewer:
             response = self._exchange(changes.body(0), self.message_format)
         return response
 
-    def _exchange(self, body: dict[str, Any], name: str) -> wire.Response:
-        utime, future = self._post(body, name)
+    def _exchange(self, body: dict[str, Any], message_format: str) -> wire.Response:
+        utime, future = self._post(body, message_format)
         try:
             return future.result(self.timeout)
         except TimeoutError:
-            lost = "; big messages can get lost over UDP, tcpq:// loses none" if self.url.startswith("udpm") else ""
-            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {self.url}{lost}") from None
+            hint = "; big messages can get lost over UDP, tcpq:// loses none" if self.url.startswith("udpm") else ""
+            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {self.url}{hint}") from None
         finally:
             self.pending.pop(utime, None)
 
-    def _post(self, body: dict[str, Any], name: str) -> tuple[int, Future[wire.Response]]:
+    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[wire.Response]]:
         with self._lock:
             utime = self._utime = max(self._utime + 1, time.time_ns() // 1000)
             future = self.pending[utime] = Future()
         try:
-            message = wire.encode({**body, "timestamp": utime}, utime, name)
+            message = wire.encode({**body, "timestamp": utime}, utime, message_format)
             self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message)
         except BaseException:
             self.pending.pop(utime, None)
@@ -262,7 +264,7 @@ def _answer(response: wire.Response, missing: list[Path]) -> Answer:
     if status == MISSING_PATHS and not missing:
         status = OK
     errors: Final = body.get("errors", ())
-    more = f" ({len(errors)} commands failed)" if len(errors) > 1 else ""
+    failure_count = f" ({len(errors)} commands failed)" if len(errors) > 1 else ""
     return Answer(
         status,
         paths("deleted_paths"),
@@ -270,5 +272,5 @@ def _answer(response: wire.Response, missing: list[Path]) -> Answer:
         paths("set_transforms"),
         tuple(missing),
         tuple(body.get("warnings", ())),
-        f"{body.get('error', '')}{more}",
+        f"{body.get('error', '')}{failure_count}",
     )

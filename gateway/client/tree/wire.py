@@ -32,35 +32,35 @@ class Response:
     body: dict[str, Any]
 
 
-def encode(body: dict[str, Any], utime: int, name: str) -> NDArray[np.uint8]:
-    """Return a request, (N,) uint8; ``name`` is that of the format.
+def encode(body: dict[str, Any], utime: int, message_format: str) -> NDArray[np.uint8]:
+    """Return a request, (N,) uint8, in the format ``JSON`` or ``BINARY``.
 
     The body is encoded in place behind the header, since copying a large body costs more than encoding it. The result
     is an array because liblcm accepts arrays and no bytearray.
     """
-    text = name.encode() + b"\0"
-    begin = _HEADER.size + len(text) + _TRAILER.size
-    buffer = bytearray(begin)
-    if name == BINARY:
-        _msgpack.encode_into(body, buffer, begin)
+    format_name = message_format.encode() + b"\0"
+    body_start = _HEADER.size + len(format_name) + _TRAILER.size
+    buffer = bytearray(body_start)
+    if message_format == BINARY:
+        _msgpack.encode_into(body, buffer, body_start)
     else:
-        _json.encode_into(_with_float_colors(body), buffer, begin)
-    trailer = _TRAILER.pack(1, 0, len(buffer) - begin)
-    buffer[:begin] = b"".join((_HEADER.pack(FINGERPRINT, utime, len(text)), text, trailer))
+        _json.encode_into(_with_float_colors(body), buffer, body_start)
+    trailer = _TRAILER.pack(1, 0, len(buffer) - body_start)
+    buffer[:body_start] = b"".join((_HEADER.pack(FINGERPRINT, utime, len(format_name)), format_name, trailer))
     return np.frombuffer(buffer, np.uint8)
 
 
 def decode(message: bytes) -> Response | None:
-    """Return the response in a message, or None if it is something else."""
+    """Return the response in a message, or None if it is no response."""
     try:
         fingerprint, _, length = _HEADER.unpack_from(message)
-        begin = _HEADER.size + length
-        _, _, count = _TRAILER.unpack_from(message, begin)
-        name = message[_HEADER.size : begin - 1].decode()
-        data = message[begin + _TRAILER.size :][:count]
+        trailer_start = _HEADER.size + length
+        _, _, body_bytes = _TRAILER.unpack_from(message, trailer_start)
+        message_format = message[_HEADER.size : trailer_start - 1].decode()
+        data = message[trailer_start + _TRAILER.size :][:body_bytes]
         if fingerprint != FINGERPRINT:
             return None
-        body = (msgspec.msgpack if name == BINARY else msgspec.json).decode(data)
+        body = (msgspec.msgpack if message_format == BINARY else msgspec.json).decode(data)
         return Response(int(body["timestamp"]), int(body["status"]), body)
     except (struct.error, msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError):
         return None
@@ -90,7 +90,7 @@ def pack(value: Any) -> Any:
 
 
 def _has_header(array: NDArray[Any]) -> bool:
-    """Return whether an array was made by ``empty_with_header``."""
+    """Return True if an array was made by ``empty_with_header``."""
     memory = array.base
     return (
         isinstance(memory, np.ndarray)

@@ -1,0 +1,103 @@
+"""Parts that the REST routes of the stereo camera share: error responses, limited bodies and the pipeline parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import wraps
+from typing import Annotated, Any, Final, ParamSpec
+
+from fastapi import Query, Request
+from fastapi.responses import JSONResponse
+
+from gateway.runtime.worker_pool import DeadlineExceeded
+from gateway.server.openapi import Responses, example
+from gateway.server.unavailable import PoolErrors
+from gateway.stereo.service import StereoService
+
+P = ParamSpec("P")
+
+_ERROR_SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "required": ["message", "return_code"],
+    "properties": {
+        "message": {"type": "string"},
+        "return_code": {
+            "type": "object",
+            "required": ["value", "message"],
+            "properties": {"value": {"type": "integer"}, "message": {"type": "string"}},
+        },
+    },
+}
+
+Pipeline = Annotated[
+    int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
+]
+
+
+class RestError(Exception):
+    """A request is refused."""
+
+    def __init__(self, status: int, message: str) -> None:
+        """
+        Args:
+            status: HTTP status.
+            message: one sentence.
+        """
+        super().__init__(message)
+        self.status = status
+
+
+def error_response(status: int, message: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """Return an error response. Roboception's clients read ``return_code`` before the HTTP status."""
+    content = {"message": message, "return_code": {"value": -1, "message": message}}
+    return JSONResponse(content, status, headers)
+
+
+def error_responses(descriptions: Mapping[int, str]) -> Responses:
+    """Return the OpenAPI description of error responses, by status."""
+    return {
+        status: {"description": text, "content": {"application/json": {"schema": _ERROR_SCHEMA}}}
+        for status, text in descriptions.items()
+    }
+
+
+def with_error_responses(handler: Callable[P, Awaitable[Any]]) -> Callable[P, Awaitable[Any]]:
+    """Turn a handler's ``RestError`` and the worker pool's errors into error responses."""
+
+    @wraps(handler)
+    async def handle(*args: P.args, **kwargs: P.kwargs) -> Any:
+        try:
+            return await handler(*args, **kwargs)
+        except RestError as error:
+            return error_response(error.status, str(error))
+        except DeadlineExceeded as error:
+            return error_response(503, f"the work was stopped: {error}")
+        except PoolErrors as error:
+            return error_response(503, str(error), {"Retry-After": str(getattr(error, "retry_after", 1))})
+
+    return handle
+
+
+def find_pipeline(services: Sequence[StereoService], number: int) -> StereoService:
+    """Return the camera of a pipeline.
+
+    Raises:
+        RestError: there is no such pipeline.
+    """
+    if number >= len(services):
+        raise RestError(404, f"there is no pipeline {number}")
+    return services[number]
+
+
+async def read_body(request: Request, limit: int) -> bytes:
+    """Return the body.
+
+    Raises:
+        RestError: it has more than ``limit`` bytes.
+    """
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > limit:
+            raise RestError(413, f"the body is larger than {limit} bytes")
+    return bytes(body)
