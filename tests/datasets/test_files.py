@@ -49,6 +49,11 @@ def test_an_error_leaves_the_old_file_and_no_temporary_one(tmp_path: Path) -> No
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"old"]
 
 
+def test_temporary_files_may_vanish_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Path, "glob", lambda self, _: iter([self / "a.7.part"]))
+    remove_temporary_files(tmp_path)
+
+
 def test_only_temporary_files_are_removed(tmp_path: Path) -> None:
     for name in ("a.7.part", "part", "b.png"):
         (tmp_path / name).write_bytes(b"")

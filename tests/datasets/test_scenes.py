@@ -56,6 +56,14 @@ def test_description_lists_all_files(tmp_path: Path, scenes: Path) -> None:
     assert description.generator == "another program"
 
 
+@pytest.mark.parametrize("name", ["0.bin", "z.bin"])
+def test_the_scene_file_is_listed_first(tmp_path: Path, name: str) -> None:
+    document = forms.gltf(buffers=[{"byteLength": 36, "uri": name}])
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    (tmp_path / name).write_bytes(bytes(36))
+    assert [file.path for file in loaded(tmp_path / "a.gltf").description.sources] == ["a.gltf", name]
+
+
 def test_the_digest_depends_on_names_and_contents() -> None:
     files = (manifest.SourceFile("a", "1"), manifest.SourceFile("b", "2"))
     others = (

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 import pytest
+import structlog
 from structlog.testing import capture_logs
 
 from gateway.render.config import RenderConfig
+from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import ImageError, Instance, Material
@@ -220,3 +224,50 @@ async def test_unwritable_failure_folder_does_not_hide_the_error(
     blocked.write_text("")
     async with start(watched, RenderConfig(keep_failures=blocked / "failures")) as server:
         assert_refused(await server.post(body(SCENE, drake_fields(width="0")), CONTENT_TYPE), 400, "width")
+
+
+async def test_each_request_has_an_id_of_its_own(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched) as server:
+        responses = [await server.post(body(SCENE), CONTENT_TYPE) for _ in range(2)]
+        ids = [response.headers["x-request-id"] for response in responses]
+        assert len(set(ids)) == 2
+        assert all(re.fullmatch("[0-9a-f]{32}", each) for each in ids)
+        assert [record.request_id for record in server.records] == ids
+
+
+async def test_the_middlewares_id_is_used_where_there_is_one(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched) as server:
+        with structlog.contextvars.bound_contextvars(request_id="drake-7"):
+            response = await server.post(body(SCENE), CONTENT_TYPE)
+    assert "x-request-id" not in response.headers, "the middleware adds it"
+    assert server.records[-1].request_id == "drake-7"
+
+
+@pytest.mark.parametrize(
+    ("error", "retry_after", "text"),
+    [
+        (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
+        (KernelError("the kernels could not be compiled"), None, "the kernels could not be compiled"),
+        (DeadlineExceeded("it took longer than 3 s"), None, "rendering was stopped: it took longer than 3 s"),
+        (QueueFull("8 calls wait", 4), "4", "the server is busy: 8 calls wait; try again in 4 s"),
+    ],
+)
+async def test_requests_that_could_succeed_later(
+    start: Start,
+    watched: WatchedRenderer,
+    error: Exception,
+    retry_after: str | None,
+    text: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with start(watched) as server:
+
+        async def render(*_: object) -> NoReturn:
+            raise error
+
+        monkeypatch.setattr(server.service, "render", render)
+        response = await server.post(body(SCENE), CONTENT_TYPE)
+    assert (response.status_code, response.headers.get("retry-after")) == (503, retry_after)
+    assert response.text.strip().endswith(text)
+    assert server.records[-1].outcome == ("slow" if isinstance(error, DeadlineExceeded) else "")
+    assert server.service.status()["inflight_bytes"] == 0

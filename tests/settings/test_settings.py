@@ -133,3 +133,80 @@ def test_pairs_and_a_scene_file_exclude_each_other(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="--stereo-images and --stereo-scene exclude each other"):
         load({"stereo_images": tmp_path, "stereo_scene": "scene.glb"})
     assert load({"stereo_images": tmp_path}).stereo_scene == "live"
+
+
+@pytest.mark.parametrize(
+    ("text", "color"),
+    [("0,0,0", (0, 0, 0)), ("255, 255 ,255", (255, 255, 255)), ("1,2,3", (1, 2, 3))],
+)
+def test_colours(text: str, color: tuple[int, int, int]) -> None:
+    assert load({"background": text}).background == color
+
+
+@pytest.mark.parametrize("text", ["1,2", "1,2,3,4", "", "1,2,-3", "1,2,1.5", "256,0,0", "0,0,256", "1,2,\u0663"])
+def test_other_texts_are_no_colours(text: str) -> None:
+    with pytest.raises(SettingsError, match=r"^--background: must be R,G,B: three whole numbers of 0 to 255, got "):
+        load({"background": text})
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"grpc_certificate": "c"}, "--grpc-certificate and --grpc-key need each other"),
+        ({"grpc_key": "k"}, "--grpc-certificate and --grpc-key need each other"),
+        ({"http_certificate": "c"}, "--http-certificate and --http-key need each other"),
+        ({"http_key": "k"}, "--http-certificate and --http-key need each other"),
+        ({"grpc_client_ca": "a"}, "--grpc-client-ca needs --grpc-certificate and --grpc-key"),
+        ({"grpc_client_ca": "a", "http_certificate": "c", "http_key": "k"}, "--grpc-client-ca needs "),
+    ],
+)
+def test_certificates_and_keys_come_in_pairs(settings: dict[str, str], message: str) -> None:
+    with pytest.raises(SettingsError) as raised:
+        load(settings)
+    assert message in str(raised.value)
+
+
+def test_complete_certificates_are_accepted() -> None:
+    settings = load(
+        {"grpc_certificate": "c", "grpc_key": "k", "grpc_client_ca": "a", "http_certificate": "d", "http_key": "l"}
+    )
+    assert (settings.grpc_client_ca, settings.http_key) == (Path("a"), Path("l"))
+
+
+@pytest.mark.parametrize(("name", "value"), [("http_port", 0), ("http_port", 65535), ("grpc_port", 0)])
+def test_the_first_and_the_last_port(name: str, value: int) -> None:
+    assert getattr(load({name: str(value)}), name) == value
+
+
+@pytest.mark.parametrize(("text", "port"), [("off", None), ("0", 0), ("7700", 7700)])
+def test_ports_that_may_be_off(text: str, port: int | None) -> None:
+    assert load({"tcpq_port": text}).tcpq_port == port
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("1,2,3,1,0,0,0", True),
+        ('["robot", "head"]', True),
+        (' ["robot"]', True),
+        ("eye=1,2,3;target=0,0,0", True),
+        ("1,2,3", False),
+        ("[1.5]", False),
+    ],
+)
+def test_mounts_of_further_cameras(text: str, allowed: bool) -> None:
+    if allowed:
+        assert load({"stereo_cameras": text}).stereo_cameras == (text,)
+    else:
+        with pytest.raises(SettingsError):
+            load({"stereo_cameras": text})
+
+
+@pytest.mark.parametrize(("count", "allowed"), [(15, True), (16, False)])
+def test_the_number_of_further_cameras(count: int, allowed: bool) -> None:
+    text = "|".join(["1,2,3,1,0,0,0"] * count)
+    if allowed:
+        assert len(load({"stereo_cameras": text}).stereo_cameras) == count
+    else:
+        with pytest.raises(SettingsError):
+            load({"stereo_cameras": text})

@@ -17,6 +17,7 @@ PERIOD = 40_000_000
 """Nanoseconds, 25 Hz."""
 SETTINGS = replace(read_settings(Parameters()), quality=Quality.MEDIUM)
 """Depth at 15 Hz."""
+PREVIOUS = 1_700_000_000 * NANOSECONDS
 
 
 class FixedClock:
@@ -137,3 +138,22 @@ def test_system_time_does_not_advance_with_frames() -> None:
     clock.delay_for_alternate_exposure(PERIOD)
     assert clock.timestamp == 3
     assert clock.seconds_until_frame(0.0) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("now", "expected"),
+    [
+        (PREVIOUS + 1, PREVIOUS + 1),
+        (PREVIOUS, PREVIOUS + 1),
+        (PREVIOUS - 1, PREVIOUS + 1),
+        (PREVIOUS - NANOSECONDS + 1, PREVIOUS + 1),
+        (PREVIOUS - NANOSECONDS, PREVIOUS - NANOSECONDS),
+        (PREVIOUS + NANOSECONDS, PREVIOUS + NANOSECONDS),
+    ],
+)
+def test_timestamps_stay_unique_when_the_clock_is_set_back_by_up_to_a_second(
+    now: int, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.time_ns", lambda: now)
+    assert SystemClock().next_timestamp(PREVIOUS, 0) == expected
+    assert SystemClock().next_timestamp(None, 0) == now

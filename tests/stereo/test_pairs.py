@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import grpc
@@ -14,6 +15,8 @@ from fastapi import FastAPI
 
 from gateway.client.stream_files import save
 from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.node_routes import node_router
 from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import Pair, Pairs, pair_imaging
@@ -21,6 +24,9 @@ from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
 from renderers.drawlist import ImageError
+from renderers.stereo.exposure import Exposure
+from renderers.stereo.noise import NoiseStream
+from renderers.stereo.sensor import SensorImage
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.test_exposure import capture_set
 
@@ -222,3 +228,60 @@ def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text.replace("width=640", "width=0"))
     with pytest.raises(ValueError, match="is not a number"):
         read_geometry(tmp_path)
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 48), (64, 47), (65, 67)])
+def test_blocks_at_the_right_and_bottom_edge_repeat_the_last_pixels(width: int, height: int) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+    padded = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge").astype(float)
+    half = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(exposed(image, 2).image, half, atol=0.75)
+
+
+def test_brightness_is_the_mean_of_the_recorded_image() -> None:
+    image = np.zeros((64, 64, 3), np.uint8)
+    image[:, :32] = 255
+    assert exposed(image, 1).brightness == 0.5
+    assert exposed(np.full_like(image, 255), 1).brightness == 1.0
+
+
+def exposed(image: np.ndarray, divisor: int) -> SensorImage:
+    renderer: Any = None
+    scene: Any = None
+    pairs = Pairs([Pair((png(image), png(image)))], LIMIT)
+    imaging = pair_imaging(Imaging(StereoConfig(model=SMALL), renderer), pairs, 0.8, 0.1)
+    request = ImageRequest(Exposure(), NoiseStream.LEFT, divisor, frozenset((True,)))
+    return imaging.expose(Capture(0, scene, 1, np.eye(4), 0, 1), request)[True]
+
+
+async def test_showing_other_images_is_a_change(camera: Camera) -> None:
+    """Sets that were made before it are not sent any more."""
+    before = camera.service.hub.generation()
+    camera.service.show_pairs(None)
+    assert camera.service.hub.generation() == before + 1
+
+
+@pytest.mark.parametrize("name", ["left_out1_high", "right_out1_high"])
+async def test_images_of_the_projector_come_in_pairs(rest: httpx.AsyncClient, name: str) -> None:
+    image = png(np.zeros((64, 64), np.uint8))
+    files = dict.fromkeys(("left_out1_low", "right_out1_low", name), image)
+    response = await rest.post(PATH, files=files)
+    assert response.status_code == 400
+    assert "left_out1_high and right_out1_high need each other" in response.json()["message"]
+
+
+@pytest.mark.parametrize("missing", ["left_out1_low", "right_out1_low"])
+async def test_both_images_are_needed(rest: httpx.AsyncClient, missing: str) -> None:
+    image = png(np.zeros((64, 64), np.uint8))
+    files = {key: image for key in ("left_out1_low", "right_out1_low") if key != missing}
+    response = await rest.post(PATH, files=files)
+    assert (response.status_code, "needs the files" in response.json()["message"]) == (400, True)
+
+
+def test_damaged_geometry_files_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "one.npz"
+    path.write_bytes(b"no archive")
+    with pytest.raises(ValueError, match=r"one\.npz cannot be read: "):
+        read_geometry(tmp_path)
+    path.unlink()
+    assert read_geometry(tmp_path) is None

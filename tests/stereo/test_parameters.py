@@ -229,3 +229,27 @@ def test_mesh_options_of_a_request() -> None:
     request.mesh_options.binning_method = pb.MeshOptions.AVERAGE
     assert read_set_kind(request, mesh_rgb=True).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
     assert read_set_kind(request).mesh == MeshOptions(1000, watertight=True, textured=True)
+
+
+@pytest.mark.parametrize(("control", "auto"), [("Manual", False), ("Auto", True), ("HDR", True)])
+def test_both_spellings_of_automatic_exposure_agree(control: str, auto: bool) -> None:
+    parameters = Parameters()
+    for before in (True, False):
+        parameters.set("rc_camera", [("exp_auto", before)])
+        parameters.set("rc_camera", [("exp_control", control)])
+        assert parameters.values("rc_camera")["exp_auto"] is auto
+    parameters.set("rc_camera", [("exp_auto", True)])
+    assert parameters.values("rc_camera")["exp_control"] == "Auto"
+
+
+def test_every_change_counts() -> None:
+    """The number tells clients of the stream that a frame was made with other parameters."""
+    parameters = Parameters()
+    versions = [parameters.version]
+    parameters.set("rc_camera", [])
+    versions.append(parameters.version)
+    parameters.set("rc_camera", [("fps", 5.0), ("gain_value", 3.0)])
+    versions.append(parameters.version)
+    parameters.reset("rc_camera")
+    versions.append(parameters.version)
+    assert versions == [versions[0], versions[0], versions[0] + 1, versions[0] + 2]

@@ -353,6 +353,10 @@ async def test_truth_of_a_set(rest_client: httpx.AsyncClient, camera: Camera) ->
     assert np.allclose(f * image_set.disparity.baseline / truth["depth"][valid], truth["disparity"][valid], rtol=1e-4)
     assert {0, 1, 2, 3, 4, 5} <= set(np.unique(truth["left_label"]).tolist())
     assert truth["left_depth"].shape == (240, 320)
+    intrinsics = [camera.service.config.model.intrinsics(divisor) for divisor in (2, 1)]  # quality High
+    for name, k in zip(("K", "K_left"), intrinsics, strict=True):
+        assert truth[name].tolist() == [[k.focal_length, 0, k.cx], [0, k.focal_length, k.cy], [0, 0, 1]]
+    assert (truth["frame"], truth["camera_timestamp"], truth["baseline"]) == (1, truth["timestamp"], 0.16)
     shift = np.linalg.inv(truth["X_world_left"]) @ truth["X_world_right"]
     assert np.allclose(shift[:3, 3], (0.16, 0, 0))
     assert (await rest_client.get("/stereo/truth.npz", params={"timestamp": "1.5"})).status_code == 404

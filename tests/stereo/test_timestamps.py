@@ -45,6 +45,8 @@ def test_malformed_timestamps_are_refused(text: str) -> None:
 def test_frames_are_found_by_both_of_their_timestamps() -> None:
     history = [record(1, 10**9, 10**9), record(2, 2 * 10**9, 2_040_000_000)]
     assert find_frame(history, None).number == 2
+    assert find_frame([*history, record(3, 3 * 10**9, 3 * 10**9)], None).number == 3
+    assert find_frame(history[:1], None).number == 1
     assert find_frame(history, 10**9).number == 1
     assert find_frame(history, 2 * 10**9).number == find_frame(history, 2_040_000_000).number == 2
     with pytest.raises(LookupError) as missing:

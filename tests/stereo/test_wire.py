@@ -127,3 +127,26 @@ def test_equivalent_requests_are_one_kind() -> None:
     assert read_set_kind(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
         left=True
     )
+
+
+@pytest.mark.parametrize("value", [1, 127, 128, 129, 255, 256, 16_383, 16_384, 16_385, 2**31, 2**32 - 1])
+def test_numbers_are_protobufs(value: int) -> None:
+    assert wire.varint(value) == pb.Gpios(inputs=value).SerializeToString()[1:]
+
+
+def test_the_smallest_and_the_longest_number() -> None:
+    assert wire.varint(0) == b"\0"
+    assert wire.varint(2**63) == 9 * b"\x80" + b"\x01"
+
+
+@pytest.mark.parametrize("length", [0, 127, 128, 300])
+def test_the_length_of_a_field(length: int) -> None:
+    (head, data) = wire.field(15, [bytes(length)])
+    assert bytes(head) == bytes([15 << 3 | 2]) + wire.varint(length)
+    assert len(data) == length
+
+
+@pytest.mark.parametrize("extra", [-1, 0, 1])
+def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
+    large = np.arange(wire._MIN_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()  # noqa: SLF001
+    assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"

@@ -18,7 +18,8 @@ from gateway.viewer import encoder as encoder_module
 from gateway.viewer.encoder import EMPTY, Encoder, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.resources import Resources
+from gateway.viewer.geometry_json import part_json
+from gateway.viewer.resources import Resources, colors_to_uint8, encode_mesh
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from tests.viewer.model import Model, tree_of
@@ -293,3 +294,51 @@ def test_stereo_rig_pose_is_column_major_or_null() -> None:
     pose[0, 0] = np.nan
     assert parse_frame(encode_stereo_rig(StereoRig(pose, 1, 1, 1.0, 1.0, 0.0, 0.0, 0.1)))[0]["pose"] is None
     assert parse_frame(encode_stereo_rig(None))[0]["pose"] is None
+
+
+@pytest.mark.parametrize(("cutoff", "encoded"), [(0.5, None), (0.25, 0.25), (1.5, 1.5), (0.0, 0.0)])
+def test_only_the_default_cutoff_is_left_out(cutoff: float, encoded: float | None) -> None:
+    material = Material(alpha_mode=AlphaMode.MASK, alpha_cutoff=cutoff)
+    part = part_json(Part(Box((1, 1, 1)), material), Resources())
+    assert part["draws"][0]["material"].get("cutoff") == encoded
+
+
+@pytest.mark.parametrize(
+    ("corners", "elements", "written"),
+    [(3, [0, 1, 2], False), (3, [0, 2, 1], True), (4, [0, 1, 2], True), (3, [0, 1, 2, 0, 1, 2], True)],
+)
+def test_indices_are_left_out_where_they_count_the_vertices(corners: int, elements: list[int], written: bool) -> None:
+    positions = np.arange(3 * corners, dtype=np.float32).reshape(corners, 3)
+    mesh = Mesh(positions, np.array(elements, np.uint32).reshape(-1, 3))
+    header, body = parse_frame(encode_mesh(5, mesh))
+    assert header["id"] == 5
+    assert ("index" in header) == written
+    offset, count = header["position"]
+    assert np.frombuffer(body, "<f4", count, offset).tolist() == positions.ravel().tolist()
+    if written:
+        offset, count = header["index"]
+        assert np.frombuffer(body, "<u4", count, offset).tolist() == elements
+
+
+def test_colours_are_rounded_and_clamped() -> None:
+    colors = np.array([-1.0, -0.001, 0.0, 0.499 / 255, 0.5 / 255, 1.0, 1.5, np.nan, np.inf, -np.inf], np.float32)
+    assert colors_to_uint8(colors).tolist() == [0, 0, 0, 0, 1, 255, 255, 0, 255, 0]
+
+
+def test_nodes_are_written_with_what_they_have() -> None:
+    tree, encoder = LiveTree(), Encoder(Resources())
+    with tree.edit() as edit:
+        edit.set_parts(("a", "b"), (Part(Box((1, 1, 1)), MATERIAL),))
+        edit.set_parts(("empty",), ())
+        edit.set_visible(("hidden",), False)
+    encoder.advance(tree.snapshot)
+    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY))[0].frame)
+    nodes = {node["name"]: set(node) - {"id", "name", "parent"} for node in header["nodes"]}
+    assert nodes == {"a": set(), "b": {"parts"}, "empty": {"parts"}, "hidden": {"visible"}}
+    before = tree.snapshot
+    with tree.edit() as edit:
+        edit.set_visible(("a",), False)
+        edit.set_parts(("empty",), (Part(Box((1, 1, 1)), MATERIAL),))
+    encoder.advance(tree.snapshot)
+    header, _ = parse_frame(asyncio.run(encoder.update(before))[0].frame)
+    assert sorted(sorted(set(node) - {"id"}) for node in header["nodes"]) == [["parts"], ["visible"]]

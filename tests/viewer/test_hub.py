@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import threading
 import weakref
 from dataclasses import replace
 from typing import Any
@@ -11,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.geometry import Box, Part, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import Browser, ViewHub
 from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
-from renderers.drawlist import Material
+from renderers.drawlist import Material, Mesh
 from tests.support.waiting import SECONDS, until
 from tests.viewer.model import Model, tree_of
 
@@ -186,3 +187,61 @@ async def test_edits_from_other_threads_are_sent(hub: Any) -> None:
     await client.update()
     assert np.isclose(client.model.tree()["box",][2][0], 7.0)
     client.browser.close()
+
+
+async def test_pages_drop_meshes_that_were_deleted(hub: Any) -> None:
+    view, tree = hub
+    client = Client(view.connect())
+    await client.update()
+    client.browser.acknowledge()
+    meshes = set(client.model.meshes)
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32))
+    with tree.edit() as edit:
+        edit.set_parts(("triangle",), (Part(Surface(mesh), Material()),))
+    await client.update()
+    client.browser.acknowledge()
+    (number,) = client.model.meshes - meshes
+    del mesh
+    with tree.edit() as edit:
+        edit.delete(("triangle",))
+    await client.update()
+    client.browser.acknowledge()
+    gc.collect()
+    assert (await client.next_frame("forget"))["meshes"] == [number]
+    client.browser.close()
+
+
+async def test_the_stereo_rig_is_sent_again_only_if_it_moved(hub: Any) -> None:
+    view, tree = hub
+    client = Client(view.connect())
+    await client.update()
+    del client.latest["rig"]
+    client.browser.acknowledge()
+    with tree.edit() as edit:
+        edit.set_parts(("ball",), (Part(Sphere(1.0), Material()),))
+    await client.update()
+    assert "rig" not in client.latest
+    move(tree, 1.0)
+    assert (await client.next_frame("rig"))["pose"][12] == 1.0
+    client.browser.close()
+
+
+@pytest.mark.parametrize(("limit", "threads"), [(0, 1), (1 << 40, 0)])
+async def test_large_meshes_are_encoded_in_a_thread(
+    hub: Any, limit: int, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gateway.viewer.hub.LARGE_MESH_BYTES", limit)
+    view, _ = hub
+    used: list[object] = []
+    encode = view.resources.mesh_frame
+
+    def mesh_frame(mesh_id: int) -> Any:
+        used.append(threading.current_thread())
+        return encode(mesh_id)
+
+    monkeypatch.setattr(view.resources, "mesh_frame", mesh_frame)
+    client = Client(view.connect())
+    await client.update()
+    client.browser.close()
+    assert len([thread for thread in used if thread is not threading.current_thread()]) == threads
+    assert len(used) == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull, WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
@@ -30,8 +30,9 @@ from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import RenderSummary, StereoImages
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Material
+from renderers.drawlist import DrawList, Image, ImageError, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
+from renderers.images import image_from_bytes
 from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
 from tests.support.endless import EndlessRenderer
@@ -299,3 +300,162 @@ async def test_rendering_is_cancelled_with_its_last_caller() -> None:
     again.cancel()
     await until(lambda: world.endless.ended == 2)
     assert await world.workers.close()
+
+
+async def test_without_a_stereo_camera_its_images_are_missing(world: World) -> None:
+    app = FastAPI()
+    app.include_router(image_router(world.images, None, world.hub.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        state = await http.get("/view/sensor")
+        image = await http.get("/view/sensor/left.jpg")
+    assert (state.status_code, state.content) == (204, b"")
+    assert (image.status_code, image.text) == (404, "No stereo camera runs in this gateway.")
+
+
+async def test_a_capture_is_used_until_it_is_too_old(world: World) -> None:
+    fresh = SensorImages(world.capture, 1000.0)
+    stale = SensorImages(world.capture, 0.0)
+    assert [(await fresh.capture()).number for _ in range(3)] == [1, 1, 1]
+    assert [(await stale.capture()).number for _ in range(3)] == [1, 2, 3]
+    assert (await stale.last()).number == 3
+    assert world.captures == 4
+
+
+async def test_streams_beyond_the_limit_are_asked_to_try_again(world: World) -> None:
+    request = ImageRequest(parse_camera("fit"), 32, 24, 80, "plain")
+    parts = world.images.stream(request, 15.0, lambda: False)
+    response = await world.http.get("/view/stream.mjpg?width=32&height=24")
+    assert (response.status_code, response.headers["retry-after"]) == (503, "10")
+    assert response.text == "1 streams are open, which is the limit (max_streams)"
+    await anext(parts)
+    await parts.aclose()  # type: ignore[attr-defined]  # an async generator
+    assert world.images.streams == 0
+
+
+@pytest.mark.parametrize(("query", "rate"), [("", 15.0), ("&rate=4", 4.0), ("&rate=30", 30.0), ("&rate=31", 30.0)])
+async def test_streams_have_the_requested_rate_up_to_the_limit(
+    world: World, query: str, rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rates: list[float] = []
+    stream = world.images.stream
+
+    def recorded(request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
+        rates.append(rate)
+        return stream(request, rate, closing)
+
+    monkeypatch.setattr(world.images, "stream", recorded)
+    world.app.state.closing = lambda: True
+    response = await world.http.get(f"/view/stream.mjpg?width=32&height=24{query}")
+    assert (response.status_code, response.content) == (200, b"")
+    assert response.headers["content-type"] == "multipart/x-mixed-replace; boundary=scenegate-frame"
+    assert rates == [rate]
+    assert world.renderer.looks == [Look("plain", world.config.background, 1, world.config.rig)]
+    assert world.images.streams == 0
+
+
+async def test_an_unchanged_image_is_repeated(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.viewer.scene_images._REPEAT_SECONDS", 0.01)
+    parts = world.images.stream(ImageRequest(parse_camera("fit"), 32, 24, 80, "plain"), 1000.0, lambda: False)
+    async with asyncio.timeout(SECONDS):
+        assert await anext(parts) == await anext(parts)
+    assert len(world.renderer.cameras) == 1
+    await parts.aclose()  # type: ignore[attr-defined]  # an async generator
+
+
+async def test_a_stream_ends_at_a_timed_out_rendering_and_outlives_a_full_queue(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results: list[Exception | tuple[bytes, int]] = [
+        QueueFull("the queue is full", 0),
+        (b"image", 1),
+        DeadlineExceeded("too slow"),
+    ]
+
+    async def jpeg(_: ImageRequest) -> tuple[bytes, int]:
+        result = results.pop(0)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    monkeypatch.setattr(world.images, "jpeg", jpeg)
+    monkeypatch.setattr("gateway.viewer.scene_images._REPEAT_SECONDS", 0.0)
+    parts = world.images.stream(ImageRequest(parse_camera("fit"), 32, 24, 80, "plain"), 1000.0, lambda: False)
+    async with asyncio.timeout(SECONDS):
+        images = [part async for part in parts]
+    assert images == [b"--scenegate-frame\r\nContent-Type: image/jpeg\r\nContent-Length: 5\r\n\r\nimage\r\n"]
+    assert results == []
+    assert world.images.streams == 0
+
+
+async def test_textures_that_cannot_be_decoded_fail_the_image(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    def render(*_: Any, **__: Any) -> Frame:
+        raise ImageError("the texture is broken")
+
+    monkeypatch.setattr(world.renderer, "render", render)
+    response = await world.http.get("/view/frame.jpg?width=32&height=24")
+    assert (response.status_code, response.text) == (422, "the texture is broken")
+
+
+async def test_previews_that_are_not_images_and_those_that_were_dropped(world: World) -> None:
+    world.hub.renders.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
+    for path in ("1.png?width=4", "2.png", "0.png"):
+        response = await world.http.get(f"/view/renders/{path}")
+        number = path[0]
+        if number == "1":
+            assert response.status_code == 415
+        else:
+            assert (response.status_code, response.text) == (404, f"the image of render {number} is no longer kept")
+
+
+async def test_textures_of_the_scene_are_sent_as_png(world: World) -> None:
+    pixels = np.array([[(255, 0, 10, 255), (0, 200, 0, 128)]], np.uint8)
+    good, broken = Image(b"good", lambda: pixels), image_from_bytes(b"no image")
+    numbers = {name: world.hub.resources.image_id(image) for name, image in (("good", good), ("broken", broken))}
+    response = await world.http.get(f"/view/image/{numbers['good']}")
+    assert response.headers["content-type"] == "image/png"
+    np.testing.assert_array_equal(np.asarray(Pillow.open(io.BytesIO(response.content)).convert("RGBA")), pixels)
+    response = await world.http.get(f"/view/image/{numbers['broken']}")
+    assert response.status_code == 415
+    assert response.text.startswith(f"image {numbers['broken']}: ")
+
+
+@pytest.mark.parametrize(("path", "quality"), [("frame.jpg", 85), ("stream.mjpg", 80)])
+async def test_default_and_requested_quality(
+    world: World, path: str, quality: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests: list[ImageRequest] = []
+
+    async def jpeg(request: ImageRequest) -> tuple[bytes, int]:
+        requests.append(request)
+        return b"", 1
+
+    monkeypatch.setattr(world.images, "jpeg", jpeg)
+    world.app.state.closing = lambda: True
+    for query in ("", "?quality=1", "?quality=100"):
+        assert (await world.http.get(f"/view/{path}{query}")).status_code == 200
+    assert [request.quality for request in requests] == [quality, 1, 100]
+    for value in (0, 101):
+        assert (await world.http.get(f"/view/{path}?quality={value}")).status_code == 422
+
+
+@pytest.mark.parametrize(("look", "samples"), [("studio", 4), ("phong", 1), ("pbr", 1), ("plain", 1)])
+async def test_only_the_studio_look_has_several_samples(world: World, look: str, samples: int) -> None:
+    await world.http.get(f"/view/frame.jpg?width=32&height=24&look={look}")
+    (chosen,) = world.renderer.looks
+    assert chosen is not None
+    assert (chosen.name, chosen.samples) == (look, samples)
+
+
+@pytest.mark.parametrize(("max_bytes", "images"), [(12, 2), (11, 1), (6, 1), (5, 0)])
+def test_images_of_renders_at_the_byte_limit(max_bytes: int, images: int) -> None:
+    recent = RecentRenders(max_count=3, max_bytes=max_bytes)
+    for _ in range(3):
+        recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    assert [entry["image"] for entry in recent.listing()] == [True] * images + [False] * (3 - images)
+
+
+def test_times_of_renders_are_in_milliseconds() -> None:
+    recent = RecentRenders(max_count=3, max_bytes=100)
+    recent.add(RenderSummary(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
+    (entry,) = recent.listing()
+    assert (entry["milliseconds"], entry["queued"]) == (12.35, 3.46)

@@ -1,0 +1,205 @@
+"""What the commands print and return; the work behind them is replaced."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from gateway import __version__
+from gateway.cli import check as check_module
+from gateway.cli import dataset, render_dataset
+from gateway.cli.main import app
+from gateway.client.manifest import Failure
+from gateway.datasets import check as dataset_check
+from gateway.lcm import replay
+from gateway.lcm.event_log import EventLogError
+from gateway.runtime import kernel_cache, logs
+from tests.support.waiting import SECONDS
+
+
+@pytest.fixture(autouse=True)
+def _process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logs, "configure", lambda *_: None)
+    monkeypatch.setattr(kernel_cache, "configure", lambda: Path("kernels"))
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+
+
+def invoke(*arguments: str) -> Any:
+    return CliRunner().invoke(app, arguments)
+
+
+def test_the_version() -> None:
+    result = invoke("--version")
+    assert (result.exit_code, result.stdout) == (0, f"scenegate {__version__}\n")
+
+
+@pytest.mark.parametrize(("usable", "code"), [(True, 0), (False, 1)])
+def test_the_exit_code_of_check(usable: bool, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_module, "print_findings", lambda: usable)
+    assert invoke("check").exit_code == code
+
+
+@pytest.mark.parametrize("seconds", ["0.01", "0"])
+def test_recording_ends_after_its_time(seconds: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[Any, ...]] = []
+
+    async def record(
+        out: Path, url: str | None, channels: str, progress: replay.Progress, stop: asyncio.Event, on_ready: Any
+    ) -> None:
+        calls.append((out, url, channels))
+        on_ready()
+        progress.events, progress.data_bytes = 3, 70
+        if seconds != "0":
+            async with asyncio.timeout(SECONDS):
+                await stop.wait()
+        assert stop.is_set() == (seconds != "0")
+
+    monkeypatch.setattr(replay, "record", record)
+    out = tmp_path / "x.lcmlog"
+    result = invoke("record", str(out), "--seconds", seconds, "--channels", "A.*", "--lcm-url", "memq://")
+    assert result.exit_code == 0
+    assert result.stderr == f"Recording ...\n{out}: 3 messages, 70 bytes\n"
+    assert calls == [(out, "memq://", "A.*")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [([], (None, 1.0, False, ".*")), (["--speed", "0", "--loop", "--channels", "A"], (None, 0.0, True, "A"))],
+)
+def test_playing_a_log(
+    arguments: list[str], expected: tuple[Any, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[Any, ...]] = []
+
+    async def play(
+        log: Path, url: str | None, speed: float, loop: bool, channels: str, progress: replay.Progress
+    ) -> None:
+        calls.append((url, speed, loop, channels))
+        progress.events, progress.data_bytes = 3, 70
+        if loop:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(replay, "play", play)
+    log = tmp_path / "x.lcmlog"
+    log.write_bytes(b"")
+    result = invoke("play", str(log), *arguments)
+    assert (result.exit_code, result.stderr) == (0, f"{log}: 3 messages played, 70 bytes\n")
+    assert calls == [expected]
+
+
+def test_a_file_that_is_no_log_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def play(*_: Any) -> None:
+        raise EventLogError("it has no events")
+
+    monkeypatch.setattr(replay, "play", play)
+    log = tmp_path / "x.lcmlog"
+    log.write_bytes(b"")
+    error = invoke("play", str(log)).exception
+    assert isinstance(error, ValueError)
+    assert str(error) == f"{log}: it has no events"
+    assert invoke("play", str(log), "--speed", "-1").exit_code == 2
+    assert invoke("play", str(tmp_path / "none")).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("notes", "problems", "code"), [(0, 0, 0), (2, 0, 0), (0, 1, 1), (dataset.MAX_SHOWN, dataset.MAX_SHOWN + 2, 1)]
+)
+def test_a_checked_dataset(
+    notes: int, problems: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: list[int] = []
+
+    def check_dataset(_: Path, count: int) -> Any:
+        threads.append(count)
+        return SimpleNamespace(
+            notes=[f"n{k}" for k in range(notes)],
+            problems=[f"p{k}" for k in range(problems)],
+            samples=4,
+            scenes=2,
+            images=8,
+            nbytes=1_250_000,
+        )
+
+    monkeypatch.setattr(dataset_check, "check_dataset", check_dataset)
+    monkeypatch.setattr("gateway.runtime.worker_pool.usable_cpus", lambda: 7)
+    result = invoke("dataset", "check", str(tmp_path))
+    assert result.exit_code == code
+    assert result.stdout == f"{tmp_path}: 4 samples of 2 scenes, 8 images, 1.2 MB, {problems} problems\n"
+    lines = [f"note: n{k}" for k in range(min(notes, dataset.MAX_SHOWN))]
+    lines += [f"scenegate: p{k}" for k in range(min(problems, dataset.MAX_SHOWN))]
+    lines += [f"... and {problems - dataset.MAX_SHOWN} more problems"] * (problems > dataset.MAX_SHOWN)
+    assert result.stderr.splitlines() == lines
+    invoke("dataset", "check", str(tmp_path), "--threads", "3")
+    assert threads == [7, 3]
+    assert invoke("dataset", "check", str(tmp_path), "--threads", "-1").exit_code == 2
+
+
+def run_job(monkeypatch: pytest.MonkeyPatch, steps: Callable[[Any, Any], Any]) -> Any:
+    """Return a job; ``steps`` replaces its run."""
+    monkeypatch.setattr(render_dataset, "run", lambda job, execute, report: steps(execute, report))
+    return SimpleNamespace(size=3, out=Path("out"))
+
+
+def progress(failures: int = 0, warnings: dict[str, list[str]] | None = None, finished: int = 3) -> Any:
+    failed = [Failure(f"s{k}", None if k % 2 else "view", "broken") for k in range(failures)]
+    return SimpleNamespace(failures=failed, warnings=warnings or {}, finished=finished, total=3, kept=1, rendered=2)
+
+
+@pytest.mark.parametrize("failures", [0, 2])
+def test_the_result_of_a_dataset(failures: int, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    done = progress(failures, {"b": ["odd"], "a": ["x", "y"]})
+    executes: list[Any] = []
+
+    def steps(execute: Any, report: Any) -> Any:
+        executes.append(execute)
+        report(done)
+        return done
+
+    job = run_job(monkeypatch, steps)
+    assert render_dataset.render_dataset(job, 4, None) == (failures == 0)
+    assert render_dataset.render_dataset(job, 4, "auto") == (failures == 0)
+    assert [(execute.func.__name__, execute.keywords) for execute in executes] == [
+        ("run_local", {"cores": 4}),
+        ("run_ray", {"address": "auto"}),
+    ]
+    lines = capsys.readouterr().err.splitlines()
+    lines = lines[: len(lines) // 2]
+    assert lines[:3] == ["a: x", "a: y", "b: odd"]
+    assert lines[3:-1] == ["scenegate: s0, view: broken", "scenegate: s1: broken"][:failures]
+    assert lines[-1].startswith("out: 3 of 3 samples, 1 of them from before, 2 rendered in 0.")
+    assert ("; 2 problems, see " in lines[-1]) == (failures == 2)
+
+
+def test_a_stopped_dataset_can_go_on(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    def steps(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with pytest.raises(typer.Exit) as ended:
+        render_dataset.render_dataset(run_job(monkeypatch, steps), 1, None)
+    assert ended.value.exit_code == 130
+    assert capsys.readouterr().err == "Stopped. The same command goes on from here.\n"
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+
+    def steps(_: Any, report: Any) -> Any:
+        for seconds, failures in ((0.0, 0), (render_dataset.LOG_SECONDS, 0), (0.1, 0), (1.0, 0)):
+            now[0] += seconds
+            report(progress(failures, finished=2))
+        now[0] += render_dataset.LOG_SECONDS + 0.1
+        report(progress(1))
+        return progress()
+
+    render_dataset.render_dataset(run_job(monkeypatch, steps), 1, None)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:2] == ["2 of 3 done ", "3 of 3 done 1 failed"]
+    assert len(lines) == 3

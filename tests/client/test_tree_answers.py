@@ -1,0 +1,191 @@
+"""What the tree viewer's client makes of responses, with a connection that only records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.client.tree import viewer as viewer_module
+from gateway.client.tree import wire
+from gateway.client.tree.geometry import Sphere
+from gateway.client.tree.published import Changes, PublishedTree, path_of
+from gateway.client.tree.viewer import Answer, TreeViewer, TreeViewerError
+from tests.support.waiting import SECONDS
+
+
+class FakeConnection:
+    """Answers every request with the next body."""
+
+    url = "tcpq://fake"
+
+    def __init__(self, _: str | None, handlers: dict[str, Callable[[bytes], None]], __: float) -> None:
+        self.respond, self.announce = handlers.values()
+        self.bodies: list[dict[str, Any]] = []
+        self.requests: list[dict[str, Any]] = []
+
+    def publish(self, channel: str, message: Any) -> None:
+        request = wire_body(message)
+        self.requests.append(request)
+        if self.bodies:
+            self.respond(response(**{"timestamp": request["timestamp"], **self.bodies.pop(0)}))
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def wire_body(message: Any) -> dict[str, Any]:
+    data = bytes(message)
+    body: dict[str, Any] = msgspec.json.decode(data[data.index(b"{") :])
+    return body
+
+
+def response(**body: Any) -> bytes:
+    return bytes(wire.encode(body, 0, wire.JSON))
+
+
+@pytest.fixture
+def viewer(monkeypatch: pytest.MonkeyPatch) -> Iterator[TreeViewer]:
+    monkeypatch.setattr(viewer_module, "LcmConnection", FakeConnection)
+    with TreeViewer(timeout=SECONDS, binary=False) as viewer:
+        yield viewer
+
+
+def connection(viewer: TreeViewer) -> Any:
+    return viewer._connection  # noqa: SLF001 - the fake above
+
+
+def test_paths_and_warnings_of_a_response(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [
+        {
+            "status": 0,
+            "deleted_paths": [["a"]],
+            "added_geometries": [["b", 1]],
+            "set_transforms": [["c"], ["d"]],
+            "warnings": ["odd"],
+        }
+    ]
+    assert viewer["a"].set(Sphere(1)) == Answer(0, (("a",),), (("b", 1),), (("c",), ("d",)), (), ("odd",), "")
+
+
+@pytest.mark.parametrize(("errors", "more"), [(0, ""), (1, ""), (2, " (2 commands failed)")])
+def test_the_number_of_failed_commands_is_added_from_two_on(viewer: TreeViewer, errors: int, more: str) -> None:
+    connection(viewer).bodies = [{"status": -3, "error": "no", "errors": ["x"] * errors}]
+    with pytest.raises(TreeViewerError) as caught:
+        viewer["a"].set(Sphere(1))
+    assert str(caught.value) == f"no{more}"
+    assert caught.value.answer.error == f"no{more}"
+
+
+def test_an_error_without_text_has_its_status(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [{"status": -3}]
+    with pytest.raises(TreeViewerError, match=r"^the viewer answered with status -3$"):
+        viewer["a"].delete()
+
+
+def test_missing_paths_without_geometry_are_reported(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [{"status": 1, "missing_paths": [["a", "b"]]}]
+    answer = viewer["a"]["b"].transform((1, 2, 3))
+    assert (answer.status, answer.missing) == (1, (("a", "b"),))
+    assert len(connection(viewer).requests) == 1
+
+
+@pytest.mark.parametrize(
+    ("second", "status", "missing"),
+    [({"status": 0}, 0, ()), ({"status": 1, "missing_paths": [["a"]]}, 1, (("a",),))],
+)
+def test_missing_geometry_is_sent_again(
+    viewer: TreeViewer, second: dict[str, Any], status: int, missing: tuple[Any, ...]
+) -> None:
+    connection(viewer).bodies = [{"status": 0}, {"status": 1, "missing_paths": [["a"]]}, second]
+    viewer["a"].set(Sphere(1))
+    answer = viewer["a"].transform((1, 2, 3))
+    assert (answer.status, answer.missing) == (status, missing)
+    sent = connection(viewer).requests[-1]
+    assert [entry["path"] for entry in sent["setgeometry"]] == [["a"]]
+    assert [entry["path"] for entry in sent["settransform"]] == [["a"]]
+
+
+def test_the_second_responses_error_is_raised(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [
+        {"status": 0},
+        {"status": 1, "missing_paths": [["a"]]},
+        {"status": -4, "error": "full"},
+    ]
+    viewer["a"].set(Sphere(1))
+    with pytest.raises(TreeViewerError, match=r"^full$"):
+        viewer["a"].transform((1, 2, 3))
+
+
+def test_times_of_requests_increase(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("time.time_ns", lambda: 5_000_999)
+    connection(viewer).bodies = [{"status": 0}] * 3
+    for _ in range(3):
+        viewer["a"].delete()
+    assert [request["timestamp"] for request in connection(viewer).requests] == [5000, 5001, 5002]
+
+
+def test_a_viewer_that_has_just_started_gets_everything(viewer: TreeViewer) -> None:
+    fake = connection(viewer)
+    fake.announce(response(timestamp=0, status=0, ready=True))
+    assert fake.requests == [], "nothing is published yet"
+    fake.bodies = [{"status": 0}]
+    viewer["a"].set(Sphere(1))
+    for body in ({"ready": False}, {"ready": 1}, {}):
+        fake.announce(response(timestamp=0, status=0, **body))
+    assert len(fake.requests) == 1
+    fake.announce(response(timestamp=0, status=0, ready=True))
+    assert [entry["path"] for entry in fake.requests[1]["setgeometry"]] == [["a"]]
+    assert not viewer.pending
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(3, "3"), ("x" * 38, repr("x" * 38)), ("x" * 39, "'" + "x" * 39 + "…"), ([1], "a list"), (None, "a NoneType")],
+)
+def test_other_things_than_geometries_are_refused(viewer: TreeViewer, value: Any, text: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        viewer["a"].set(value)
+    assert str(caught.value) == f"set takes geometries such as Box((1, 1, 1)), not {text}"
+
+
+@pytest.mark.parametrize(
+    ("value", "path"),
+    [("a/b", ("a", "b")), ("/a//b/", ("a", "b")), ("", ()), (3, (3,)), (("a/b", 1), ("a/b", 1)), ((), ())],
+)
+def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
+    assert path_of(value) == path
+
+
+def test_a_delete_discards_what_was_set_below_it() -> None:
+    changes = Changes()
+    for path in (("a",), ("a", "b"), ("ab",), ("c",)):
+        changes.set(path, [])
+    changes.transform(("a", "b"), {"x": 1})
+    changes.delete(("a",))
+    assert changes.body(7) == {
+        "timestamp": 7,
+        "delete": [{"path": ("a",)}],
+        "setgeometry": [{"path": ("ab",), "geometries": []}, {"path": ("c",), "geometries": []}],
+        "settransform": [],
+    }
+
+
+def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
+    tree, changes = PublishedTree(), Changes()
+    changes.transform(("a",), {"x": 1})
+    changes.set(("a", "b"), [{}])
+    changes.set(("a", "c"), [{}])
+    changes.transform(("d",), {"x": 2})
+    tree.update(changes)
+    again = tree.missing([("a", "b")])
+    assert list(again.entries) == [("a",), ("a", "b")]
+    assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
+    assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
+    update = Changes()
+    update.transform(("a", "b"), {"x": 3})
+    tree.update(update)
+    entry = tree.all().entries["a", "b"]
+    assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

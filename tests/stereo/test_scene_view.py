@@ -1,0 +1,67 @@
+"""Scene and pose of the stereo camera in the live tree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gateway.scene import transforms as tf
+from gateway.scene.flatten import Flattener
+from gateway.scene.geometry import Box, Part
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import Mount
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.scene_view import SceneView
+from renderers.drawlist import Material
+from tests.stereo.conftest import SMALL
+
+
+def view_of(tree: LiveTree) -> SceneView:
+    mount = Mount(tf.translation(9, 9, 9), ("head",))
+    return SceneView(lambda: tree.snapshot, Flattener(LabelTable()), mount)
+
+
+def test_scene_and_pose_are_of_one_snapshot() -> None:
+    tree = LiveTree()
+    with tree.edit() as edit:
+        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
+        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    view = view_of(tree)
+    scene, revision = view.scene()
+    assert (len(scene.instances), revision) == (1, tree.snapshot.revision)
+    copy = view.copy()
+    with tree.edit() as edit:
+        edit.delete(("box",))
+        edit.set_matrix(("head",), tf.translation(4, 5, 6))
+    assert view.pose()[:3, 3].tolist() == [1, 2, 3], "the pose in the scene returned last"
+    assert view.camera(StereoConfig(model=SMALL)).X_world_camera[:3, 3].tolist() == [4, 5, 6]
+    scene, revision = view.scene()
+    assert (len(scene.instances), revision) == (0, tree.snapshot.revision)
+    assert view.pose()[:3, 3].tolist() == [4, 5, 6]
+    assert copy.pose()[:3, 3].tolist() == [1, 2, 3]
+    assert copy.scene() == (scene, revision)
+
+
+def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
+    tree = LiveTree()
+    view = view_of(tree)
+    assert "the stereo camera keeps its last pose" in view.warning()
+    assert view.pose()[:3, 3].tolist() == [9, 9, 9]
+    with tree.edit() as edit:
+        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    assert view.warning() == ""
+    with tree.edit() as edit:
+        edit.delete(("head",))
+    view.scene()
+    assert view.pose()[:3, 3].tolist() == [1, 2, 3]
+    assert "no such node" in view.warning()
+
+
+def test_the_left_camera_has_the_models_intrinsics() -> None:
+    tree = LiveTree()
+    camera = view_of(tree).camera(StereoConfig(model=SMALL, near=0.5, far=20.0))
+    k = SMALL.intrinsics()
+    assert (camera.width, camera.height) == (320, 240)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (k.focal_length, k.focal_length, k.cx, k.cy)
+    assert (camera.near, camera.far) == (0.5, 20.0)
+    np.testing.assert_array_equal(camera.X_world_camera, tf.translation(9, 9, 9))

@@ -1,0 +1,290 @@
+"""The dispatcher of requests without a transport: order, sizes, errors, storage, delayed responses."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from structlog.testing import capture_logs
+
+from gateway.treeviewer import wire
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
+from gateway.treeviewer.protocol import REQUEST
+from tests.support.waiting import until
+from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
+
+CHANNEL = f"{REQUEST}_<a>"
+MISSING = message({"settransform": [{"path": ["no"], "transform": {"translation": [1, 2, 3]}}]})
+"""Its response has status 1."""
+
+
+class Here(Executor):
+    """Runs calls at once, in the caller's thread, and counts them."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def submit(self, call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        self.calls += 1
+        future: Future[Any] = Future()
+        try:
+            future.set_result(call(*arguments, **named))
+        except Exception as error:  # noqa: BLE001 - as an executor does
+            future.set_exception(error)
+        return future
+
+
+@dataclass
+class Store:
+    """Storage that has finished when the test says so."""
+
+    full: bool = False
+    waiting: list[tuple[Callable[[str], None], int]] = field(default_factory=list)
+
+    def after(self, done: Callable[[str], None], size: int) -> None:
+        self.waiting.append((done, size))
+
+
+class World:
+    """A dispatcher and what it has published."""
+
+    def __init__(self, store: Store | None = None, **config: Any) -> None:
+        self.viewer, self.executor = Viewer(), Here()
+        self.dispatcher = Dispatcher(self.viewer.protocol, TreeViewerConfig(**config), self.executor, store)
+        self.published: list[tuple[str, dict[str, Any]]] = []
+        self.fails = False
+
+    def publish(self, channel: str, data: bytes) -> None:
+        if self.fails:
+            raise OSError("the client is gone")
+        self.published.append((channel, decoded(data)))
+
+    def receive(self, data: bytes, channel: str = CHANNEL, **more: Any) -> int:
+        return self.dispatcher.receive("client", channel, data, self.publish, **more)
+
+    @property
+    def statuses(self) -> list[int]:
+        return [body["status"] for _, body in self.published]
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    world = World()
+    yield world
+    await world.dispatcher.close()
+
+
+async def test_a_small_request_is_answered_at_once(world: World) -> None:
+    assert world.receive(ONE_BOX) == 0
+    ((channel, body),) = world.published
+    assert channel == CHANNEL.replace("REQUEST", "RESPONSE")
+    assert (body["status"], body["timestamp"], body["added_geometries"]) == (0, 7, [["a"]])
+    counters = world.dispatcher.counters
+    assert (counters.received, counters.received_bytes, counters.answered) == (1, len(ONE_BOX), 1)
+    assert (counters.missing, counters.failed) == (0, 0)
+    assert world.executor.calls == 0
+
+
+@pytest.mark.parametrize(("limit", "offloaded"), [(0, 0), (1, 1)])
+async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offloaded: int) -> None:
+    world = World(offload_bytes=len(ONE_BOX) - limit)
+    size = world.receive(ONE_BOX)
+    assert size == (size_of(ONE_BOX) if offloaded else 0)
+    await until(lambda: world.published)
+    assert (world.statuses, world.executor.calls) == ([0], offloaded)
+    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    assert world.dispatcher.status()["waiting"] == 0
+
+
+async def test_requests_behind_a_big_one_keep_their_order() -> None:
+    big = message({"setgeometry": [{"path": ["big"], "geometry": BOX}] * 20}, utime=1)
+    world = World(offload_bytes=len(big) - 1, slice_commands=3)
+    world.receive(big)
+    assert world.receive(ONE_BOX) == size_of(big) + size_of(ONE_BOX)
+    world.receive(ONE_BOX, channel=f"{REQUEST}_<other>")
+    await until(lambda: len(world.published) == 3)
+    assert [body["timestamp"] for channel, body in world.published if channel.endswith("<a>")] == [1, 7]
+    assert world.published[0][0].endswith("<other>"), "another client does not wait"
+
+
+async def test_a_client_is_resumed_below_half_of_its_limit() -> None:
+    size = size_of(ONE_BOX)
+    world = World(offload_bytes=0, client_waiting_bytes=4 * size)
+    drained: list[int] = []
+    for _ in range(4):
+        world.receive(ONE_BOX, on_drained=lambda: drained.append(world.dispatcher.waiting_bytes))
+    await until(lambda: len(world.published) == 4 and world.dispatcher.waiting_bytes == 0)
+    assert drained == [size, 0]
+
+
+@pytest.mark.parametrize(("extra", "refused"), [(0, False), (-1, True)])
+async def test_requests_beyond_the_bytes_of_all_clients_are_refused(extra: int, refused: bool) -> None:
+    world = World(offload_bytes=0, waiting_bytes=2 * size_of(ONE_BOX) + extra)
+    for _ in range(2):
+        world.receive(ONE_BOX)
+    counters = world.dispatcher.counters
+    assert (counters.dropped, counters.dropped_bytes) == ((1, len(ONE_BOX)) if refused else (0, 0))
+    if refused:
+        assert world.published[0][1]["error"] == "too many messages are waiting; send slower"
+        assert world.published[0][1]["timestamp"] == 7
+        assert counters.failed == 1
+    await until(lambda: len(world.published) == 2)
+    await world.dispatcher.close()
+
+
+@pytest.mark.parametrize("offload_bytes", [0, 1 << 20])
+async def test_messages_of_other_types_are_counted(offload_bytes: int) -> None:
+    world = World(offload_bytes=offload_bytes)
+    world.receive(b"junk")
+    await until(lambda: world.dispatcher.counters.undecodable == 1)
+    assert world.published == []
+    assert str(world.dispatcher.status()["last_undecodable"]).startswith(f"{CHANNEL}: ")
+    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    assert "last_undecodable" not in World().dispatcher.status()
+
+
+async def test_messages_of_other_types_are_not_answered_when_full() -> None:
+    world = World(waiting_bytes=0, offload_bytes=0)
+    world.receive(b"junk")
+    assert (world.dispatcher.counters.undecodable, world.published) == (1, [])
+
+
+@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "handle"), (0, "header"), (0, "open")])
+async def test_unexpected_errors_are_answered(offload_bytes: int, step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(offload_bytes=offload_bytes)
+
+    def fail(*_: Any) -> Any:
+        raise RuntimeError("bug")
+
+    monkeypatch.setattr(world.viewer.protocol, step, fail)
+    world.receive(ONE_BOX)
+    await until(lambda: world.published)
+    ((_, body),) = world.published
+    assert (body["timestamp"], body["error"]) == (7, "internal error; the viewer's log says more")
+    assert body["status"] < 0
+    assert world.dispatcher.counters.internal_errors == world.dispatcher.counters.failed == 1
+
+
+async def test_big_requests_that_are_refused_have_their_own_response() -> None:
+    world = World(offload_bytes=0)
+    world.receive(wire.encode(b"{}", 7, "another_format"))
+    await until(lambda: world.published)
+    assert world.statuses == [-1]
+
+
+async def test_responses_that_cannot_be_sent_are_counted(world: World) -> None:
+    world.fails = True
+    world.receive(ONE_BOX)
+    assert (world.dispatcher.counters.unanswerable, world.dispatcher.counters.answered) == (1, 0)
+
+
+async def test_responses_wait_until_the_tree_is_stored() -> None:
+    store = Store()
+    world = World(store)
+    world.receive(ONE_BOX)
+    assert world.published == []
+    ((done, size),) = store.waiting
+    done("")
+    assert world.statuses == [0]
+    world.receive(message({"timestamp": 0}))
+    assert store.waiting[1][1] < size, "a response without paths is smaller"
+
+
+@pytest.mark.parametrize(
+    ("request_", "error"),
+    [
+        (ONE_BOX, "the tree has been changed, but the change could not be stored: disk full"),
+        (
+            message({"setgeometry": [{"path": ["a"], "geometry": {"type": "cube"}}]}),
+            "; the tree has been changed, but the change could not be stored: disk full",
+        ),
+    ],
+)
+async def test_a_tree_that_cannot_be_stored_is_an_error(request_: bytes, error: str) -> None:
+    store = Store()
+    world = World(store)
+    world.receive(request_)
+    store.waiting[0][0]("disk full")
+    ((_, body),) = world.published
+    assert body["error"].endswith(error)
+    assert body["error"].startswith(error) == (request_ is ONE_BOX)
+    assert body["status"] < 0
+
+
+async def test_requests_are_refused_while_the_storage_is_full() -> None:
+    store = Store(full=True)
+    world = World(store)
+    assert world.receive(ONE_BOX) == 0
+    assert world.dispatcher.counters.dropped == 1
+    assert world.statuses[0] < 0
+    store.full = False
+    world.receive(ONE_BOX)
+    assert len(store.waiting) == 1
+
+
+async def test_responses_that_miss_paths_are_delayed_in_order(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.treeviewer.delayed_responses.DELAY_SECONDS", 1000.0)
+    world.receive(MISSING)
+    world.receive(ONE_BOX)
+    world.receive(ONE_BOX, channel=f"{REQUEST}_<other>")
+    assert world.statuses == [0], "the other client's"
+    world.dispatcher.flush()
+    assert world.statuses == [0, 1, 0]
+    assert world.dispatcher.counters.missing == 1
+    world.receive(ONE_BOX)
+    assert world.statuses == [0, 1, 0, 0]
+
+
+async def test_the_delay_ends_by_itself(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.treeviewer.delayed_responses.DELAY_SECONDS", 0.0)
+    for data in (MISSING, ONE_BOX, MISSING, ONE_BOX):
+        world.receive(data)
+    await until(lambda: len(world.published) == 4)
+    assert world.statuses == [1, 0, 1, 0]
+    assert world.dispatcher.counters.missing == 2
+
+
+async def test_closing_cancels_what_waits() -> None:
+    big = message({"setgeometry": [{"path": ["big"], "geometry": BOX}] * 20})
+    world = World(offload_bytes=0, slice_commands=1)
+    world.receive(big)
+    await until(lambda: world.executor.calls)
+    await world.dispatcher.close()
+    assert (world.published, world.dispatcher.waiting_bytes, world.dispatcher.status()["waiting"]) == ([], 0, 0)
+    assert asyncio.all_tasks() == {asyncio.current_task()}
+
+
+async def test_waiting_messages_count_with_their_overhead() -> None:
+    world = World(offload_bytes=0)
+    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == len(ONE_BOX) + OVERHEAD_BYTES
+    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == 2 * (len(ONE_BOX) + OVERHEAD_BYTES)
+    await world.dispatcher.close()
+
+
+async def test_only_the_first_undecodable_messages_are_logged(world: World) -> None:
+    with capture_logs() as entries:
+        for _ in range(1000):
+            world.receive(b"junk")
+        assert len(entries) == MAX_LOGGED + 1, "and every thousandth"
+        for _ in range(999):
+            world.receive(b"junk")
+    assert len(entries) == MAX_LOGGED + 1
+
+
+@pytest.mark.parametrize(("commands", "slice_", "steps"), [(6, 3, 2), (7, 3, 3), (2, 3, 1), (3, 3, 1), (0, 3, 1)])
+def test_commands_are_executed_in_slices(commands: int, slice_: int, steps: int) -> None:
+    viewer = Viewer()
+    entries = [{"path": [str(number)], "geometry": BOX} for number in range(commands)]
+    applier = viewer.protocol.open(viewer.protocol.header(message({"setgeometry": entries})))
+    done = [len(viewer.live.snapshot.root.children)]
+    while applier.step(slice_):
+        done.append(len(viewer.live.snapshot.root.children))
+    done.append(len(viewer.live.snapshot.root.children))
+    assert len(done) == steps + 1
+    assert done == [min(slice_ * number, commands) for number in range(steps)] + [commands]

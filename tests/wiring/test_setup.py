@@ -1,0 +1,348 @@
+"""Configurations that the interfaces get from the settings, and what the browser view shows of them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.app import create_app
+from gateway.demo import ROOT
+from gateway.gltf import GltfLimits
+from gateway.render.events import RenderRecord
+from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene import transforms as tf
+from gateway.scene.flatten import Flattener
+from gateway.scene.geometry import Box, Part
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import Mount
+from gateway.settings import Settings
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.scene_view import SceneView
+from gateway.stereo.service import StereoService
+from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
+from gateway.wiring.context import Context
+from gateway.wiring.interfaces import enabled_interfaces
+from renderers.drawlist import Material
+from renderers.raster import CpuRenderer
+from renderers.stereo.model import MODELS, StereoModel
+from tests.support.waiting import until
+
+MIB = 1 << 20
+
+
+@pytest.fixture
+async def contexts() -> AsyncIterator[Any]:
+    """Return a function that makes the context of an application that is not started."""
+    made: list[Context] = []
+
+    def make(**settings: Any) -> Context:
+        context: Context = create_app(Settings(**settings)).state.context
+        made.append(context)
+        return context
+
+    yield make
+    for context in made:
+        await context.close()
+
+
+class Recorded(Exception):
+    """Raised in place of making an object."""
+
+
+def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, context: Context) -> Any:
+    """Return the arguments with which a module's set-up makes an object of its class ``name``."""
+    calls: list[SimpleNamespace] = []
+
+    def record(*positional: Any, **named: Any) -> None:
+        calls.append(SimpleNamespace(positional=positional, named=named))
+        raise Recorded
+
+    monkeypatch.setattr(module, name, record)
+    with pytest.raises(Recorded):
+        module.setup(context)
+    return calls[0]
+
+
+async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    context = contexts(
+        render_path="/draw",
+        look="pbr",
+        samples=4,
+        background=(1, 2, 3),
+        depth_format="png",
+        max_body_mb=3,
+        queue_mb=5,
+        max_pixels=7777,
+        max_nodes=11,
+        max_triangles=13,
+        max_image_pixels=17,
+        mesh_cache_mb=19,
+        scene_cache_mb=23,
+        keep_failures=None,
+    )
+    made = arguments(monkeypatch, render, "RenderService", context)
+    config = made.positional[2]
+    assert (config.path, config.look, config.samples, config.background) == ("/draw", "pbr", 4, (1, 2, 3))
+    assert (config.depth_format, config.max_pixels) == ("png16", 7777)
+    assert (config.max_body_bytes, config.max_inflight_bytes) == (3 * MIB, 5 * MIB)
+    assert (config.mesh_cache_bytes, config.scene_cache_bytes) == (19 * MIB, 23 * MIB)
+    assert config.gltf == replace(
+        GltfLimits(), max_nodes=11, max_elements=13, max_drawn_elements=13, max_image_pixels=17
+    )
+    assert made.named["backdrop"] is None
+
+
+async def test_depth_is_tiff_and_the_readers_own_limit_stays(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    many = GltfLimits().max_elements + 1
+    config = arguments(monkeypatch, render, "RenderService", contexts(max_triangles=many)).positional[2]
+    assert config.depth_format == "tiff32f"
+    assert (config.gltf.max_elements, config.gltf.max_drawn_elements) == (many - 1, many)
+
+
+async def test_the_live_tree_as_backdrop(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    context = contexts(backdrop="live")
+    backdrop = arguments(monkeypatch, render, "RenderService", context).named["backdrop"]
+    assert backdrop() is context.tree.snapshot.root
+    with context.tree.edit() as edit:
+        edit.set_visible(("a",), False)
+    assert backdrop() is context.tree.snapshot.root
+
+
+async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    context = contexts(background=(1, 2, 3), max_pixels=7777)
+    made = arguments(monkeypatch, sceneapi, "SceneApi", context)
+    config = made.positional[3]
+    assert (config.background, config.max_pixels) == ((1, 2, 3), 7777)
+    camera: Any = object()
+    context.stereo_camera = lambda: camera
+    assert made.named["stereo_camera"]() is camera, "the camera starts later"
+
+
+@pytest.mark.parametrize(
+    ("lcm_url", "tcpq_port", "where"),
+    [
+        ("off", 7700, "TCPQ"),
+        ("off", None, "off"),
+        ("", 7700, "LCM"),
+        ("udpm://239.1.2.3:4567", 7700, "udpm://239.1.2.3:4567"),
+        ("udpm://239.1.2.3:4567", None, "udpm://239.1.2.3:4567"),
+    ],
+)
+async def test_where_the_tree_viewer_is(
+    contexts: Any, lcm_url: str, tcpq_port: int | None, where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context = contexts(lcm_url=lcm_url, tcpq_port=tcpq_port)
+    shown: list[str] = []
+    monkeypatch.setattr(Context, "run_service", lambda self, name, service, *, where: shown.append(f"{name} {where}"))
+    treeviewer.setup(context)
+    assert shown == [f"treeviewer {where}"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        ({}, ["render", "scene", "treeviewer", "stereo", "view"]),
+        ({"demo": True}, ["render", "scene", "treeviewer", "stereo", "view", "demo"]),
+        ({"only": ("view", "render")}, ["render", "view"]),
+        ({"only": ("render",), "demo": True}, ["render", "demo"]),
+    ],
+)
+def test_enabled_interfaces(settings: dict[str, Any], names: list[str]) -> None:
+    assert list(enabled_interfaces(Settings(**settings))) == names
+
+
+def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
+    certificate, key, ca = (tmp_path / name for name in ("c.pem", "k.pem", "ca.pem"))
+    for path in (certificate, key, ca):
+        path.write_text("")
+    config = stereo.config_of(
+        Settings(
+            host="127.0.0.2",
+            grpc_port=1234,
+            depth_mode="matched",
+            stereo_rate="max",
+            stereo_seed=5,
+            stereo_noise=False,
+            stereo_image_noise=2.5,
+            stereo_d_eps=0.5,
+            stereo_mesh_rgb=True,
+            background=(1, 2, 3),
+            stereo_faults=True,
+            grpc_certificate=certificate,
+            grpc_key=key,
+            grpc_client_ca=ca,
+        )
+    )
+    assert config.tls is not None
+    assert (config.tls.certificate, config.tls.key, config.tls.client_ca) == (certificate, key, ca)
+    assert replace(config, tls=None) == StereoConfig(
+        host="127.0.0.2",
+        port=1234,
+        model=MODELS["rc_visard 160-4"],
+        depth_mode="matched",
+        rate="max",
+        seed=5,
+        noise=False,
+        image_noise=2.5,
+        disparity_error=0.5,
+        mesh_rgb=True,
+        background=(1, 2, 3),
+        faults=True,
+    )
+    assert stereo.config_of(Settings()).tls is None
+
+
+def test_models_of_the_stereo_camera() -> None:
+    assert stereo.model_of(Settings(stereo_model="65-4")) == MODELS["rc_visard 65-4"]
+    custom = Settings(stereo_model="custom", stereo_size="320x200", stereo_focal_factor=0.5, stereo_baseline=0.25)
+    model = stereo.model_of(custom)
+    assert (model.width, model.height, model.focal_factor, model.baseline) == (320, 200, 0.5, 0.25)
+
+
+@pytest.mark.parametrize(("grpc_port", "ports"), [(5000, [5000, 5001, 5002]), (0, [0, 0, 0])])
+async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
+    contexts: Any, grpc_port: int, ports: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras = ("1,2,3,1,0,0,0", '["robot", "head"]')
+    context = contexts(grpc_port=grpc_port, stereo_seed=7, stereo_cameras=cameras, stereo_pose="4,5,6,1,0,0,0")
+    with context.tree.edit() as edit:
+        edit.set_pose(("robot", "head"), (7, 8, 9, 1, 0, 0, 0))
+    services: dict[str, StereoService] = {}
+    monkeypatch.setattr(Context, "run_service", lambda self, name, service, **_: services.__setitem__(name, service))
+    poses: list[Any] = []
+
+    def recorded(config: Any, scene: Any, pose: Any, *rest: Any) -> StereoService:
+        scene()
+        poses.append(pose()[:3, 3].tolist())
+        return StereoService(config, scene, pose, *rest)
+
+    monkeypatch.setattr(stereo, "StereoService", recorded)
+    stereo.setup(context)
+    assert list(services) == ["stereo", "stereo 1", "stereo 2"]
+    assert [service.config.port for service in services.values()] == ports
+    assert [service.config.seed for service in services.values()] == [7, 8, 9]
+    assert poses == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
+    camera = context.stereo_camera()
+    assert camera is not None
+    assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
+
+
+class Sensor:
+    """A small stereo camera at (1, 2, 3) that looks along z."""
+
+    def __init__(self, *, live: bool = True) -> None:
+        self.tree, self.workers = LiveTree(), WorkerPool(1)
+        pose = np.eye(4)
+        pose[:3, 3] = 1, 2, 3
+        scene_view = SceneView(lambda: self.tree.snapshot, Flattener(LabelTable()), Mount(pose))
+        config = StereoConfig(model=StereoModel("small", 64, 48, 0.8449, 0.160), look="phong", noise=False)
+        self.service = StereoService(config, scene_view.scene, scene_view.pose, CpuRenderer(1), self.workers)
+        self.source = stereo.StereoSensor(self.service, scene_view, live=live)
+
+
+@pytest.fixture
+async def sensor() -> AsyncIterator[Sensor]:
+    sensor = Sensor()
+    yield sensor
+    assert await sensor.workers.close()
+
+
+async def test_the_stereo_rig_in_the_browser_view(sensor: Sensor) -> None:
+    rig = sensor.source.rig(sensor.tree.snapshot)
+    assert rig is not None
+    assert rig.pose[:3, 3].tolist() == [1, 2, 3]
+    assert (rig.width, rig.height, rig.cx, rig.cy, rig.baseline) == (64, 48, 32, 24, 0.16)
+    assert rig.fx == rig.fy == pytest.approx(0.8449 * 64)
+    assert Sensor(live=False).source.rig(sensor.tree.snapshot) is None
+
+
+async def test_captions_of_an_empty_scene(sensor: Sensor) -> None:
+    exposure = [("exp_control", "Manual"), ("exp_value", 0.0025), ("gain_value", 6.0)]
+    sensor.service.parameters.set("rc_camera", exposure)
+    images = await sensor.source.capture()
+    assert (images.left.shape, images.right.shape) == ((48, 64, 3), (48, 64, 3))
+    assert images.disparity.shape == images.confidence.shape == (24, 32)
+    assert not images.disparity.any()
+    assert dict(images.captions) == {
+        "left": "2.5 ms, 6 dB",
+        "right": "2.5 ms, 6 dB",
+        "disparity": "no depth",
+        "confidence": "",
+    }
+
+
+async def test_captions_have_the_range_and_the_share_of_depth(sensor: Sensor) -> None:
+    with sensor.tree.edit() as edit:
+        edit.set_parts(("wall",), (Part(Box((100.0, 100.0, 2.0)), Material(), tf.translation(1, 2, 3 + 2 + 1)),))
+    captions = (await sensor.source.capture()).captions
+    assert captions["disparity"] == "2.0–2.0 m"
+    percent = int(captions["confidence"].removesuffix(" %"))
+    assert 80 < percent < 100, "all but the left edge"
+    with sensor.tree.edit() as edit:
+        edit.set_parts(("near",), (Part(Box((0.5, 100.0, 2.0)), Material(), tf.translation(1, 2, 3 + 1 + 1)),))
+    assert (await sensor.source.capture()).captions["disparity"] == "1.0–2.0 m"
+
+
+def test_lost_messages_of_lcm() -> None:
+    assert view.lost_lcm_messages({}) is None
+    assert view.lost_lcm_messages({"lcm": "off"}) is None
+    assert view.lost_lcm_messages({"lcm": {"url": "udpm://"}}) is None
+    assert view.lost_lcm_messages({"lcm": {"dropped": 3}}) == 3
+    assert view.lost_lcm_messages({"lcm": {"dropped": 3, "lost_datagrams": 4}}) == 7
+
+
+async def test_the_status_bar(contexts: Any) -> None:
+    context = contexts()
+    context.registry.fail("treeviewer", "no route")
+    context.registry.ready("stereo", figures=lambda: {"clients": 2, "warning": "no node"})
+    context.registry.ready("render")
+    status = view.gateway_status(context)
+    assert status["interfaces"] == {
+        "treeviewer": {"state": "failed", "problem": "no route"},
+        "stereo": {"state": "ready", "problem": "no node"},
+        "render": {"state": "ready"},
+    }
+    assert status["facts"] == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
+    for lost, warn in ((0, False), (1, True)):
+        context.registry.ready("treeviewer", figures=lambda lost=lost: {"lcm": {"dropped": lost}})
+        assert {"name": "lost LCM", "value": lost, "warn": warn} in view.gateway_status(context)["facts"]
+
+
+@pytest.mark.parametrize(
+    ("size", "text"), [(0, "0.0 kB"), (1234, "1.2 kB"), (999_999, "1000.0 kB"), (1_000_000, "1.0 MB")]
+)
+def test_a_render_request_in_the_list(size: int, text: str) -> None:
+    request: Any = SimpleNamespace(image_type="depth", width=64, height=48, scene=bytes(size))
+    image: Any = SimpleNamespace(body=b"image", media_type="image/tiff", generator="g" * 90, element_count=3)
+    record = RenderRecord("id", 200, 0.25, 0.125, request, image, "")
+    shown = view.render_summary(record)
+    assert shown.image_text == "depth, 64 × 48"
+    assert shown.scene_text == f"scene of {text} by {'g' * 76}, 3 primitives"
+    assert (shown.status, shown.seconds, shown.queue_seconds, shown.kind) == (200, 0.25, 0.125, "depth")
+    assert (shown.body, shown.media_type, shown.error) == (b"image", "image/tiff", "")
+    image.generator = ""
+    assert view.render_summary(record).scene_text == f"scene of {text}, 3 primitives"
+    rejected = view.render_summary(RenderRecord("id", 400, 0.25, 0.0, None, None, "no width"))
+    assert (rejected.image_text, rejected.scene_text, rejected.kind) == ("not understood", "", "")
+    assert (rejected.body, rejected.media_type, rejected.error) == (b"", "", "no width")
+
+
+async def test_the_demo_is_in_the_tree_while_its_service_runs() -> None:
+    tree = LiveTree()
+    service = demo.DemoService(tree)
+    assert not service.ready
+    task = asyncio.create_task(service.run())
+    await until(lambda: service.ready and tree.snapshot.revision >= 2)
+    assert tree.snapshot.root.find(ROOT) is not None
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert tree.snapshot.root.find(ROOT) is None
+    assert not service.ready
