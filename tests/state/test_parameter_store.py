@@ -38,7 +38,7 @@ def test_all_parameters_are_restored(database: Database) -> None:
     for node, specs in NODES.items():
         for spec in specs.values():
             other = (
-                spec.choices[-1] if spec.type == "string" else not spec.default if spec.type == "bool" else spec.high
+                spec.choices[-1] if spec.type == "string" else not spec.default if spec.type == "bool" else spec.maximum
             )
             parameters.set(node, [(spec.name, other)])
     assert commit(database, store)
