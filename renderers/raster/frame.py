@@ -181,7 +181,7 @@ class FrameJob:
         """Return the work for threads to share.
 
         Args:
-            shade_job: address of a painter's job: every band is shaded while it is in the cache; 0: none.
+            shade_job: address of a HEADLIGHT_JOB: every band is shaded while it is in the cache; 0: none.
         """
         memory, values = 0, 0
         if self._frame["layer_ids"][0] == 0:

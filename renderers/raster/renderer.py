@@ -22,7 +22,7 @@ from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import allocate_sample_bands, edge_kernels, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
-from renderers.shading import Painter, Parallel, ShadingScene, paint
+from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.studio.passes import paint as paint_studio
 from renderers.stop import check_stop
@@ -262,7 +262,7 @@ class CpuRenderer:
         A band is shaded while it is in the cache, before the back faces that only geometry shows are drawn on top.
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
-        culled = shading.cull_at if shading.culls else 0
+        culled = address_of(shading.cull_back, np.bool_)
         scratch = self._scratch.take()
         try:
             if look.samples == 1:
@@ -272,19 +272,22 @@ class CpuRenderer:
                 job.outputs(call.frame, call.addresses[1:])
             else:
                 job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
-            painter = Painter(
+            shading_job = HeadlightJob(
                 shading,
-                (prepared.instances.first_ids_at, job.poses_address, call.addresses[0], job.stride),
                 camera,
                 look,
-                table=lambda values: scratch.table("painter", values),
+                first_ids=prepared.instances.first_ids_at,
+                X_camera_mesh=job.poses_address,
+                stride=job.stride,
+                color=call.addresses[0],
+                table=lambda values: scratch.table("shading job", values),
                 keep=(job, call.frame),
             )
             if look.samples == 1:
-                self._threads.share(job.task(painter.job))
+                self._threads.share(job.task(shading_job.address))
             else:
                 memory = allocate_sample_bands(scratch, threads, camera, look.samples, job.stride)
-                shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
+                shader = mixed_bands(shading_job, lambda values: scratch.table("mixed", values))
                 self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)

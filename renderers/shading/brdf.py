@@ -1,7 +1,10 @@
 """Reflection models, eight pixels at a time: VTK's for the headlight, and glTF 2.0 appendix B for the look ``studio``.
 
 Both are GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014). They differ in clamps and in the Fresnel
-term, and the light of a camera's headlight shines along the optical axis, which leaves three cosines.
+term. The headlight shines along the optical axis, so that its model needs three cosines and no half vector.
+
+Letters: n unit normal, v unit vector to the viewer, l unit vector to the light, h their half vector; ``n_l`` is the
+cosine n . l.
 """
 
 from __future__ import annotations
@@ -15,34 +18,36 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.shading.vec3 import cross, dot, times
 
-VTK_MIN_COSINE: Final = np.float32(1e-5)
+_VTK_MIN_COSINE: Final = np.float32(1e-5)
 """VTK's lower limit of the cosines in its shader; keeps the visibility term finite."""
 _VTK_MIN_ROUGHNESS: Final = np.float32(0.05)
 """RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 _MIN_ALPHA: Final = np.float32(1e-3)
-"""Lower limit of the roughness squared of the look ``studio``: a mirror would not show a point light."""
+"""Lower limit of alpha (roughness squared) in the look ``studio``: a perfect mirror would not show a point light."""
 
 
 @inlined
-def headlight_cosines(n, dx, dy):
-    """Return n . l, n . v and v . l under a light along the optical axis: l = (0, 0, -1), v = -(dx, dy, 1) normalised.
+def headlight_cosines(normal, ray_x, ray_y):
+    """Return n . l, n . v and v . l for a light along the optical axis: l = (0, 0, -1), v = -(ray_x, ray_y, 1) / |ray|.
 
     Where the normal has no direction, n . l is 0 or NaN.
 
     Args:
-        n: normals of any length on the side that is seen, optical frame, f32x8.
-        dx, dy: where the pixels' rays meet the plane z = 1, f32x8.
+        normal: of any length on the visible side, optical frame, f32x8 each.
+        ray_x, ray_y: where the pixels' rays meet the plane z = 1, f32x8.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    ray, length = vec.sqrt(dx * dx + (dy * dy + one)), vec.sqrt(dot(n, n))
-    both = vec.select(length > zero, one / (length * ray), zero)
-    return (zero - n[2]) * (both * ray), zero - (n[0] * dx + n[1] * dy + n[2]) * both, both * length
+    ray_length, normal_length = vec.sqrt(ray_x * ray_x + (ray_y * ray_y + one)), vec.sqrt(dot(normal, normal))
+    inv_lengths = vec.select(normal_length > zero, one / (normal_length * ray_length), zero)
+    n_l = (zero - normal[2]) * (inv_lengths * ray_length)
+    n_v = zero - (normal[0] * ray_x + normal[1] * ray_y + normal[2]) * inv_lengths
+    return n_l, n_v, inv_lengths * normal_length
 
 
 @inlined
 def vtk_specular(n_l, n_v, v_l, roughness):
-    """Return n . l and D V n . l from ``headlight_cosines``, both 0 where no light arrives.
+    """Return n . l and D V n . l from ``headlight_cosines``, both 0 where the light does not reach the surface.
 
     With h = (v + l) / |v + l| and |v + l|^2 = w = 2 + 2 v . l, neither h nor its length is needed:
     n . h^2 = (n . v + n . l)^2 / w, so D = a2 w^2 / (pi (w - (1 - a2) (n . v + n . l)^2)^2).
@@ -50,60 +55,66 @@ def vtk_specular(n_l, n_v, v_l, roughness):
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     alpha = vec.f32(_VTK_MIN_ROUGHNESS) + vec.f32(np.float32(1.0) - _VTK_MIN_ROUGHNESS) * roughness
     a2 = (alpha * alpha) * (alpha * alpha)
-    lit = n_l > zero
-    half = vec.maximum(n_v + n_l, zero)
-    n_l, n_v = vec.maximum(n_l, vec.f32(VTK_MIN_COSINE)), vec.maximum(n_v, vec.f32(VTK_MIN_COSINE))
-    wide, rest = two + two * v_l, one - a2
-    d = wide - rest * (half * half)
-    smith = n_l * vec.sqrt(a2 + rest * (n_v * n_v)) + n_v * vec.sqrt(a2 + rest * (n_l * n_l))
-    specular = (a2 * vec.f32(0.5 / math.pi) * n_l * (wide * wide)) / (d * d * smith)
-    return vec.select(lit, n_l, zero), vec.select(lit, specular, zero)
+    is_lit = n_l > zero
+    cosine_sum = vec.maximum(n_v + n_l, zero)
+    n_l, n_v = vec.maximum(n_l, vec.f32(_VTK_MIN_COSINE)), vec.maximum(n_v, vec.f32(_VTK_MIN_COSINE))
+    w, one_minus_a2 = two + two * v_l, one - a2
+    d = w - one_minus_a2 * (cosine_sum * cosine_sum)
+    smith = n_l * vec.sqrt(a2 + one_minus_a2 * (n_v * n_v)) + n_v * vec.sqrt(a2 + one_minus_a2 * (n_l * n_l))
+    specular = (a2 * vec.f32(0.5 / math.pi) * n_l * (w * w)) / (d * d * smith)
+    return vec.select(is_lit, n_l, zero), vec.select(is_lit, specular, zero)
 
 
 @inlined
 def schlick(v_l):
-    """Return Schlick's (1 - h . l)^5. h is halfway between v and l, so that h . l = sqrt((1 + v . l) / 2)."""
+    """Return Schlick's (1 - h . l)^5, where h . l = sqrt((1 + v . l) / 2)."""
     half = vec.f32(0.5)
-    u = vec.maximum(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
-    return (u * u) * (u * u) * u
+    s = vec.maximum(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
+    return (s * s) * (s * s) * s
 
 
 @inlined
-def vtk_colors(base, metallic):
+def vtk_colors(base_color, metallic):
     """Return the diffuse colour, F0 and F90 - F0 of linear base colours, three f32x8 each.
 
     F0 is 0.04 for dielectrics; F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as in VTK.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    dielectric = one - metallic
-    f0 = vec.f32(0.04) * dielectric
-    r, g, b = f0 + base[0] * metallic, f0 + base[1] * metallic, f0 + base[2] * metallic
+    dielectric_share = one - metallic
+    dielectric_f0 = vec.f32(0.04) * dielectric_share
+    r, g, b = (
+        dielectric_f0 + base_color[0] * metallic,
+        dielectric_f0 + base_color[1] * metallic,
+        dielectric_f0 + base_color[2] * metallic,
+    )
     f90 = vec.minimum(vec.maximum((r + g + b) * vec.f32(16.5), zero), one)
-    return times(base, dielectric * vec.f32(1.0 / math.pi)), (r, g, b), (f90 - r, f90 - g, f90 - b)
+    diffuse = times(base_color, dielectric_share * vec.f32(1.0 / math.pi))
+    return diffuse, (r, g, b), (f90 - r, f90 - g, f90 - b)
 
 
 @inlined
-def vtk_reflected(n_l, specular, fresnel, diffuse, f0, grazing):
+def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
     """Return one channel's linear radiance under a white headlight of radiance 1.
 
     Metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the diffuse part (1 - F)(1 - metallic) base / pi.
     The light's radiance carries no factor pi.
 
     Args:
-        n_l, specular: from ``vtk_specular``. fresnel: from ``schlick``. diffuse, f0, grazing: from ``vtk_colors``.
+        n_l, specular: from ``vtk_specular``. fresnel: from ``schlick``.
+        diffuse, f0, f90_minus_f0: from ``vtk_colors``.
     """
-    f = f0 + grazing * fresnel
+    f = f0 + f90_minus_f0 * fresnel
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
 
 
 @device_function
-def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
-    """Return the BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not positive.
+def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
+    """Return the BRDF times the cosine of the light, RGB; undefined where ``n_l`` is not positive.
 
     A dielectric mixes diffuse and specular by its largest Fresnel term, a metal reflects with its base colour.
 
     Args:
-        n, v, l: unit vectors: normal, to the viewer, to the light; three f32x8 each. n_l: their cosine.
+        n, v, l: unit vectors, three f32x8 each.
         f0, f90: of the dielectric, RGB and an f32x8.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
@@ -118,44 +129,49 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     sine = cross(n, h)
     sine2 = vec.minimum(dot(sine, sine), one)
     d = sine2 + (one - sine2) * a2
-    keep = one - a2
-    smith = n_l * vec.sqrt(n_v * n_v * keep + a2) + n_v * vec.sqrt(n_l * n_l * keep + a2)
+    one_minus_a2 = one - a2
+    smith = n_l * vec.sqrt(n_v * n_v * one_minus_a2 + a2) + n_v * vec.sqrt(n_l * n_l * one_minus_a2 + a2)
     specular = a2 / (vec.f32(2.0 * math.pi) * d * d * smith)
     s = vec.minimum(vec.maximum(one - v_h, zero), one)
     s2 = s * s
-    s = s2 * s2 * s
-    dr, dg, db = f0[0] + (f90 - f0[0]) * s, f0[1] + (f90 - f0[1]) * s, f0[2] + (f90 - f0[2]) * s
-    dull = one - metallic
-    diffuse = (one - vec.maximum(dr, vec.maximum(dg, db))) * dull * vec.f32(1.0 / math.pi)
-    dielectric, metal = specular * dull, specular * metallic
+    fresnel = s2 * s2 * s
+    f_r, f_g, f_b = (
+        f0[0] + (f90 - f0[0]) * fresnel,
+        f0[1] + (f90 - f0[1]) * fresnel,
+        f0[2] + (f90 - f0[2]) * fresnel,
+    )
+    dielectric_share = one - metallic
+    diffuse = (one - vec.maximum(f_r, vec.maximum(f_g, f_b))) * dielectric_share * vec.f32(1.0 / math.pi)
+    dielectric, metal = specular * dielectric_share, specular * metallic
+    r, g, b = base_color
     return (
-        (diffuse * base[0] + dielectric * dr + metal * (base[0] + (one - base[0]) * s)) * n_l,
-        (diffuse * base[1] + dielectric * dg + metal * (base[1] + (one - base[1]) * s)) * n_l,
-        (diffuse * base[2] + dielectric * db + metal * (base[2] + (one - base[2]) * s)) * n_l,
+        (diffuse * r + dielectric * f_r + metal * (r + (one - r) * fresnel)) * n_l,
+        (diffuse * g + dielectric * f_g + metal * (g + (one - g) * fresnel)) * n_l,
+        (diffuse * b + dielectric * f_b + metal * (b + (one - b) * fresnel)) * n_l,
     )
 
 
 @device_function
-def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
+def ambient_channel(base_color, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """Return one channel of the reflected environment; all f32x8.
-
-    Args:
-        base: base colour. f0, f90: of the dielectric.
-        scale, bias: of F0 and F90 in the integral over a white hemisphere (``split_sum``).
-        diffuse_light: irradiance over pi. specular_light: filtered radiance in the mirrored direction.
 
     The energy that the single-scattering model loses on rough surfaces comes back as Fdez-Aguera describes ("A
     Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting", JCGT 2019).
+
+    Args:
+        f0, f90: of the dielectric.
+        scale, bias: of F0 and F90 in the integral over a white hemisphere (``split_sum``).
+        diffuse_light: irradiance over pi. specular_light: filtered radiance in the mirrored direction.
     """
-    zero, one, part = vec.f32(0.0), vec.f32(1.0), vec.f32(1.0 / 21.0)
+    zero, one, mean_fresnel = vec.f32(0.0), vec.f32(1.0), vec.f32(1.0 / 21.0)
     lost = one - scale - bias
     single = f0 * scale + f90 * bias
-    mean = f0 + (f90 - f0) * part
+    mean = f0 + (f90 - f0) * mean_fresnel
     multiple = lost * single * mean / (one - mean * lost)
-    left = vec.maximum(one - single - multiple, zero)
-    dielectric = single * specular_light + (multiple + base * left) * diffuse_light
-    single = base * scale + bias
-    mean = base + (one - base) * part
+    diffuse_share = vec.maximum(one - single - multiple, zero)
+    dielectric = single * specular_light + (multiple + base_color * diffuse_share) * diffuse_light
+    single = base_color * scale + bias
+    mean = base_color + (one - base_color) * mean_fresnel
     multiple = lost * single * mean / (one - mean * lost)
     metal = single * specular_light + multiple * diffuse_light
     return dielectric + metallic * (metal - dielectric)

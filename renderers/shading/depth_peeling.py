@@ -12,7 +12,6 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
-    from renderers.shading.scene import ShadingScene
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAX_LAYERS: Final = 32
@@ -25,25 +24,24 @@ opacity 0.2, less than a thousandth of the light is left."""
 def peeled(
     rasterizer: Rasterizer,
     scene: DrawList,
-    tables: ShadingScene,
     camera: Camera,
+    select: NDArray[np.bool_],
     cull_back: NDArray[np.bool_] | None,
     behind: Visibility,
     max_layers: int = MAX_LAYERS,
 ) -> Iterator[Visibility]:
-    """Yield the layers of transparent surfaces in front of ``behind``, nearest first.
+    """Yield the layers of the selected instances in front of ``behind``, nearest first.
 
-    To stop peeling a pixel, set its record in a layer to -1 before taking the next one, which closes the layer.
+    To stop peeling a pixel, set its id in a layer to -1. Taking the next layer closes the one before.
 
     Args:
-        tables: prepared from the scene. Its ``transparent`` instances are peeled.
-        cull_back: as in ``Rasterizer.visibility``.
+        select, cull_back: as in ``Rasterizer.visibility``.
     """
     beyond: Visibility | None = None
     try:
         for _ in range(max_layers):
             layer = rasterizer.visibility(
-                scene, camera, select=tables.transparent, cull_back=cull_back, beyond=beyond, before=behind
+                scene, camera, select=select, cull_back=cull_back, beyond=beyond, before=behind
             )
             if beyond is not None:
                 beyond.close()

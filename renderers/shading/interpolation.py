@@ -9,179 +9,136 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
-from renderers.shading.layout import (
-    A_COLOR,
-    A_FACING,
-    A_FLAT,
-    A_GRADIENT0,
-    A_GRADIENT1,
-    A_NORMAL,
-    A_POINT,
-    A_TANGENT,
-    A_UV0,
-    A_UV1,
-    G_COLUMNS,
-    G_HAS,
-    G_LANES,
-    G_LENS,
-    G_MASKS,
-    G_MATERIAL_INTEGERS,
-    G_PIXELS,
-    G_SPANS,
-    G_SURFACE,
-    G_Y,
-    HAS_COLORS,
-    HAS_TANGENTS,
-    HAS_UV0,
-    HAS_UV1,
-    SPAN_ROOM,
-    STRIDE,
-    T_BEGIN,
-    T_COLOR,
-    T_DEPTH,
-    T_FACING,
-    T_FLAT,
-    T_NORMAL,
-    T_TANGENT,
-    T_TOTAL,
-    T_TOTAL_GRADIENT,
-    T_UV0,
-    T_UV0_GRADIENT,
-    T_UV1,
-    T_UV1_GRADIENT,
-)
-from renderers.shading.materials import MI_UV
+from renderers.compiler.pointers import i32_at
+from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE
+from renderers.shading.vec3 import store3
 
 
 @inlined
 def _starts_after(masks, x):
-    """Bits of the eight pixels after pixel ``x`` at which a span begins."""
+    """Return the bits of the eight pixels after pixel ``x`` at which a span begins."""
     word, bit = (x + 1) >> 6, (x + 1) & 63
     low = np.uint64(masks[word]) >> np.uint64(bit)
     return np.int64((low | ((np.uint64(masks[word + 1]) << np.uint64(63 - bit)) << np.uint64(1))) & np.uint64(255))
 
 
 @inlined
-def _span_values(spans, row, at, lanes):
-    return vec.permute(vec.load(spans, row * SPAN_ROOM + at), lanes)
+def pixel_columns(columns, x):
+    """Return the image columns of the pixels x .. x + 7; ``columns`` as in SEGMENT."""
+    if columns != 0:
+        return vec.load(i32_at(columns), x)
+    return vec.i32(x) + vec.iota()
 
 
 @inlined
-def _along_span(spans, row, count, at, lanes, t):
-    """A value of eight pixels that is linear along their spans; its change is ``count`` rows further."""
-    return _span_values(spans, row, at, lanes) + _span_values(spans, row + count, at, lanes) * t
+def _span_values(rows, row, span, offsets):
+    """Return the values in a row of SPANS at the spans of eight pixels.
+
+    Args:
+        span: span of the first pixel, from the first of the part. offsets: i32x8, those of the others from it.
+    """
+    return vec.permute(vec.load(rows, row * SPAN_STRIDE + span), offsets)
+
+
+@inlined
+def _along_span(rows, row, count, span, offsets, t):
+    """Return a value that is linear along spans, at eight pixels ``t`` from where their spans begin.
+
+    Args:
+        row, count: row of the value at the first pixel; its change per pixel is ``count`` rows further.
+    """
+    return _span_values(rows, row, span, offsets) + _span_values(rows, row + count, span, offsets) * t
 
 
 @device_function
-def _clear(pixels, row, rows, begin, end):
-    """Fill rows with zeros."""
-    for k in range(row, row + rows):
-        for x in range(begin, end, vec.LANES):
-            vec.store(pixels, k * STRIDE + x, vec.f32(0.0))
+def _clear(rows, row, count, pixel_count):
+    """Fill ``count`` rows with zeros."""
+    for k in range(row, row + count):
+        for x in range(0, pixel_count, vec.LANES):
+            vec.store(rows, k * STRIDE + x, vec.f32(0.0))
 
 
 @device_function
-def interpolate(segment, begin, end, to):
-    """Fill the rows A_ from value ``to`` on with the attributes of the pixels ``begin .. end``, after ``set_up_spans``.
+def interpolate(segment, begin, end):
+    """Fill the first rows of PIXELS with the attributes of the pixels ``begin .. end - 1``, after ``set_up_spans``.
 
     Up to seven further values are overwritten. Texture coordinates that the material reads and the mesh lacks become 0,
     as do their gradients.
     """
-    spans, pixels = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS])
-    masks, has, columns = i64_at(segment[G_MASKS]), segment[G_HAS], segment[G_COLUMNS]
-    lane_tables = i32_at(segment[G_LANES])
-    at = np.int64(0)
+    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
+    attributes, span_offsets = segment.attributes, segment.job.span_offsets
+    span = np.int64(0)
     for x in range(begin, end, vec.LANES):
-        to_x = to + x - begin
+        pixel = x - begin
         starts = _starts_after(masks, x)
-        lanes = vec.load(lane_tables, vec.LANES * (starts & 127))
-        column = vec.i32(x) + vec.iota()
-        if columns != 0:
-            column = vec.load(i32_at(columns), x)
-        t = vec.to_f32(column) - _span_values(spans, T_BEGIN, at, lanes)
-        nx, ny, nz = (
-            _along_span(spans, T_NORMAL, 3, at, lanes, t),
-            _along_span(spans, T_NORMAL + 1, 3, at, lanes, t),
-            _along_span(spans, T_NORMAL + 2, 3, at, lanes, t),
+        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
+        t = vec.to_f32(pixel_columns(columns, x)) - _span_values(spans.begin, 0, span, offsets)
+        normal = (
+            _along_span(spans.normal, 0, 3, span, offsets, t),
+            _along_span(spans.normal, 1, 3, span, offsets, t),
+            _along_span(spans.normal, 2, 3, span, offsets, t),
         )
-        vec.store(pixels, A_NORMAL * STRIDE + to_x, nx)
-        vec.store(pixels, (A_NORMAL + 1) * STRIDE + to_x, ny)
-        vec.store(pixels, (A_NORMAL + 2) * STRIDE + to_x, nz)
-        if has & (HAS_UV0 | HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
-            share = vec.f32(1.0) / _along_span(spans, T_TOTAL, 1, at, lanes, t)
-            if has & HAS_UV0:
-                for j in range(2):
-                    vec.store(
-                        pixels, (A_UV0 + j) * STRIDE + to_x, _along_span(spans, T_UV0 + j, 2, at, lanes, t) * share
-                    )
-            if has & HAS_UV1:
-                for j in range(2):
-                    vec.store(
-                        pixels, (A_UV1 + j) * STRIDE + to_x, _along_span(spans, T_UV1 + j, 2, at, lanes, t) * share
-                    )
-            if has & HAS_COLORS:
-                for j in range(4):
-                    vec.store(
-                        pixels, (A_COLOR + j) * STRIDE + to_x, _along_span(spans, T_COLOR + j, 4, at, lanes, t) * share
-                    )
-            if has & HAS_TANGENTS:
-                vec.store(pixels, A_FACING * STRIDE + to_x, _span_values(spans, T_FACING, at, lanes))
-                for j in range(4):
-                    vec.store(
-                        pixels, (A_TANGENT + j) * STRIDE + to_x, _along_span(spans, T_TANGENT + j, 4, at, lanes, t)
-                    )
-        at += vec.count_bits(starts)
-    uv_sets = i64_at(segment[G_MATERIAL_INTEGERS])[MI_UV]
-    for which in range(2):
-        if uv_sets & (1 << which) and not has & (HAS_UV0 << which):
-            _clear(pixels, A_UV0 + 2 * which, 2, to, to + end - begin)
-            if segment[G_SURFACE] != 0:
-                _clear(pixels, A_GRADIENT0 + 4 * which, 4, to, to + end - begin)
-    if segment[G_SURFACE] != 0:
-        _interpolate_surface(segment, begin, end, to)
-
-
-@inlined
-def _gradient(spans, pixels, row, uv, gradient, at, lanes, share, to_x):
-    """Derivatives of two texture coordinates by column and row of the image.
-
-    With u = U / T and both linear over the image, du/dx = (dU/dx - u dT/dx) / T.
-    """
-    for k in range(2):
-        total = _span_values(spans, T_TOTAL_GRADIENT + k, at, lanes)
-        for j in range(2):
-            value = vec.load(pixels, (uv + j) * STRIDE + to_x)
-            slope = (_span_values(spans, row + 2 * k + j, at, lanes) - value * total) * share
-            vec.store(pixels, (gradient + 2 * k + j) * STRIDE + to_x, slope)
+        store3(pixels.normal, pixel, STRIDE, normal)
+        if attributes & (HAS_UV0 | HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
+            inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
+            for uv_set in range(2):
+                if attributes & (HAS_UV0 << uv_set):
+                    for k in range(2):
+                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, span, offsets, t) * inv_total
+                        vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
+            if attributes & HAS_COLORS:
+                for k in range(4):
+                    color = _along_span(spans.color, k, 4, span, offsets, t) * inv_total
+                    vec.store(pixels.color, k * STRIDE + pixel, color)
+            if attributes & HAS_TANGENTS:
+                vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, span, offsets))
+                for k in range(4):
+                    tangent = _along_span(spans.tangent, k, 4, span, offsets, t)
+                    vec.store(pixels.tangent, k * STRIDE + pixel, tangent)
+        span += vec.count_bits(starts)
+    for uv_set in range(2):
+        if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
+            _clear(pixels.uv, 2 * uv_set, 2, end - begin)
+            if segment.has_surface != 0:
+                _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
+    if segment.has_surface != 0:
+        _interpolate_surface(segment, begin, end)
 
 
 @device_function
-def _interpolate_surface(segment, begin, end, to):
-    """Fill the rows from A_GRADIENT0 to A_POINT after those before them."""
-    spans, pixels, lens = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS]), f64_at(segment[G_LENS])
-    masks, has, columns = i64_at(segment[G_MASKS]), segment[G_HAS], segment[G_COLUMNS]
-    lane_tables = i32_at(segment[G_LANES])
-    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
-    dy = vec.f32((segment[G_Y] + 0.5 - lens[3]) / lens[1])
-    at = np.int64(0)
+def _interpolate_surface(segment, begin, end):
+    """Fill the rows ``uv_gradient``, ``flat_normal`` and ``point`` of PIXELS; reads ``uv``.
+
+    With u = U / T and both linear over the image, du/dx = (dU/dx - u dT/dx) / T.
+    """
+    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
+    attributes, job = segment.attributes, segment.job
+    span_offsets = job.span_offsets
+    left, inv_fx = vec.f32(0.5 - job.cx), vec.f32(1.0 / job.fx)
+    ray_y = vec.f32((segment.y + 0.5 - job.cy) / job.fy)
+    span = np.int64(0)
     for x in range(begin, end, vec.LANES):
-        to_x = to + x - begin
+        pixel = x - begin
         starts = _starts_after(masks, x)
-        lanes = vec.load(lane_tables, vec.LANES * (starts & 127))
-        column = vec.i32(x) + vec.iota()
-        if columns != 0:
-            column = vec.load(i32_at(columns), x)
-        t = vec.to_f32(column) - _span_values(spans, T_BEGIN, at, lanes)
-        share = vec.f32(1.0) / _along_span(spans, T_TOTAL, 1, at, lanes, t)
-        z = _span_values(spans, T_DEPTH, at, lanes) * share
-        vec.store(pixels, A_POINT * STRIDE + to_x, (vec.to_f32(column) + left) * across * z)
-        vec.store(pixels, (A_POINT + 1) * STRIDE + to_x, dy * z)
-        vec.store(pixels, (A_POINT + 2) * STRIDE + to_x, z)
-        for j in range(3):
-            vec.store(pixels, (A_FLAT + j) * STRIDE + to_x, _span_values(spans, T_FLAT + j, at, lanes))
-        if has & HAS_UV0:
-            _gradient(spans, pixels, T_UV0_GRADIENT, A_UV0, A_GRADIENT0, at, lanes, share, to_x)
-        if has & HAS_UV1:
-            _gradient(spans, pixels, T_UV1_GRADIENT, A_UV1, A_GRADIENT1, at, lanes, share, to_x)
-        at += vec.count_bits(starts)
+        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
+        column = vec.to_f32(pixel_columns(columns, x))
+        t = column - _span_values(spans.begin, 0, span, offsets)
+        inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
+        z = _span_values(spans.depth, 0, span, offsets) * inv_total
+        store3(pixels.point, pixel, STRIDE, ((column + left) * inv_fx * z, ray_y * z, z))
+        flat_normal = (
+            _span_values(spans.flat_normal, 0, span, offsets),
+            _span_values(spans.flat_normal, 1, span, offsets),
+            _span_values(spans.flat_normal, 2, span, offsets),
+        )
+        store3(pixels.flat_normal, pixel, STRIDE, flat_normal)
+        for uv_set in range(2):
+            if attributes & (HAS_UV0 << uv_set):
+                for axis in range(2):  # columns, rows
+                    total_gradient = _span_values(spans.total_gradient, axis, span, offsets)
+                    for k in range(2):
+                        uv = vec.load(pixels.uv, (2 * uv_set + k) * STRIDE + pixel)
+                        uv_gradient = _span_values(spans.uv_gradient, 4 * uv_set + 2 * axis + k, span, offsets)
+                        gradient = (uv_gradient - uv * total_gradient) * inv_total
+                        vec.store(pixels.uv_gradient, (4 * uv_set + 2 * axis + k) * STRIDE + pixel, gradient)
+        span += vec.count_bits(starts)

@@ -1,125 +1,205 @@
-"""Columns of the tables that the shading kernels read and write.
-
-Each look appends columns of its own to the job: see ``headlight.layout`` and ``studio.layout``.
-"""
+"""Structs that the shading kernels of both looks and their callers share."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from renderers.compiler.simd import LANES
+from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of, pointer_to
 
-# Job: int64 values, mostly addresses. One per image and layer.
-S_FIRST: Final = 0  # (I + 1,) int64, first record of every instance
-S_COUNT: Final = 1  # I
-S_POINTS: Final = 2  # (I, 4, 4) float64, mesh to optical frame
-S_MAPS: Final = 3  # (I, P_COLUMNS) float32
-S_LENS: Final = 4  # (4,) float64: fx, fy, cx, cy
-S_INSTANCES: Final = 5  # the tables of ShadingScene
-S_MATERIAL_INTEGERS: Final = 6
-S_MATERIAL_FLOATS: Final = 7
-S_TEXTURES: Final = 8
-S_TEXTURE_FLOATS: Final = 9
-S_BYTE_VALUES: Final = 10  # color.LINEAR_FROM_BYTE
-S_DECODED: Final = 11  # gamma.DECODED
-S_LANES: Final = 12  # spans.LANE_TABLES
-S_COMMON: Final = 13  # first column of a look
+PART: Final = 256
+"""Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
+STRIDE: Final = PART + LANES
+"""Values of a row of PIXELS. Loops over pixels overrun by up to seven."""
+SPAN_STRIDE: Final = PART + 2 * LANES
+"""Values of a row of SPANS. A part has at most PART spans; eight pixels read up to eight further ones."""
 
-# Instance and view, float32.
-P_NORMAL: Final = 0  # (3, 3) map of normals to the optical frame, any length
-P_TANGENT: Final = 9  # (3, 3) map of tangents, any length
-P_MIRROR: Final = 18  # -1 where the map of points mirrors, else 1
-P_COLUMNS: Final = 20
-
-# Instance, int64.
-II_TOPOLOGY: Final = 0
-II_MATERIAL: Final = 1
-II_ELEMENTS: Final = 2  # address of (M, II_TOPOLOGY) uint32
-II_VERTICES: Final = 3  # address of (N, V_COLUMNS) float32
-II_EXTRAS: Final = 4  # address of (N, E_COLUMNS) float32, or 0
-II_HAS: Final = 5  # HAS_ bits of the mesh
-II_COLUMNS: Final = 6
-
+# Attributes of a mesh, bits.
 HAS_NORMALS: Final = 1
 HAS_UV0: Final = 2
-HAS_UV1: Final = 4
+HAS_UV1: Final = 4  # must be the bit after HAS_UV0
 HAS_COLORS: Final = 8
 HAS_TANGENTS: Final = 16
 
-# Vertex: one vector of float32.
+# Columns of a vertex: one vector of float32.
 V_POSITION: Final = 0  # 3 values
 V_NORMAL: Final = 3  # 3 values
 V_UV0: Final = 6  # 2 values
 V_COLUMNS: Final = 8
-# Rare attributes of a vertex: two vectors of float32.
+# Columns of a vertex's rare attributes: two vectors of float32.
 E_COLOR: Final = 0  # 4 values
 E_UV1: Final = 4  # 2 values
 E_TANGENT: Final = 8  # 4 values
 E_COLUMNS: Final = 16
 
-# Segment: neighbouring pixels of a row that see one instance. int64 values, see spans.select_instance.
-G_Y: Final = 0  # row of the image
-G_COLUMNS: Final = 1  # address of the pixels' image columns, int32; 0: pixel k is in column k
-G_STARTS: Final = 2  # address of the spans' first pixels, int32
-G_RECORDS: Final = 3  # address of the spans' records, int32
-G_MASKS: Final = 4  # address of one bit per pixel, set where a span begins
-G_SPANS: Final = 5  # address of T_ROWS rows of SPAN_ROOM float32
-G_PIXELS: Final = 6  # address of A_ROWS rows of STRIDE float32
-G_FIRST: Final = 7  # first record of the instance
-G_TOPOLOGY: Final = 8
-G_ELEMENTS: Final = 9
-G_VERTICES: Final = 10
-G_EXTRAS: Final = 11
-G_HAS: Final = 12  # HAS_ bits that the mesh has and the material reads
-G_POINTS: Final = 13  # address of the (4, 4) float64 of the instance
-G_MAPS: Final = 14  # address of the P_COLUMNS float32 of the instance
-G_MATERIAL_INTEGERS: Final = 15
-G_MATERIAL_FLOATS: Final = 16
-G_LENS: Final = 17
-G_SURFACE: Final = 18  # 1: the look also reads A_GRADIENT0, A_GRADIENT1, A_FLAT and A_POINT
-G_LANES: Final = 19  # address of spans.LANE_TABLES
-G_VALUES: Final = 20
+INSTANCE: Final = Struct(
+    "ShadingInstance",
+    {
+        "topology": I64,  # vertices of a primitive
+        "material": I64,  # index of its MATERIAL
+        "indices": pointer_to(U32),  # (M, topology)
+        "vertices": pointer_to(F32),  # (N, V_COLUMNS)
+        "extras": pointer_to(F32),  # (N, E_COLUMNS); null if the mesh has no rare attributes
+        "attributes": I64,  # HAS_ bits of the mesh
+    },
+)
+INSTANCE_MATRICES: Final = Struct(
+    "InstanceMatrices",
+    {
+        "normal": array_of(F32, 9),  # matrix that takes normals to the optical frame, up to a positive factor
+        "tangent": array_of(F32, 9),  # the same for tangents
+        "mirror": F32,  # -1 where the instance's transform mirrors, else 1
+    },
+)
+"""An instance's transforms of directions in the view of one camera."""
+MATERIAL: Final = Struct(
+    "ShadingMaterial",
+    {
+        "alpha_mode": I64,  # ALPHA_ constant of materials
+        "unlit": I64,
+        "vertex_colors": I64,  # COLORS_ constant of materials
+        "uv_sets": I64,  # bits 0 and 1: the textures read uv0 and uv1
+        # Indices of TEXTUREs; -1: none.
+        "base_color_texture": I64,
+        "metallic_roughness_texture": I64,
+        "normal_texture": I64,
+        "occlusion_texture": I64,
+        "emissive_texture": I64,
+        "specular_texture": I64,  # look studio only, as the next one
+        "specular_color_texture": I64,
+        "base_color": array_of(F32, 4),
+        "metallic": F32,
+        "roughness": F32,
+        "normal_scale": F32,
+        "occlusion_strength": F32,
+        "emissive": array_of(F32, 3),  # look studio: times the strength
+        "alpha_cutoff": F32,
+        "reflectance": F32,  # of the dielectric at normal incidence; look studio only, as the next two
+        "specular": F32,
+        "specular_color": array_of(F32, 3),
+    },
+)
+MIP_LEVEL: Final = Struct(
+    "MipLevel",
+    {
+        "texels": pointer_to(I32),  # (height, stride) RGBA, red in the lowest byte
+        "width": I64,
+        "height": I64,
+        "stride": I64,  # texels from one row to the next
+    },
+)
+TEXTURE: Final = Struct(
+    "ShadingTexture",
+    {
+        "wrap_s": I64,  # WRAP_ constant of texture_table
+        "wrap_t": I64,
+        "mag_linear": I64,
+        "min_linear": I64,
+        "mips": I64,  # MIPS_ constant of texture_table
+        "uv_set": I64,
+        "srgb": I64,  # 1: the colour channels are decoded to linear light
+        "level_count": I64,
+        "levels": MIP_LEVEL,  # (level_count,)
+        "uv_transform": array_of(F32, 6),  # Texture.uv_transform
+    },
+)
+SHADING_JOB: Final = Struct(
+    "ShadingJob",
+    {
+        "instance_count": I64,
+        "first_ids": pointer_to(I64),  # (instance_count + 1): first primitive id of every instance, and the total
+        "X_camera_mesh": pointer_to(F64),  # (instance_count, 4, 4)
+        "matrices": INSTANCE_MATRICES,  # (instance_count,)
+        "fx": F64,  # camera intrinsics, pixels
+        "fy": F64,
+        "cx": F64,
+        "cy": F64,
+        # Tables of ShadingScene.
+        "instances": INSTANCE,
+        "materials": MATERIAL,
+        "textures": TEXTURE,
+        "linear_from_byte": pointer_to(F32),  # color.LINEAR_FROM_BYTE
+        "linear_from_gamma": pointer_to(F32),  # gamma.LINEAR_FROM_GAMMA
+        "span_offsets": pointer_to(I32),  # spans.SPAN_OFFSETS
+    },
+)
+"""What the kernels of both looks read of an image or layer. Each look has a job of its own that refers to this one."""
 
-PART: Final = 256
-"""Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
-STRIDE: Final = PART + LANES
-"""Values of a row of attributes. Loops over pixels overrun by up to seven."""
-SPAN_ROOM: Final = PART + 2 * LANES
-"""Values of a row of spans. A part has at most PART spans; eight pixels read up to eight further ones."""
 
-# Span: values that are linear along it, float32. Every T_ row has one value per span.
-T_BEGIN: Final = 0  # image column of the first pixel
-T_FACING: Final = 1  # -1 where a back face is seen, else 1
-T_TOTAL: Final = 2  # 2 rows: sum of the weights at the first pixel, and its change per pixel
-T_NORMAL: Final = 4  # 3 + 3 rows: weighted sum at the first pixel, and its change per pixel; in the optical frame
-T_UV0: Final = 10  # 2 + 2
-T_UV1: Final = 14  # 2 + 2
-T_COLOR: Final = 18  # 4 + 4
-T_TANGENT: Final = 26  # 4 + 4; in the optical frame, and the sign of the bitangent
-# Only with G_SURFACE:
-T_DEPTH: Final = 34  # depth at the first pixel, metres
-T_FLAT: Final = 35  # 3 rows: unit normal of the triangle, towards the camera
-T_TOTAL_GRADIENT: Final = 38  # 2 rows: change of the sum of the weights per image column and row
-T_UV0_GRADIENT: Final = 40  # 2 + 2 rows: change of the weighted sums per image column and row
-T_UV1_GRADIENT: Final = 44  # 2 + 2
-T_ROWS: Final = 48
+def _spans(rows: int) -> Any:
+    return array_of(F32, rows * SPAN_STRIDE)
 
-# Pixel: attributes, float32. Every A_ row has one value per pixel.
-A_NORMAL: Final = 0  # 3 rows: on the side that is seen, optical frame, any length
-A_FACING: Final = 3  # -1 where a back face is seen, else 1
-A_UV0: Final = 4  # 2 rows
-A_UV1: Final = 6  # 2 rows
-A_COLOR: Final = 8  # 4 rows: RGBA of the vertices
-A_TANGENT: Final = 12  # 4 rows: optical frame, any length; sign of the bitangent
-# Only with G_SURFACE:
-A_GRADIENT0: Final = 16  # 4 rows: du/dx, dv/dx, du/dy, dv/dy of the first set, per pixel
-A_GRADIENT1: Final = 20  # 4 rows
-A_FLAT: Final = 24  # 3 rows: unit normal of the triangle, towards the camera
-A_POINT: Final = 27  # 3 rows: the visible point in the optical frame, metres
-# Filled by the material:
-A_BASE: Final = 30  # 4 rows: base colour and alpha
-A_ROUGH: Final = 34  # 4 rows: metallic-roughness texture; roughness is the second, metallic the third
-A_OCCLUSION: Final = 38  # 4 rows: occlusion texture, the first
-A_EMISSIVE: Final = 42  # 4 rows: emissive texture
-A_TEXEL: Final = 46  # 4 rows: any other texture
-A_ROWS: Final = 50
+
+def _pixels(rows: int) -> Any:
+    return array_of(F32, rows * STRIDE)
+
+
+SPANS: Final = Struct(
+    "Spans",
+    {
+        "begin": _spans(1),  # image column of the first pixel
+        "facing": _spans(1),  # -1 where a back face is visible, else 1
+        # Weighted sums of the vertices' attributes at the first pixel, and in as many further rows their change per
+        # pixel.
+        "total": _spans(1 + 1),  # sum of the weights
+        "normal": _spans(3 + 3),  # optical frame
+        "uv": _spans(2 * (2 + 2)),  # of the set uv0, then of uv1
+        "color": _spans(4 + 4),
+        "tangent": _spans(4 + 4),  # optical frame, and the sign of the bitangent
+        # Only with SEGMENT's has_surface. Gradients are changes per image column, and in as many further rows per row.
+        "depth": _spans(1),  # at the first pixel, metres
+        "flat_normal": _spans(3),  # unit normal of the triangle, towards the camera
+        "total_gradient": _spans(1 + 1),
+        "uv_gradient": _spans(2 * (2 + 2)),
+    },
+)
+"""Values that are linear along a span: rows of SPAN_STRIDE float32, one value per span."""
+
+PIXELS: Final = Struct(
+    "ShadedPixels",
+    {
+        "normal": _pixels(3),  # on the visible side, optical frame, any length
+        "facing": _pixels(1),  # -1 where a back face is visible, else 1
+        "uv": _pixels(2 * 2),  # uv0, uv1
+        "color": _pixels(4),  # RGBA of the vertices
+        "tangent": _pixels(4),  # optical frame, any length; sign of the bitangent
+        # Only with SEGMENT's has_surface:
+        "uv_gradient": _pixels(2 * 4),  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
+        "flat_normal": _pixels(3),  # unit normal of the triangle, towards the camera
+        "point": _pixels(3),  # the visible point in the optical frame, metres
+        # Filled by the material:
+        "base_color": _pixels(4),  # and alpha
+        "metallic_roughness": _pixels(4),  # texture: roughness is the second channel, metallic the third
+        "occlusion": _pixels(4),  # texture: the first channel
+        "emissive": _pixels(4),  # texture
+        "texel": _pixels(4),  # any other texture
+    },
+)
+"""Attributes of pixels: rows of STRIDE float32, one value per pixel."""
+
+SEGMENT: Final = Struct(
+    "Segment",
+    {
+        "job": SHADING_JOB,
+        "has_surface": I64,  # 1: the look also reads positions, flat normals and gradients
+        "y": I64,  # row of the image
+        "columns": I64,  # address of the pixels' image columns, int32; 0: pixel k is in column k
+        # Spans of the row.
+        "masks": pointer_to(I64),  # one bit per pixel, set where a span begins
+        "starts": pointer_to(I32),  # first pixel of each span, and then the number of pixels
+        "ids": pointer_to(I32),  # primitive id of each span
+        # The part that is being shaded.
+        "spans": SPANS,
+        "pixels": PIXELS,
+        # Set by spans.select_instance.
+        "first_id": I64,  # primitive id of the instance's first primitive
+        "instance": INSTANCE,
+        "material": MATERIAL,
+        "matrices": INSTANCE_MATRICES,
+        "X_camera_mesh": pointer_to(F64),  # (4, 4)
+        "attributes": I64,  # HAS_ bits that the mesh has and the material reads
+    },
+)
+"""Neighbouring pixels of a row that see one instance, and the memory in which they are shaded."""
+
+shading_job_at: Final = SHADING_JOB.at

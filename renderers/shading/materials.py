@@ -1,9 +1,9 @@
-"""Materials as a look shades them, and their rows in the kernels' tables."""
+"""Materials as a look shades them, and the table of them that kernels read."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Texture
 from renderers.interface import LookName
+from renderers.shading.layout import MATERIAL
 from renderers.shading.texture_table import TextureTable
+
+_FIELDS: Final = MATERIAL.dtype.names or ()
 
 VTK_PBR_ROUGHNESS: Final = 0.5
 """Roughness of VTK's own primitives under physically based shading: vtkProperty's default, whatever the exported
@@ -29,8 +32,8 @@ def look_material(material: Material, look: LookName) -> Material:
     if look in ("phong", "plain"):
         if look == "plain":
             r, g, b, alpha = material.base_color
-            shown = (srgb_from_linear(r), srgb_from_linear(g), srgb_from_linear(b), alpha)
-            material = replace(material, base_color=shown)
+            encoded = (srgb_from_linear(r), srgb_from_linear(g), srgb_from_linear(b), alpha)
+            material = replace(material, base_color=encoded)
         dropped = (
             material.normal_texture,
             material.metallic_roughness_texture,
@@ -52,20 +55,6 @@ def look_material(material: Material, look: LookName) -> Material:
     return material
 
 
-# Columns of the integer table. Texture columns hold a row of the texture table or -1.
-MI_ALPHA_MODE: Final = 0
-MI_UNLIT: Final = 1
-MI_BASE: Final = 2
-MI_METALLIC_ROUGHNESS: Final = 3
-MI_NORMAL: Final = 4
-MI_OCCLUSION: Final = 5
-MI_EMISSIVE: Final = 6
-MI_SPECULAR: Final = 7  # look ``studio`` only, as the next one
-MI_SPECULAR_COLOR: Final = 8
-MI_UV: Final = 9  # bits 0 and 1: the sets uv0 and uv1 are read
-MI_COLORS: Final = 10  # COLORS_ constant
-MI_COLUMNS: Final = 11
-
 COLORS_MULTIPLY: Final = 0
 """Vertex colours multiply the base colour."""
 COLORS_DECODE: Final = 1
@@ -73,23 +62,10 @@ COLORS_DECODE: Final = 1
 COLORS_REPLACE: Final = 2
 """Vertex colours raised to 2.2 replace the colour of the base colour factor, but not its alpha."""
 
-# Columns of the float table.
-MF_BASE: Final = 0  # 4 values
-MF_METALLIC: Final = 4
-MF_ROUGHNESS: Final = 5
-MF_NORMAL_SCALE: Final = 6
-MF_OCCLUSION: Final = 7
-MF_EMISSIVE: Final = 8  # 3 values; look ``studio``: times the strength
-MF_CUTOFF: Final = 11
-MF_REFLECTANCE: Final = 12  # of the dielectric at normal incidence; look ``studio`` only, as the next ones
-MF_SPECULAR: Final = 13
-MF_SPECULAR_COLOR: Final = 14  # 3 values
-MF_COLUMNS: Final = 17
-
 ALPHA_OPAQUE: Final = 0
 ALPHA_MASK: Final = 1
 ALPHA_BLEND: Final = 2
-_ALPHA: Final = {AlphaMode.OPAQUE: ALPHA_OPAQUE, AlphaMode.MASK: ALPHA_MASK, AlphaMode.BLEND: ALPHA_BLEND}
+_ALPHA_MODES: Final = {AlphaMode.OPAQUE: ALPHA_OPAQUE, AlphaMode.MASK: ALPHA_MASK, AlphaMode.BLEND: ALPHA_BLEND}
 
 
 def vertex_color_rule(material: Material, look: LookName) -> int:
@@ -109,68 +85,81 @@ def reflectance(ior: float) -> float:
     return 1.0 if ior == 0.0 else ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
-@dataclass(frozen=True, slots=True)
-class MaterialRows:
-    """One material's rows."""
+class MaterialTable:
+    """Collects the MATERIALs of one draw list under one look."""
 
-    integers: tuple[int, ...]
-    floats: tuple[float, ...]
+    def __init__(self, look: LookName, textures: TextureTable) -> None:
+        """
+        Args:
+            textures: the table that the materials' textures are added to.
+        """
+        self._look = look
+        self._textures = textures
+        self._indices: dict[tuple[int, bool], int] = {}
+        self._values: list[dict[str, Any]] = []
+        self.materials: list[Material] = []
+        """The materials of the draw list in the order of the table."""
 
-    @property
-    def has_normal_map(self) -> bool:
-        return self.integers[MI_NORMAL] >= 0
+    def index_of(self, material: Material, lit: bool) -> int:
+        """Return the index of a material, which is added if it is new.
+
+        Args:
+            lit: False for lines and points, which have no surface.
+        """
+        index = self._indices.setdefault((id(material), lit), len(self._values))
+        if index == len(self._values):
+            self._values.append(material_values(material, self._look, lit, self._textures))
+            self.materials.append(material)
+        return index
+
+    def has_normal_map(self, index: int) -> bool:
+        return bool(self._values[index]["normal_texture"] >= 0)
+
+    def structs(self) -> NDArray[Any]:
+        """Return (n,) MATERIAL, at least one."""
+        structs = np.zeros(max(len(self._values), 1), MATERIAL.dtype)
+        with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
+            for k, values in enumerate(self._values):
+                structs[k] = tuple([values[name] for name in _FIELDS])
+        return structs
 
 
-def material_rows(material: Material, look: LookName, lit: bool, textures: TextureTable) -> MaterialRows:
-    """Return the rows of one material; its textures are added to ``textures``.
-
-    Args:
-        lit: False for lines and points, which have no surface.
-    """
+def material_values(material: Material, look: LookName, lit: bool, textures: TextureTable) -> dict[str, Any]:
+    """Return the fields of a MATERIAL; its textures are added to ``textures``."""
     shown = look_material(material if lit else replace(material, unlit=True), look)
     lit = not shown.unlit
     # A metal without a texture has no dielectric part.
-    dielectric = shown.metallic < 1.0 or shown.metallic_roughness_texture is not None
-    uv = 0
+    has_specular = look == "studio" and (shown.metallic < 1.0 or shown.metallic_roughness_texture is not None)
+    uv_sets = 0
 
-    def row(texture: Texture | None, used: bool, srgb: bool = False) -> int:
-        nonlocal uv
-        if texture is None or not used:
+    def index_of(texture: Texture | None, is_read: bool, srgb: bool = False) -> int:
+        nonlocal uv_sets
+        if texture is None or not is_read:
             return -1
-        uv |= 2 if texture.uv_set == 1 else 1
-        return textures.row(texture, srgb)
+        uv_sets |= 1 << texture.uv_set
+        return textures.index_of(texture, srgb)
 
-    texture_rows = (
-        row(shown.base_color_texture, True, look in ("pbr", "studio")),
-        row(shown.metallic_roughness_texture, lit),
-        row(shown.normal_texture, lit),
-        row(shown.occlusion_texture, lit and shown.occlusion_strength != 0.0),
-        row(shown.emissive_texture, lit and any(shown.emissive), True),
-        row(shown.specular_texture, lit and dielectric and look == "studio"),
-        row(shown.specular_color_texture, lit and dielectric and look == "studio", True),
-    )
     strength = shown.emissive_strength if look == "studio" else 1.0
-    return MaterialRows(
-        integers=(_ALPHA[shown.alpha_mode], int(not lit), *texture_rows, uv, vertex_color_rule(shown, look)),
-        floats=(
-            *shown.base_color,
-            shown.metallic,
-            shown.roughness,
-            shown.normal_scale,
-            shown.occlusion_strength,
-            *((value * strength if lit else 0.0) for value in shown.emissive),
-            shown.alpha_cutoff,
-            reflectance(shown.ior),
-            shown.specular,
-            *shown.specular_color,
-        ),
-    )
-
-
-def as_tables(rows: list[MaterialRows]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return (n, MI_COLUMNS) int64 and (n, MF_COLUMNS) float32, at least one row each."""
-    if not rows:
-        return np.full((1, MI_COLUMNS), -1, np.int64), np.zeros((1, MF_COLUMNS), np.float32)
-    with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
-        floats = np.array([row.floats for row in rows], np.float32)
-    return np.array([row.integers for row in rows], np.int64), floats
+    return {
+        "alpha_mode": _ALPHA_MODES[shown.alpha_mode],
+        "unlit": int(not lit),
+        "vertex_colors": vertex_color_rule(shown, look),
+        "base_color_texture": index_of(shown.base_color_texture, True, look in ("pbr", "studio")),
+        "metallic_roughness_texture": index_of(shown.metallic_roughness_texture, lit),
+        "normal_texture": index_of(shown.normal_texture, lit),
+        "occlusion_texture": index_of(shown.occlusion_texture, lit and shown.occlusion_strength != 0.0),
+        "emissive_texture": index_of(shown.emissive_texture, lit and any(shown.emissive), True),
+        "specular_texture": index_of(shown.specular_texture, lit and has_specular),
+        "specular_color_texture": index_of(shown.specular_color_texture, lit and has_specular, True),
+        "uv_sets": uv_sets,
+        "base_color": shown.base_color,
+        "metallic": shown.metallic,
+        "roughness": shown.roughness,
+        "normal_scale": shown.normal_scale,
+        "occlusion_strength": shown.occlusion_strength,
+        "emissive": tuple((value * strength if lit else 0.0) for value in shown.emissive),
+        "alpha_cutoff": shown.alpha_cutoff,
+        "reflectance": reflectance(shown.ior),
+        "specular": shown.specular,
+        "specular_color": shown.specular_color,
+    }

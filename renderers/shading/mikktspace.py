@@ -1,10 +1,10 @@
-"""Tangents for meshes that bring none: MikkTSpace, as glTF 2.0 (3.7.2.1) asks for.
+"""Tangents for meshes that have none: MikkTSpace, as glTF 2.0 (3.7.2.1) requires.
 
 Written from M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008), chapter 5, and what is documented of his
-reference: corners with the same position, normal and coordinates are one vertex; the triangles around a vertex
-that hang together by edges and have the same handedness form a group; each corner's tangent is the mean of its
-group's, projected into the plane of the normal and weighted by the angle at the corner. A vertex on a border of
-handedness so has two tangents and is split.
+reference: corners with the same position, normal and coordinates are one vertex. Triangles around a vertex that share
+edges and have the same handedness form a group. A corner's tangent is the mean of its group's tangents, projected into
+the plane of the normal and weighted by the angle at the corner. A vertex where the handedness changes has two tangents
+and is split.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from renderers.drawlist import Mesh, Topology
 from renderers.stop import check_stop, current_stop
 
 _BLOCK: Final = 1 << 14
-"""Corners, triangles or vertices between two looks at the ``StopFlag``."""
+"""Corners, triangles or vertices between two checks of the ``StopFlag``."""
 
 
 def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
-    """Add tangents that follow a set of texture coordinates (0 or 1), and drop vertices that no triangle uses.
+    """Return a mesh with tangents that follow a set of texture coordinates (0 or 1), without vertices not in use.
+
     A mesh with tangents, or without normals, coordinates or triangles, is returned unchanged.
     """
     wait_until_compiled("normals")
@@ -36,26 +37,26 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
         return mesh
     tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
     check_stop()
-    corner = mesh.elements.reshape(-1).astype(np.intp)
-    # Each vertex keeps the tangent of its first corner (of repeated indices, the last assignment counts).
-    first = np.full(len(mesh.positions), -1, np.intp)
-    first[corner[::-1]] = np.arange(len(corner) - 1, -1, -1)
-    used = first >= 0
+    corner_vertex = mesh.elements.reshape(-1).astype(np.intp)
+    # Each vertex gets the tangent of its first corner (of repeated indices, the last assignment counts).
+    first_corner = np.full(len(mesh.positions), -1, np.intp)
+    first_corner[corner_vertex[::-1]] = np.arange(len(corner_vertex) - 1, -1, -1)
+    is_used = first_corner >= 0
     # Corners with another tangent get vertices of their own.
-    apart = np.flatnonzero((tangents != tangents[first[corner]]).any(axis=1))
-    elements = (np.cumsum(used) - 1)[corner]
-    elements[apart] = np.count_nonzero(used) + np.arange(len(apart))
-    kept = np.concatenate((first[used], apart))
-    vertex = corner[kept]
+    split_corners = np.flatnonzero((tangents != tangents[first_corner[corner_vertex]]).any(axis=1))
+    indices = (np.cumsum(is_used) - 1)[corner_vertex]
+    indices[split_corners] = np.count_nonzero(is_used) + np.arange(len(split_corners))
+    source_corner = np.concatenate((first_corner[is_used], split_corners))
+    vertex = corner_vertex[source_corner]
     check_stop()
     return Mesh(
         mesh.positions[vertex],
-        elements.reshape(-1, 3).astype(np.uint32),
+        indices.reshape(-1, 3).astype(np.uint32),
         mesh.normals[vertex],
         None if mesh.uv0 is None else mesh.uv0[vertex],
         None if mesh.uv1 is None else mesh.uv1[vertex],
         None if mesh.colors is None else mesh.colors[vertex],
-        tangents[kept],
+        tangents[source_corner],
     )
 
 
@@ -65,7 +66,7 @@ def corner_tangents(
     uv: NDArray[np.float32],
     triangles: NDArray[np.uint32],
 ) -> NDArray[np.float32]:
-    """(3 M, 4) float32: unit tangent and handedness of the bitangent at every corner of every triangle.
+    """Return the unit tangent and the bitangent's handedness at every corner of every triangle, (3 M, 4) float32.
 
     Args:
         positions, normals: (N, 3) float32. uv: (N, 2) float32, v downwards as in glTF.
@@ -75,67 +76,69 @@ def corner_tangents(
         Exception: the current ``StopFlag`` was set.
     """
     stop = current_stop()
-    flat = triangles.reshape(-1).astype(np.int64)
-    every = np.concatenate((positions, normals, uv), axis=1)
+    corner_vertex = triangles.reshape(-1).astype(np.int64)
+    rows = np.concatenate((positions, normals, uv), axis=1)
     stop.check()
-    every = np.where(np.abs(every) < 1e18, every, np.float32(0.0)) + np.float32(0.0)  # no -0, nothing not finite
+    rows = np.where(np.abs(rows) < 1e18, rows, np.float32(0.0)) + np.float32(0.0)  # no -0, nothing not finite
     stop.check()
-    p, n, t = (np.ascontiguousarray(part, np.float64) for part in (every[:, :3], every[:, 3:6], every[:, 6:]))
+    p, n, t = (np.ascontiguousarray(part, np.float64) for part in (rows[:, :3], rows[:, 3:6], rows[:, 6:]))
     stop.check()
-    first = np.empty(len(every), np.int64)
-    _weld(np.ascontiguousarray(every).view(np.int64), first, _table(len(every)), stop.address)
+    first_equal = np.empty(len(rows), np.int64)
+    _find_equal_rows(np.ascontiguousarray(rows).view(np.int64), first_equal, _hash_table(len(rows)), stop.address)
     stop.check()
-    out = np.zeros((len(flat), 4), np.float32)
-    _tangents(p, n, t, flat, first[flat], _table(len(flat)), out, stop.address)
+    tangents = np.zeros((len(corner_vertex), 4), np.float32)
+    table = _hash_table(len(corner_vertex))
+    _compute_tangents(p, n, t, corner_vertex, first_equal[corner_vertex], table, tangents, stop.address)
     stop.check()
-    return out
+    return tangents
 
 
-def _table(count: int) -> NDArray[np.int64]:
-    """An empty hash table for ``count`` entries: a power of two of -1, half of it or more free."""
+def _hash_table(count: int) -> NDArray[np.int64]:
+    """Return an empty hash table for ``count`` entries: a power of two of -1, of which at least half stay free."""
     return np.full(1 << max(2 * count - 1, 1).bit_length(), -1, np.int64)
 
 
 @inlined
-def _mixed(value):
-    """splitmix64's finalizer."""
+def _hash(value):
+    """Return splitmix64's finalizer of a uint64."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
 
 
 @kernel("void(int64[:,::1], int64[::1], int64[::1], int64)")
-def _weld(rows, first, table, stop_at):
+def _find_equal_rows(rows, first_equal, table, stop_address):
     """Find for every row the first one that is equal.
 
     Args:
-        first: (rows,) written. table: see ``_table``.
-        stop_at: address of a ``StopFlag``; nothing is of use once it is set.
+        first_equal: (rows,), filled. table: see ``_hash_table``.
+        stop_address: address of a ``StopFlag``; the result is undefined once it is set.
     """
     mask = np.uint64(table.shape[0] - 1)
     for k in range(rows.shape[0]):
-        if k % _BLOCK == 0 and is_set(stop_at):
+        if k % _BLOCK == 0 and is_set(stop_address):
             return
-        value = np.uint64(0)
+        key = np.uint64(0)
         for c in range(rows.shape[1]):
-            value = _mixed(value + np.uint64(rows[k, c]) + np.uint64(0x9E3779B97F4A7C15))
-        slot = value & mask
-        found = table[slot]
-        while found >= 0:
-            same = True
+            key = _hash(key + np.uint64(rows[k, c]) + np.uint64(0x9E3779B97F4A7C15))
+        slot = key & mask
+        candidate = table[slot]
+        while candidate >= 0:
+            is_equal = True
             for c in range(rows.shape[1]):
-                same &= rows[found, c] == rows[k, c]
-            if same:
+                is_equal &= rows[candidate, c] == rows[k, c]
+            if is_equal:
                 break
             slot = (slot + np.uint64(1)) & mask
-            found = table[slot]
-        if found < 0:
-            found = table[slot] = k
-        first[k] = found
+            candidate = table[slot]
+        if candidate < 0:
+            candidate = table[slot] = k
+        first_equal[k] = candidate
 
 
 @device_function
-def _root(parent, k):
+def _find_group(parent, k):
+    """Return the root of a union-find tree, and shorten the path to it."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -143,103 +146,133 @@ def _root(parent, k):
 
 
 @device_function
-def _join(parent, j, k):
-    j, k = _root(parent, j), _root(parent, k)
+def _join_groups(parent, j, k):
+    j, k = _find_group(parent, j), _find_group(parent, k)
     if j < k:
         parent[k] = j
     else:
         parent[j] = k
 
 
-@kernel(
-    "void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1], int64)"
-)
-def _tangents(p, n, uv, corner, welded, table, out, stop_at):
-    """
-    Args:
-        p, n, uv: of the vertices. corner: (3 M,) vertex of each corner; welded: the same, equal vertices being one.
-        table: see ``_table``.
-        stop_at: address of a ``StopFlag``; ``out`` is of no use once it is set.
-    """
-    count = corner.shape[0] // 3
-    along = np.zeros((count, 3))
-    turn = np.zeros(count, np.int8)  # handedness: 1, -1, 0 where the coordinates have no area
-    for f in range(count):
-        if f % _BLOCK == 0 and is_set(stop_at):
+@inlined
+def _next_corner(corner):
+    """Return the corner after another one in its triangle, where the edge that begins at that one ends."""
+    return corner - corner % 3 + (corner + 1) % 3
+
+
+@device_function
+def _face_tangents(p, uv, corner_vertex, tangents, handedness, stop_address):
+    """Fill each triangle's tangent, of any length, and handedness: 1, -1, or 0 if its coordinates have no area."""
+    for face in range(handedness.shape[0]):
+        if face % _BLOCK == 0 and is_set(stop_address):
             return
-        i, j, k = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
+        i, j, k = corner_vertex[3 * face], corner_vertex[3 * face + 1], corner_vertex[3 * face + 2]
         u1, v1 = uv[j, 0] - uv[i, 0], uv[i, 1] - uv[j, 1]  # v upwards
         u2, v2 = uv[k, 0] - uv[i, 0], uv[i, 1] - uv[k, 1]
         area = u1 * v2 - v1 * u2
         if abs(area) > 1e-30:
-            turn[f] = 1 if area > 0.0 else -1
+            handedness[face] = 1 if area > 0.0 else -1
             for c in range(3):
-                along[f, c] = turn[f] * (v2 * (p[j, c] - p[i, c]) - v1 * (p[k, c] - p[i, c]))
-    parent = np.arange(3 * count)
-    # An edge is called by the corner that it begins at. Of those between the same two vertices, the last one that has
-    # no neighbour yet waits in ``waiting``, at the place of their first in the table.
-    mask = np.uint64(table.shape[0] - 1)
-    waiting = np.full(table.shape[0], -1)
-    for o in range(3 * count):
-        if o % _BLOCK == 0 and is_set(stop_at):
-            return
-        o2 = o - o % 3 + (o + 1) % 3
-        low, high = min(welded[o], welded[o2]), max(welded[o], welded[o2])
-        slot = _mixed(_mixed(np.uint64(low) + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(high)) & mask
-        known = table[slot]
-        while known >= 0:
-            a, b = welded[known], welded[known - known % 3 + (known + 1) % 3]
-            if min(a, b) == low and max(a, b) == high:
-                break
-            slot = (slot + np.uint64(1)) & mask
-            known = table[slot]
-        if known < 0:
-            table[slot] = waiting[slot] = o
-            continue
-        e = waiting[slot]
-        waiting[slot] = o
-        if e < 0:
-            continue
-        # Two triangles are neighbours over an edge that they run through in opposite directions.
-        e2 = e - e % 3 + (e + 1) % 3
-        if welded[e] == welded[o2] and welded[e2] == welded[o] and welded[e] != welded[e2]:
-            waiting[slot] = -1
-            if turn[e // 3] == turn[o // 3] or turn[e // 3] == 0 or turn[o // 3] == 0:
-                _join(parent, e, o2)
-                _join(parent, e2, o)
-    total = np.zeros((3 * count, 3))
-    hand = np.zeros(3 * count, np.int8)
-    for c in range(3 * count):
-        if c % _BLOCK == 0 and is_set(stop_at):
-            return
-        f = c // 3
-        if turn[f] == 0:
-            continue
-        group = _root(parent, c)
-        # A group that only triangles without area join may hold both hands: the first decides.
-        if hand[group] == 0:
-            hand[group] = turn[f]
-        at, ahead, behind = corner[c], corner[3 * f + (c + 1) % 3], corner[3 * f + (c + 2) % 3]
-        nx, ny, nz = n[at, 0], n[at, 1], n[at, 2]
-        tx, ty, tz = _flat(nx, ny, nz, along[f, 0], along[f, 1], along[f, 2])
-        ax, ay, az = _flat(nx, ny, nz, p[ahead, 0] - p[at, 0], p[ahead, 1] - p[at, 1], p[ahead, 2] - p[at, 2])
-        bx, by, bz = _flat(nx, ny, nz, p[behind, 0] - p[at, 0], p[behind, 1] - p[at, 1], p[behind, 2] - p[at, 2])
-        angle = math.acos(min(max(ax * bx + ay * by + az * bz, -1.0), 1.0))
-        total[group, 0] += angle * tx
-        total[group, 1] += angle * ty
-        total[group, 2] += angle * tz
-    for c in range(3 * count):
-        group = _root(parent, c)
-        x, y, z = total[group, 0], total[group, 1], total[group, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if length > 0.0:
-            out[c, 0], out[c, 1], out[c, 2] = x / length, y / length, z / length
-        out[c, 3] = -1.0 if hand[group] < 0 else 1.0
+                tangents[face, c] = handedness[face] * (v2 * (p[j, c] - p[i, c]) - v1 * (p[k, c] - p[i, c]))
 
 
 @device_function
-def _flat(nx, ny, nz, x, y, z):
-    """A vector without its part along the normal, unit length; 0 where nothing is left."""
+def _group_corners(welded, handedness, table, parent, stop_address):
+    """Join the groups of corners at both ends of every edge that two triangles of one handedness share.
+
+    An edge is identified by the corner that it begins at.
+
+    Args:
+        welded: (3 M,) vertex of each corner, equal vertices being one.
+        parent: (3 M,) union-find trees, filled.
+    """
+    mask = np.uint64(table.shape[0] - 1)
+    # Of the edges between the same two vertices, the last one without a neighbour, at the slot of their first.
+    open_edge = np.full(table.shape[0], -1)
+    for edge in range(parent.shape[0]):
+        if edge % _BLOCK == 0 and is_set(stop_address):
+            return
+        edge_end = _next_corner(edge)
+        low, high = min(welded[edge], welded[edge_end]), max(welded[edge], welded[edge_end])
+        slot = _hash(_hash(np.uint64(low) + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(high)) & mask
+        candidate = table[slot]
+        while candidate >= 0:
+            a, b = welded[candidate], welded[_next_corner(candidate)]
+            if min(a, b) == low and max(a, b) == high:
+                break
+            slot = (slot + np.uint64(1)) & mask
+            candidate = table[slot]
+        if candidate < 0:
+            table[slot] = open_edge[slot] = edge
+            continue
+        other = open_edge[slot]
+        open_edge[slot] = edge
+        if other < 0:
+            continue
+        other_end = _next_corner(other)
+        # Neighbours run through their common edge in opposite directions.
+        if (
+            welded[other] == welded[edge_end]
+            and welded[other_end] == welded[edge]
+            and welded[other] != welded[other_end]
+        ):
+            open_edge[slot] = -1
+            hand, other_hand = handedness[edge // 3], handedness[other // 3]
+            if other_hand == hand or other_hand == 0 or hand == 0:
+                _join_groups(parent, other, edge_end)
+                _join_groups(parent, other_end, edge)
+
+
+@kernel(
+    "void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1], int64)"
+)
+def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_address):
+    """Fill ``tangents``, the result of ``corner_tangents``.
+
+    Args:
+        p, n, uv: (N, 3), (N, 3) and (N, 2), of the vertices.
+        corner_vertex: (3 M,) vertex of each corner. welded: the same, equal vertices being one.
+        table: see ``_hash_table``.
+        stop_address: address of a ``StopFlag``; the result is undefined once it is set.
+    """
+    corner_count = corner_vertex.shape[0]
+    face_tangents, handedness = np.zeros((corner_count // 3, 3)), np.zeros(corner_count // 3, np.int8)
+    parent = np.arange(corner_count)
+    _face_tangents(p, uv, corner_vertex, face_tangents, handedness, stop_address)
+    _group_corners(welded, handedness, table, parent, stop_address)
+    group_sum, group_handedness = np.zeros((corner_count, 3)), np.zeros(corner_count, np.int8)
+    for corner in range(corner_count):
+        if corner % _BLOCK == 0 and is_set(stop_address):
+            return
+        face = corner // 3
+        if handedness[face] == 0:
+            continue
+        group = _find_group(parent, corner)
+        # A group that only triangles without area join may contain both handednesses: the first decides.
+        if group_handedness[group] == 0:
+            group_handedness[group] = handedness[face]
+        vertex, next_corner = corner_vertex[corner], _next_corner(corner)
+        after, before = corner_vertex[next_corner], corner_vertex[_next_corner(next_corner)]
+        nx, ny, nz = n[vertex, 0], n[vertex, 1], n[vertex, 2]
+        x, y, z = p[vertex, 0], p[vertex, 1], p[vertex, 2]
+        t = _in_plane(nx, ny, nz, face_tangents[face, 0], face_tangents[face, 1], face_tangents[face, 2])
+        a = _in_plane(nx, ny, nz, p[after, 0] - x, p[after, 1] - y, p[after, 2] - z)
+        b = _in_plane(nx, ny, nz, p[before, 0] - x, p[before, 1] - y, p[before, 2] - z)
+        angle = math.acos(min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0))
+        for c in range(3):
+            group_sum[group, c] += angle * t[c]
+    for corner in range(corner_count):
+        group = _find_group(parent, corner)
+        x, y, z = group_sum[group, 0], group_sum[group, 1], group_sum[group, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            tangents[corner, 0], tangents[corner, 1], tangents[corner, 2] = x / length, y / length, z / length
+        tangents[corner, 3] = -1.0 if group_handedness[group] < 0 else 1.0
+
+
+@device_function
+def _in_plane(nx, ny, nz, x, y, z):
+    """Return a vector without its part along a normal, unit length; 0 where nothing is left."""
     d = nx * x + ny * y + nz * z
     x, y, z = x - d * nx, y - d * ny, z - d * nz
     length = math.sqrt(x * x + y * y + z * z)

@@ -1,4 +1,4 @@
-"""Mip levels of images."""
+"""Mip levels of images, for the look ``studio``."""
 
 from __future__ import annotations
 
@@ -16,25 +16,18 @@ from renderers.drawlist import Image
 from renderers.shading.textures import texels_of
 from renderers.stop import current_stop
 
-MAX_LEVELS: Final = 15
-"""Maximum number of levels: those of an image of 16384 texels. Larger images end with more than one texel."""
 MAX_MIP_BYTES: Final = 512 << 20
-"""Maximum number of bytes of the levels that are kept, without the first: those of 24 images of 4096 x 4096."""
+"""Maximum number of bytes of cached levels after the first: those of 24 images of 4096 x 4096."""
 
 _LINEAR_STEPS: Final = 65535
-
-
-def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Tables from bytes of sRGB to linear light in 65535 steps, and back."""
-    linear = linear_values_from_srgb(np.arange(256) / 255.0)
-    shown = srgb_values_from_linear(np.arange(_LINEAR_STEPS + 1) / _LINEAR_STEPS)
-    return np.round(linear * _LINEAR_STEPS).astype(np.uint16), np.round(shown * 255.0).astype(np.uint8)
-
-
-_TO_LINEAR, _FROM_LINEAR = _tables()
-_SAME: Final = np.round(np.arange(256) * (_LINEAR_STEPS / 255.0)).astype(np.uint16)
-_BACK: Final = np.round(np.arange(_LINEAR_STEPS + 1) * (255.0 / _LINEAR_STEPS)).astype(np.uint8)
-
+"""Values of a colour channel while means are taken: 0 .. 65535."""
+_BYTES: Final = np.arange(256) / 255.0
+_STEPS: Final = np.arange(_LINEAR_STEPS + 1) / _LINEAR_STEPS
+# Tables from bytes to 0 .. _LINEAR_STEPS and back: sRGB decoded to linear light, and values as stored.
+_LINEAR_FROM_SRGB: Final = np.round(linear_values_from_srgb(_BYTES) * _LINEAR_STEPS).astype(np.uint16)
+_SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_STEPS) * 255.0).astype(np.uint8)
+_STEPS_FROM_BYTE: Final = np.round(np.arange(256) * (_LINEAR_STEPS / 255.0)).astype(np.uint16)
+_BYTE_FROM_STEPS: Final = np.round(np.arange(_LINEAR_STEPS + 1) * (255.0 / _LINEAR_STEPS)).astype(np.uint8)
 
 _chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache(MAX_MIP_BYTES, weak=True)
 
@@ -66,13 +59,13 @@ def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], 
         Exception: the current ``StopFlag`` was set.
     """
     levels, stop = [rgba], current_stop()
-    there, back = (_TO_LINEAR, _FROM_LINEAR) if srgb else (_SAME, _BACK)
-    while len(levels) < MAX_LEVELS and max(levels[-1].shape[:2]) > 1:
+    to_linear, from_linear = (_LINEAR_FROM_SRGB, _SRGB_FROM_LINEAR) if srgb else (_STEPS_FROM_BYTE, _BYTE_FROM_STEPS)
+    while max(levels[-1].shape[:2]) > 1:
         height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
-        smaller = np.empty((height, width, 4), np.uint8)
-        halve(_read_only(levels[-1]), smaller, there, back, stop.address)
+        level = np.empty((height, width, 4), np.uint8)
+        halve(_read_only(levels[-1]), level, to_linear, from_linear, stop.address)
         stop.check()
-        levels.append(smaller)
+        levels.append(level)
     return tuple(levels[1:])
 
 
@@ -84,53 +77,54 @@ def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @device_function
-def _covered(index, size, smaller):
-    """Return the first source texel and the weights of it and the next two, in units of 1 / smaller.
+def _covered_texels(index, size, smaller_size):
+    """Return the first source texel and the weights of it and the next two, in units of 1 / smaller_size.
 
-    A texel of the smaller level covers size / smaller texels: two, or up to one more where the size is odd.
+    A texel of the smaller level covers size / smaller_size texels: two, or up to one more where the size is odd.
     """
     begin = index * size
-    first = begin // smaller
+    first = begin // smaller_size
     end = begin + size
-    w0 = min((first + 1) * smaller, end) - begin
-    w1 = max(min((first + 2) * smaller, end) - (first + 1) * smaller, 0)
-    w2 = max(end - (first + 2) * smaller, 0)
+    w0 = min((first + 1) * smaller_size, end) - begin
+    w1 = max(min((first + 2) * smaller_size, end) - (first + 1) * smaller_size, 0)
+    w2 = max(end - (first + 2) * smaller_size, 0)
     return first, w0, w1, w2
 
 
 @kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1], int64)")
-def halve(source, out, there, back, stop_at):
+def halve(source, level, to_linear, from_linear, stop_address):
     """Fill a level from the one before.
 
     Args:
-        there, back: tables that convert colours to the space where means are taken and back.
-        stop_at: address of a ``StopFlag``, checked once per row: the first level of 8192 x 8192 texels takes a second.
+        to_linear, from_linear: tables that convert colours to the space where means are taken, and back.
+        stop_address: address of a ``StopFlag``, checked once per row: the first level of 8192 x 8192 texels takes a
+            second.
     """
-    height, width = source.shape[0], source.shape[1]
-    rows, columns = out.shape[0], out.shape[1]
-    for y in range(rows):
-        if is_set(stop_at):
+    source_height, source_width = source.shape[0], source.shape[1]
+    height, width = level.shape[0], level.shape[1]
+    area = np.int64(source_height) * source_width
+    half = area // 2
+    for y in range(height):
+        if is_set(stop_address):
             break
-        j, v0, v1, v2 = _covered(y, height, rows)
-        for x in range(columns):
-            i, h0, h1, h2 = _covered(x, width, columns)
+        first_row, row_w0, row_w1, row_w2 = _covered_texels(y, source_height, height)
+        for x in range(width):
+            first_column, column_w0, column_w1, column_w2 = _covered_texels(x, source_width, width)
             red = green = blue = alpha = np.int64(0)
-            for dj in range(3):
-                v = v0 if dj == 0 else (v1 if dj == 1 else v2)
-                if v == 0:
+            for j in range(3):
+                row_weight = row_w0 if j == 0 else (row_w1 if j == 1 else row_w2)
+                if row_weight == 0:
                     continue
-                for di in range(3):
-                    h = h0 if di == 0 else (h1 if di == 1 else h2)
-                    if h == 0:
+                for i in range(3):
+                    column_weight = column_w0 if i == 0 else (column_w1 if i == 1 else column_w2)
+                    if column_weight == 0:
                         continue
-                    weight = v * h
-                    red += weight * there[source[j + dj, i + di, 0]]
-                    green += weight * there[source[j + dj, i + di, 1]]
-                    blue += weight * there[source[j + dj, i + di, 2]]
-                    alpha += weight * source[j + dj, i + di, 3]
-            total = np.int64(height) * width
-            half = total // 2
-            out[y, x, 0] = back[(red + half) // total]
-            out[y, x, 1] = back[(green + half) // total]
-            out[y, x, 2] = back[(blue + half) // total]
-            out[y, x, 3] = np.uint8((alpha + half) // total)
+                    weight = row_weight * column_weight
+                    red += weight * to_linear[source[first_row + j, first_column + i, 0]]
+                    green += weight * to_linear[source[first_row + j, first_column + i, 1]]
+                    blue += weight * to_linear[source[first_row + j, first_column + i, 2]]
+                    alpha += weight * source[first_row + j, first_column + i, 3]
+            level[y, x, 0] = from_linear[(red + half) // area]
+            level[y, x, 1] = from_linear[(green + half) // area]
+            level[y, x, 2] = from_linear[(blue + half) // area]
+            level[y, x, 3] = np.uint8((alpha + half) // area)

@@ -9,18 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.camera import Camera
 from renderers.color import LINEAR_FROM_BYTE
+from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import address_of, f32_at, f64_at
-from renderers.drawlist import AlphaMode, Instance, Material, Topology
+from renderers.compiler.pointers import address_of, f64_at
+from renderers.drawlist import AlphaMode, Instance, Topology
 from renderers.interface import LookName
-from renderers.shading.gamma import DECODED
-from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
-from renderers.shading.materials import MaterialRows, as_tables, material_rows
-from renderers.shading.spans import LANE_TABLES
-from renderers.shading.texture_table import Parallel, TextureTable, is_opaque
-from renderers.shading.vertices import VertexRecords, records_of
+from renderers.shading.gamma import LINEAR_FROM_GAMMA
+from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, TEXTURE
+from renderers.shading.materials import MaterialTable
+from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
+from renderers.shading.spans import SPAN_OFFSETS
+from renderers.shading.texture_table import Parallel, TextureTable
+from renderers.shading.textures import texels_of
 from renderers.stop import check_stop
+
+_matrices_at = INSTANCE_MATRICES.at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,35 +36,27 @@ class ShadingScene:
     """
 
     look: LookName
-    instances: NDArray[np.int64]
-    """(n, II_COLUMNS)."""
-    material_integers: NDArray[np.int64]
-    """(m, MI_COLUMNS)."""
-    material_floats: NDArray[np.float32]
-    """(m, MF_COLUMNS)."""
-    texture_integers: NDArray[np.int64]
-    """(t, TI_COLUMNS)."""
-    texture_floats: NDArray[np.float32]
-    """(t, TF_COLUMNS)."""
-    cull_back: NDArray[np.bool_]
-    """(n,) instances whose back faces are not shaded."""
+    instances: NDArray[Any]
+    """(n,) INSTANCE; at least one."""
+    materials: NDArray[Any]
+    """(m,) MATERIAL; at least one."""
+    textures: NDArray[Any]
+    """(t,) TEXTURE; at least one."""
+    cull_back: NDArray[np.bool_] | None
+    """(n,) instances whose back faces are not shaded; None if there are none."""
     transparent: NDArray[np.bool_]
     """(n,) instances that are blended or cut out, and not opaque everywhere."""
-    culls: bool
-    """True if ``cull_back`` is set for any instance."""
-    cull_at: int
-    """Address of ``cull_back``."""
     has_transparency: bool
     """True if ``transparent`` is set for any instance: an image may need more than one layer."""
-    job: tuple[int, ...]
-    """Columns S_INSTANCES to S_LANES of an image's job."""
+    tables: tuple[int, ...]
+    """Fields of a SHADING_JOB from ``instances`` on."""
     keep: tuple[Any, ...]
     """Objects that the addresses in the tables point into."""
 
     @property
     def nbytes(self) -> int:
         """Bytes of vertices and textures."""
-        return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, VertexRecords)))
+        return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, MeshBuffers)))
 
 
 def is_transparent(instance: Instance) -> bool:
@@ -68,9 +65,9 @@ def is_transparent(instance: Instance) -> bool:
     if material.alpha_mode is AlphaMode.OPAQUE:
         return False
     texture = material.base_color_texture
-    uniform = instance.mesh.colors is None and (texture is None or is_opaque(texture.image))
+    has_uniform_alpha = instance.mesh.colors is None and (texture is None or texels_of(texture.image).opaque)
     opaque_alpha = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
-    return not (uniform and material.base_color[3] >= opaque_alpha)
+    return not (has_uniform_alpha and material.base_color[3] >= opaque_alpha)
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
@@ -84,97 +81,100 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
     """
     textures = TextureTable(mipmaps=look == "studio")
-    material_numbers: dict[tuple[int, bool], int] = {}
-    materials: list[Material] = []
-    rows: list[MaterialRows] = []
-    geometry: dict[tuple[int, int], tuple[int, ...]] = {}
+    materials = MaterialTable(look, textures)
+    buffer_fields: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
-    table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
+    table = np.zeros(max(len(instances), 1), INSTANCE.dtype)
     for i, instance in enumerate(instances):
         check_stop()
-        mesh, material = instance.mesh, instance.material
-        topology = mesh.elements.shape[1]
-        lit = topology == Topology.TRIANGLES
-        number = material_numbers.get((id(material), lit))
-        if number is None:
-            number = material_numbers[id(material), lit] = len(rows)
-            rows.append(material_rows(material, look, lit, textures))
-            materials.append(material)
+        mesh, topology = instance.mesh, instance.mesh.elements.shape[1]
+        material = materials.index_of(instance.material, topology == Topology.TRIANGLES)
         # The set of texture coordinates that generated tangents follow.
-        texture = material.normal_texture
-        tangent_set = texture.uv_set if texture is not None and rows[number].has_normal_map else -1
-        columns = geometry.get((id(mesh), tangent_set))
-        if columns is None:
-            records = records_of(mesh, tangent_set)
-            keep.append(records)
-            columns = geometry[id(mesh), tangent_set] = records.columns
-        table[i] = (topology, number, *columns)
+        texture = instance.material.normal_texture
+        tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1
+        fields = buffer_fields.get((id(mesh), tangent_set))
+        if fields is None:
+            buffers = buffers_of(mesh, tangent_set)
+            keep.append(buffers)
+            fields = buffer_fields[id(mesh), tangent_set] = buffers.fields
+        table[i] = (topology, material, *fields)
     check_stop()
-    integers, floats = as_tables(rows)
-    texture_integers, texture_floats = textures.as_tables(parallel)
+    material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     cull_back = np.array([not instance.material.double_sided for instance in instances], np.bool_)
     check_stop()
     transparent = np.array([is_transparent(instance) for instance in instances], np.bool_)
     return ShadingScene(
         look=look,
         instances=table,
-        material_integers=integers,
-        material_floats=floats,
-        texture_integers=texture_integers,
-        texture_floats=texture_floats,
-        cull_back=cull_back,
+        materials=material_structs,
+        textures=texture_structs,
+        cull_back=cull_back if cull_back.any() else None,
         transparent=transparent,
-        culls=bool(cull_back.any()),
-        cull_at=address_of(cull_back, np.bool_),
         has_transparency=bool(transparent.any()),
-        job=(
-            address_of(table, np.int64),
-            address_of(integers, np.int64),
-            address_of(floats, np.float32),
-            address_of(texture_integers, np.int64),
-            address_of(texture_floats, np.float32),
+        tables=(
+            address_of(table, INSTANCE.dtype),
+            address_of(material_structs, MATERIAL.dtype),
+            address_of(texture_structs, TEXTURE.dtype),
             address_of(LINEAR_FROM_BYTE, np.float32),
-            address_of(DECODED, np.float32),
-            address_of(LANE_TABLES, np.int32),
+            address_of(LINEAR_FROM_GAMMA, np.float32),
+            address_of(SPAN_OFFSETS, np.int32),
         ),
-        keep=(*keep, *materials, *textures.keep),
+        keep=(*keep, *materials.materials, *textures.keep),
     )
 
 
-@kernel("void(int64, int64, int64)", releases_gil=False)
-def map_instances(points_at, maps_at, count):
-    """Fill the instances' maps of normals and tangents, each up to a positive factor, and their handedness.
-
-    The map of normals is the inverse transpose, defined for flat scales, too.
+def fill_shading_job(
+    job: NDArray[Any], shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, matrices: int
+) -> None:
+    """Fill one SHADING_JOB, and the INSTANCE_MATRICES that it refers to.
 
     Args:
-        points_at: address of (count, 4, 4) float64, camera from mesh.
-        maps_at: address of (count, P_COLUMNS) float32.
+        first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
+        matrices: address of an INSTANCE_MATRICES per instance.
     """
-    points, maps = f64_at(points_at), f32_at(maps_at)
-    for instance in range(count):
-        m, out = 16 * instance, P_COLUMNS * instance
-        size, largest = 0.0, 0.0
-        for axis in range(3):
-            i, j = m + 4 * ((axis + 1) % 3), m + 4 * ((axis + 2) % 3)
-            for k in range(3):
-                p, q = (k + 1) % 3, (k + 2) % 3
-                size = max(size, abs(points[i + p] * points[j + q] - points[i + q] * points[j + p]))
-                largest = max(largest, abs(points[m + 4 * axis + k]))
+    count = len(shading.transparent)
+    compute_instance_matrices(X_camera_mesh, matrices, count)
+    intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
+    job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)
+
+
+@kernel("void(int64, int64, int64)", releases_gil=False)
+def compute_instance_matrices(X_camera_mesh_address, matrices_address, count):
+    """Fill INSTANCE_MATRICES, each matrix up to a positive factor.
+
+    The matrix of normals is the inverse transpose, defined for flat scales, too.
+
+    Args:
+        X_camera_mesh_address: address of (count, 4, 4) float64.
+        matrices_address: address of (count,) INSTANCE_MATRICES.
+    """
+    all_matrices = _matrices_at(matrices_address)
+    for k in range(count):
+        X, matrices = f64_at(X_camera_mesh_address + 8 * 16 * k), all_matrices[k]
+        max_cofactor, max_value = 0.0, 0.0
+        for row in range(3):
+            for column in range(3):
+                max_cofactor = max(max_cofactor, abs(_cofactor(X, row, column)))
+                max_value = max(max_value, abs(X[4 * row + column]))
         determinant = (
-            points[m] * (points[m + 5] * points[m + 10] - points[m + 6] * points[m + 9])
-            - points[m + 1] * (points[m + 4] * points[m + 10] - points[m + 6] * points[m + 8])
-            + points[m + 2] * (points[m + 4] * points[m + 9] - points[m + 5] * points[m + 8])
+            X[0] * (X[5] * X[10] - X[6] * X[9])
+            - X[1] * (X[4] * X[10] - X[6] * X[8])
+            + X[2] * (X[4] * X[9] - X[5] * X[8])
         )
         mirror = -1.0 if determinant < 0.0 else 1.0
-        maps[out + P_MIRROR] = mirror
+        matrices.mirror = mirror
         # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
-        scale = mirror / size if size > 0.0 else mirror
-        for axis in range(3):
-            i, j = m + 4 * ((axis + 1) % 3), m + 4 * ((axis + 2) % 3)
-            for k in range(3):
-                p, q = (k + 1) % 3, (k + 2) % 3
-                cofactor = points[i + p] * points[j + q] - points[i + q] * points[j + p]
-                maps[out + P_NORMAL + 3 * axis + k] = cofactor * scale
-                tangent = points[m + 4 * axis + k]
-                maps[out + P_TANGENT + 3 * axis + k] = tangent / largest if largest > 0.0 else 0.0
+        scale = mirror / max_cofactor if max_cofactor > 0.0 else mirror
+        for row in range(3):
+            for column in range(3):
+                matrices.normal[3 * row + column] = _cofactor(X, row, column) * scale
+                value = X[4 * row + column]
+                matrices.tangent[3 * row + column] = value / max_value if max_value > 0.0 else 0.0
+
+
+@inlined
+def _cofactor(X, row, column):
+    """Return a cofactor of the upper left (3, 3) of a (4, 4) matrix (a pointer)."""
+    row1, row2 = 4 * ((row + 1) % 3), 4 * ((row + 2) % 3)
+    column1, column2 = (column + 1) % 3, (column + 2) % 3
+    return X[row1 + column1] * X[row2 + column2] - X[row1 + column2] * X[row2 + column1]

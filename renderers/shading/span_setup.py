@@ -12,49 +12,18 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import f32_at, f64_at, i32_at, u32_at
+from renderers.compiler.pointers import i32_at
 from renderers.shading.layout import (
     E_COLOR,
     E_COLUMNS,
     E_TANGENT,
     E_UV1,
-    G_COLUMNS,
-    G_ELEMENTS,
-    G_EXTRAS,
-    G_FIRST,
-    G_HAS,
-    G_LENS,
-    G_MAPS,
-    G_POINTS,
-    G_RECORDS,
-    G_SPANS,
-    G_STARTS,
-    G_SURFACE,
-    G_TOPOLOGY,
-    G_VERTICES,
-    G_Y,
     HAS_COLORS,
     HAS_NORMALS,
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
-    P_MIRROR,
-    P_NORMAL,
-    P_TANGENT,
-    SPAN_ROOM,
-    T_BEGIN,
-    T_COLOR,
-    T_DEPTH,
-    T_FACING,
-    T_FLAT,
-    T_NORMAL,
-    T_TANGENT,
-    T_TOTAL,
-    T_TOTAL_GRADIENT,
-    T_UV0,
-    T_UV0_GRADIENT,
-    T_UV1,
-    T_UV1_GRADIENT,
+    SPAN_STRIDE,
     V_COLUMNS,
     V_NORMAL,
     V_UV0,
@@ -65,10 +34,10 @@ from renderers.shading.vec3 import cross, dot, minus, times, transform_direction
 @inlined
 def _indices(segment, element):
     """Vertices of eight primitives, i32x8 each; those of lines and points repeat the last one."""
-    elements = u32_at(segment[G_ELEMENTS])
-    if segment[G_TOPOLOGY] == 3:
+    elements = segment.instance.indices
+    if segment.instance.topology == 3:
         return vec.load_elements(elements, element * vec.i32(3))
-    if segment[G_TOPOLOGY] == 2:
+    if segment.instance.topology == 2:
         second = vec.gather(elements, element + element + vec.i32(1))
         return vec.gather(elements, element + element), second, second
     only = vec.gather(elements, element)
@@ -113,15 +82,15 @@ def _weighted_sum3(w, a, b, c, k):
 def _store_weighted_sums(spans, row, count, at, here, step, a, b, c, k):
     """Store ``count`` attributes of the corners from value ``k`` on, weighted by ``here``, then by ``step``."""
     for j in range(count):
-        vec.store(spans, (row + j) * SPAN_ROOM + at, _weighted_sum(here, a[k + j], b[k + j], c[k + j]))
-        vec.store(spans, (row + count + j) * SPAN_ROOM + at, _weighted_sum(step, a[k + j], b[k + j], c[k + j]))
+        vec.store(spans, (row + j) * SPAN_STRIDE + at, _weighted_sum(here, a[k + j], b[k + j], c[k + j]))
+        vec.store(spans, (row + count + j) * SPAN_STRIDE + at, _weighted_sum(step, a[k + j], b[k + j], c[k + j]))
 
 
 @inlined
 def _store3(spans, row, at, values):
-    vec.store(spans, row * SPAN_ROOM + at, values[0])
-    vec.store(spans, (row + 1) * SPAN_ROOM + at, values[1])
-    vec.store(spans, (row + 2) * SPAN_ROOM + at, values[2])
+    vec.store(spans, row * SPAN_STRIDE + at, values[0])
+    vec.store(spans, (row + 1) * SPAN_STRIDE + at, values[1])
+    vec.store(spans, (row + 2) * SPAN_STRIDE + at, values[2])
 
 
 @inlined
@@ -136,17 +105,17 @@ def _set_up_eight(segment, span, count, at):
     Returns:
         True if the normal is constant along each of them.
     """
-    m, maps, lens = f64_at(segment[G_POINTS]), f32_at(segment[G_MAPS]), f64_at(segment[G_LENS])
-    spans, starts, has = f32_at(segment[G_SPANS]), i32_at(segment[G_STARTS]), segment[G_HAS]
-    vertices, y = f32_at(segment[G_VERTICES]), segment[G_Y]
+    m, maps, job = segment.X_camera_mesh, segment.matrices, segment.job
+    spans, starts, has = segment.spans, segment.starts, segment.attributes
+    vertices, y = segment.instance.vertices, segment.y
     # Lanes beyond the last span repeat it: their records belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
-    record = vec.permute(vec.load(i32_at(segment[G_RECORDS]), span), lane)
+    record = vec.permute(vec.load(segment.ids, span), lane)
     first = vec.permute(vec.load(starts, span), lane)
     steps = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first - vec.i32(1))
-    if segment[G_COLUMNS] != 0:
-        first = vec.gather(i32_at(segment[G_COLUMNS]), first)
-    i0, i1, i2 = _indices(segment, record - vec.i32(segment[G_FIRST]))
+    if segment.columns != 0:
+        first = vec.gather(i32_at(segment.columns), first)
+    i0, i1, i2 = _indices(segment, record - vec.i32(segment.first_id))
     eight = vec.i32(V_COLUMNS)
     a, b, c = (
         vec.load_octets(vertices, i0 * eight),
@@ -159,13 +128,13 @@ def _set_up_eight(segment, span, count, at):
     # is seen from its front. A mirroring map turns that round.
     rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
     determinant = dot(p0, rows[0])
-    if segment[G_TOPOLOGY] != 3:
+    if segment.instance.topology != 3:
         rows = _line_weights(p0, p1)
         determinant = rows[0][2] + rows[1][2]
     side = vec.select(determinant < none, none - one, one)
-    across, down = vec.f64(1.0 / lens[0]), vec.f64(1.0 / lens[1])
-    dx, dy = (vec.to_f64(first) + vec.f64(0.5 - lens[2])) * across, vec.f64(y + 0.5 - lens[3]) * down
-    if segment[G_TOPOLOGY] != 3:  # the sum of the weights is positive where the line is seen
+    across, down = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)
+    dx, dy = (vec.to_f64(first) + vec.f64(0.5 - job.cx)) * across, vec.f64(y + 0.5 - job.cy) * down
+    if segment.instance.topology != 3:  # the sum of the weights is positive where the line is seen
         side = vec.select(_dot_ray(rows[0], dx, dy) + _dot_ray(rows[1], dx, dy) < none, none - one, one)
     # Coverage, exact in 1/256 pixel, may include pixel centres a little outside of the triangle. Negative coordinates
     # at the ends of a span become 0: nothing is extrapolated.
@@ -194,12 +163,12 @@ def _set_up_eight(segment, span, count, at):
             vec.select(usable, (e2 - b2) * step, none),
         )
     )
-    mirror = vec.f32(maps[P_MIRROR])
+    mirror = vec.f32(maps.mirror)
     facing = vec.select(determinant > none, -mirror, mirror)
-    vec.store(spans, T_BEGIN * SPAN_ROOM + at, vec.to_f32(first))
-    vec.store(spans, T_FACING * SPAN_ROOM + at, facing)
-    vec.store(spans, T_TOTAL * SPAN_ROOM + at, here[0] + here[1] + here[2])
-    vec.store(spans, (T_TOTAL + 1) * SPAN_ROOM + at, change[0] + change[1] + change[2])
+    vec.store(spans.begin, at, vec.to_f32(first))
+    vec.store(spans.facing, at, facing)
+    vec.store(spans.total, at, here[0] + here[1] + here[2])
+    vec.store(spans.total, SPAN_STRIDE + at, change[0] + change[1] + change[2])
     zero, k, constant = vec.f32(0.0), V_NORMAL, True
     if has & HAS_NORMALS:
         same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
@@ -208,9 +177,9 @@ def _set_up_eight(segment, span, count, at):
         normal, turn = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
         if not constant:
             normal, turn = _weighted_sum3(here, a, b, c, k), _weighted_sum3(change, a, b, c, k)
-        _store3(spans, T_NORMAL, at, times(transform_directions(maps, P_NORMAL, normal), facing))
-        _store3(spans, T_NORMAL + 3, at, times(transform_directions(maps, P_NORMAL, turn), facing))
-    if not has & HAS_NORMALS or segment[G_SURFACE] != 0:
+        _store3(spans.normal, 0, at, times(transform_directions(maps.normal, normal), facing))
+        _store3(spans.normal, 3, at, times(transform_directions(maps.normal, turn), facing))
+    if not has & HAS_NORMALS or segment.has_surface != 0:
         flat = cross(minus(p1, p0), minus(p2, p0))
         length = vec.sqrt(dot(flat, flat))
         usable_normal = (length > none) & (length < infinite)
@@ -218,44 +187,44 @@ def _set_up_eight(segment, span, count, at):
         towards = vec.select(usable_normal, (none - side) / vec.select(usable_normal, length, one), none)
         flat_normal = _to_f32x3(times(flat, towards))
         if not has & HAS_NORMALS:
-            _store3(spans, T_NORMAL, at, flat_normal)
-            _store3(spans, T_NORMAL + 3, at, (zero, zero, zero))
-        _store3(spans, T_FLAT, at, flat_normal)
+            _store3(spans.normal, 0, at, flat_normal)
+            _store3(spans.normal, 3, at, (zero, zero, zero))
+        _store3(spans.flat_normal, 0, at, flat_normal)
     if has & HAS_UV0:
-        _store_weighted_sums(spans, T_UV0, 2, at, here, change, a, b, c, V_UV0)
+        _store_weighted_sums(spans.uv, 0, 2, at, here, change, a, b, c, V_UV0)
     right = lower = here
-    if segment[G_SURFACE] != 0:
-        vec.store(spans, T_DEPTH * SPAN_ROOM + at, vec.to_f32(vec.absolute(determinant) * scale))
+    if segment.has_surface != 0:
+        vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
         # Not ``change``: spans of a single pixel have gradients, too.
         dx, dy = scale * side * across, scale * side * down
         right = _to_f32x3((rows[0][0] * dx, rows[1][0] * dx, rows[2][0] * dx))
         lower = _to_f32x3((rows[0][1] * dy, rows[1][1] * dy, rows[2][1] * dy))
-        vec.store(spans, T_TOTAL_GRADIENT * SPAN_ROOM + at, right[0] + right[1] + right[2])
-        vec.store(spans, (T_TOTAL_GRADIENT + 1) * SPAN_ROOM + at, lower[0] + lower[1] + lower[2])
+        vec.store(spans.total_gradient, at, right[0] + right[1] + right[2])
+        vec.store(spans.total_gradient, SPAN_STRIDE + at, lower[0] + lower[1] + lower[2])
         if has & HAS_UV0:
-            _store_weighted_sums(spans, T_UV0_GRADIENT, 2, at, right, lower, a, b, c, V_UV0)
+            _store_weighted_sums(spans.uv_gradient, 0, 2, at, right, lower, a, b, c, V_UV0)
     if has & (HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
-        extras, wide = f32_at(segment[G_EXTRAS]), vec.i32(E_COLUMNS)
+        extras, wide = segment.instance.extras, vec.i32(E_COLUMNS)
         d = vec.load_octets(extras, i0 * wide)
         e = vec.load_octets(extras, i1 * wide)
         f = vec.load_octets(extras, i2 * wide)
         if has & HAS_COLORS:
-            _store_weighted_sums(spans, T_COLOR, 4, at, here, change, d, e, f, E_COLOR)
+            _store_weighted_sums(spans.color, 0, 4, at, here, change, d, e, f, E_COLOR)
         if has & HAS_UV1:
-            _store_weighted_sums(spans, T_UV1, 2, at, here, change, d, e, f, E_UV1)
-            if segment[G_SURFACE] != 0:
-                _store_weighted_sums(spans, T_UV1_GRADIENT, 2, at, right, lower, d, e, f, E_UV1)
+            _store_weighted_sums(spans.uv, 4, 2, at, here, change, d, e, f, E_UV1)
+            if segment.has_surface != 0:
+                _store_weighted_sums(spans.uv_gradient, 4, 2, at, right, lower, d, e, f, E_UV1)
         if has & HAS_TANGENTS:
             tangents = vec.i32(E_TANGENT)
             d = vec.load_octets(extras, i0 * wide + tangents)
             e = vec.load_octets(extras, i1 * wide + tangents)
             f = vec.load_octets(extras, i2 * wide + tangents)
-            along = transform_directions(maps, P_TANGENT, _weighted_sum3(here, d, e, f, 0))
-            turn = transform_directions(maps, P_TANGENT, _weighted_sum3(change, d, e, f, 0))
-            _store3(spans, T_TANGENT, at, along)
-            vec.store(spans, (T_TANGENT + 3) * SPAN_ROOM + at, _weighted_sum(here, d[3], e[3], f[3]))
-            _store3(spans, T_TANGENT + 4, at, turn)
-            vec.store(spans, (T_TANGENT + 7) * SPAN_ROOM + at, _weighted_sum(change, d[3], e[3], f[3]))
+            along = transform_directions(maps.tangent, _weighted_sum3(here, d, e, f, 0))
+            turn = transform_directions(maps.tangent, _weighted_sum3(change, d, e, f, 0))
+            _store3(spans.tangent, 0, at, along)
+            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(here, d[3], e[3], f[3]))
+            _store3(spans.tangent, 4, at, turn)
+            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(change, d[3], e[3], f[3]))
     return constant
 
 
@@ -268,8 +237,8 @@ def _prefetch(segment, span, last_span):
     Args:
         last_span: end of the segment.
     """
-    records, first = i32_at(segment[G_RECORDS]), segment[G_FIRST]
-    elements, vertices = u32_at(segment[G_ELEMENTS]), f32_at(segment[G_VERTICES])
+    records, first = segment.ids, segment.first_id
+    elements, vertices = segment.instance.indices, segment.instance.vertices
     for k in range(min(span + 2 * vec.LANES, last_span), min(span + 3 * vec.LANES, last_span)):
         element = 3 * (np.int64(records[k]) - first)
         for corner in range(3):
@@ -289,7 +258,7 @@ def set_up_spans(segment, span, last_span, end_span):
         True if the normal is constant along each of them.
     """
     constant = True
-    many = segment[G_TOPOLOGY] == 3 and end_span - span > 4 * vec.LANES
+    many = segment.instance.topology == 3 and end_span - span > 4 * vec.LANES
     for batch in range(span, last_span, vec.LANES):
         if many:
             _prefetch(segment, batch, end_span)

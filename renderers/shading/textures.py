@@ -1,4 +1,4 @@
-"""Decoded images."""
+"""Decoded images of textures, cached."""
 
 from __future__ import annotations
 
@@ -13,8 +13,12 @@ from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
 MAX_TEXEL_BYTES: Final = 1 << 30
-"""Maximum number of bytes of decoded images that are kept: sixteen of 4096 x 4096. A small file can hold a large image,
-so a limit on files does not bound this."""
+"""Maximum number of bytes of cached images: sixteen of 4096 x 4096. Limits on files do not limit this: a small file can
+hold a large image."""
+_CONFLICTING_WIDTH: Final = 1024
+"""Texels: rows whose length is a multiple of this begin in the same set of every cache."""
+_CACHE_LINE: Final = 16
+"""Texels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +61,13 @@ def texels_of(image: Image) -> Texels:
     return texels
 
 
-_PERIOD: Final = 1024
-"""Texels: rows whose length is a multiple of this begin in the same set of every cache."""
-_CACHE_LINE: Final = 16
-"""Texels."""
-
-
 def _padded(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the rows, a cache line longer if they were to evict each other. Halves the time of frames that show such a
-    texture turned by 90 degrees."""
+    """Return the rows, each padded by a cache line if they would evict each other from the cache.
+
+    Halves the time of frames that show such a texture rotated by 90 degrees.
+    """
     height, width = pixels.shape[:2]
-    if width % _PERIOD:
+    if width % _CONFLICTING_WIDTH:
         return np.ascontiguousarray(pixels)
     rows = np.zeros((height, width + _CACHE_LINE, 4), np.uint8)
     rows[:, :width] = pixels

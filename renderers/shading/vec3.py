@@ -1,9 +1,15 @@
-"""Three-component vectors, each component a vector of lanes or a scalar."""
+"""Arithmetic that shading kernels share: three-component vectors, each component a vector of lanes or a scalar."""
 
 from __future__ import annotations
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+
+
+@inlined
+def saturate(c):
+    """Clamp an f32x8 to 0 .. 1. NaN becomes 0."""
+    return vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
 
 
 @inlined
@@ -22,46 +28,63 @@ def times(a, scale):
 
 
 @inlined
+def multiply3(a, b):
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@inlined
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def scale_to(a, length):
-    """Factor that gives f32x8 vectors this length; 0 for vectors without a direction."""
-    own, zero = vec.sqrt(dot(a, a)), vec.f32(0.0)
-    return vec.select(own > zero, length / own, zero)
+def scale_to(v, length):
+    """Return the factor that gives f32x8 vectors this length; 0 for vectors without a direction."""
+    old_length, zero = vec.sqrt(dot(v, v)), vec.f32(0.0)
+    return vec.select(old_length > zero, length / old_length, zero)
 
 
 @inlined
-def transform_points(m, p):
-    """Points (f32x8) transformed by a (4, 4) float64 matrix (a pointer), f64x8."""
+def select3(mask, a, b):
+    return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
+
+
+@inlined
+def transform_points(X, p):
+    """Return points (f32x8) transformed by a (4, 4) float64 matrix (a pointer), f64x8."""
     x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
     return (
-        vec.f64(m[0]) * x + vec.f64(m[1]) * y + vec.f64(m[2]) * z + vec.f64(m[3]),
-        vec.f64(m[4]) * x + vec.f64(m[5]) * y + vec.f64(m[6]) * z + vec.f64(m[7]),
-        vec.f64(m[8]) * x + vec.f64(m[9]) * y + vec.f64(m[10]) * z + vec.f64(m[11]),
+        vec.f64(X[0]) * x + vec.f64(X[1]) * y + vec.f64(X[2]) * z + vec.f64(X[3]),
+        vec.f64(X[4]) * x + vec.f64(X[5]) * y + vec.f64(X[6]) * z + vec.f64(X[7]),
+        vec.f64(X[8]) * x + vec.f64(X[9]) * y + vec.f64(X[10]) * z + vec.f64(X[11]),
     )
 
 
 @inlined
-def transform_directions(m, k, d):
-    """Directions (f32x8) transformed by the (3, 3) matrix that begins at value ``k`` of a pointer."""
+def transform_directions(matrix, d):
+    """Return directions (f32x8) transformed by a (3, 3) matrix (a pointer), f32x8."""
     return (
-        vec.f32(m[k]) * d[0] + vec.f32(m[k + 1]) * d[1] + vec.f32(m[k + 2]) * d[2],
-        vec.f32(m[k + 3]) * d[0] + vec.f32(m[k + 4]) * d[1] + vec.f32(m[k + 5]) * d[2],
-        vec.f32(m[k + 6]) * d[0] + vec.f32(m[k + 7]) * d[1] + vec.f32(m[k + 8]) * d[2],
+        vec.f32(matrix[0]) * d[0] + vec.f32(matrix[1]) * d[1] + vec.f32(matrix[2]) * d[2],
+        vec.f32(matrix[3]) * d[0] + vec.f32(matrix[4]) * d[1] + vec.f32(matrix[5]) * d[2],
+        vec.f32(matrix[6]) * d[0] + vec.f32(matrix[7]) * d[1] + vec.f32(matrix[8]) * d[2],
     )
 
 
 @inlined
-def load3(rows, at, stride):
-    """Three rows at eight pixels."""
-    return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+def broadcast3(values, k):
+    """Return the values k, k + 1 and k + 2 behind a pointer to float32, each in all lanes."""
+    return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
 @inlined
-def store3(rows, at, stride, values):
-    vec.store(rows, at, values[0])
-    vec.store(rows, at + stride, values[1])
-    vec.store(rows, at + 2 * stride, values[2])
+def load3(rows, k, stride):
+    """Return three rows at the pixels k .. k + 7."""
+    return vec.load(rows, k), vec.load(rows, k + stride), vec.load(rows, k + 2 * stride)
+
+
+@inlined
+def store3(rows, k, stride, values):
+    """Write three rows at the pixels k .. k + 7."""
+    vec.store(rows, k, values[0])
+    vec.store(rows, k + stride, values[1])
+    vec.store(rows, k + 2 * stride, values[2])

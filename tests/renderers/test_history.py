@@ -13,7 +13,7 @@ from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, M
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.shading.test_scalar import scene
+from tests.renderers.shading.test_scalar import random_scene
 
 SIZES = ((203, 151), (97, 71), (320, 40))
 
@@ -34,7 +34,7 @@ def _scenes() -> tuple[DrawList, ...]:
     balls = [Instance(_painted_ball(50, 40), painted, pose(rng, z=3.0, scale=0.9), k, k) for k in range(4)]
     return (
         DrawList(tuple(balls)),
-        scene(np.random.default_rng(7)),
+        random_scene(np.random.default_rng(7)),
         DrawList((*balls[:2], Instance(sphere(24, 12), glass, pose(rng, z=2.5), 9, 9))),
     )
 

@@ -16,7 +16,7 @@ from renderers.drawlist import DrawList, Instance, Material
 from renderers.interface import Frame, Look, Output
 from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.shading.test_scalar import scene
+from tests.renderers.shading.test_scalar import random_scene
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
 CAMERA = Camera(160, 100, 140.0, 140.0, 80.3, 50.0, 0.05, 50.0, np.eye(4))
@@ -51,7 +51,7 @@ def _at(z: float) -> Camera:
 
 
 def test_frames_do_not_depend_on_earlier_frames(renderer: CpuRenderer) -> None:
-    drawn, other = scene(np.random.default_rng(7)), scene(np.random.default_rng(8))
+    drawn, other = random_scene(np.random.default_rng(7)), random_scene(np.random.default_rng(8))
     looks = Look("phong"), Look("pbr"), Look("phong", background=(1, 2, 3)), Look("phong", samples=4)
     wide = replace(CAMERA, width=203, cx=100.0)
     near = replace(CAMERA, near=2.5)
@@ -65,7 +65,7 @@ def test_frames_do_not_depend_on_earlier_frames(renderer: CpuRenderer) -> None:
 
 
 def test_non_affine_camera_poses_between_affine_ones(renderer: CpuRenderer) -> None:
-    drawn = scene(np.random.default_rng(7))
+    drawn = random_scene(np.random.default_rng(7))
     flat = np.diag((1.0, 1.0, 1.0, 2.0))  # not affine: poses are found in another way
     for X in (np.eye(4), flat, np.eye(4), flat):
         camera = replace(CAMERA, X_world_camera=X)
@@ -75,7 +75,7 @@ def test_non_affine_camera_poses_between_affine_ones(renderer: CpuRenderer) -> N
 
 
 def test_a_frame_keeps_no_scene_alive(renderer: CpuRenderer) -> None:
-    drawn = scene(np.random.default_rng(7))
+    drawn = random_scene(np.random.default_rng(7))
     for _ in range(2):
         renderer.render(drawn, CAMERA, ALL).close()
     mesh = weakref.ref(drawn.instances[0].mesh)

@@ -98,11 +98,6 @@ lowest_bit = define(
     lambda builder, sig, value: builder.cttz(value, ir.Constant(I1, 1)),
 )
 """Index of the lowest set bit of an int64 that is not 0."""
-highest_bit = define(
-    lambda value: types.int64 if value is types.int64 else None,
-    lambda builder, sig, value: builder.sub(ir.Constant(I64, 63), builder.ctlz(value, ir.Constant(I1, 1))),
-)
-"""Index of the highest set bit of an int64 that is not 0."""
 
 
 def _emit_count_bits(builder: Any, sig: Any, value: Any) -> Any:

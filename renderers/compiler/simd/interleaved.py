@@ -47,7 +47,7 @@ def _columns_of_quads(builder: Any, quads: list[Any], count: int) -> list[Any]:
     return [shuffle(builder, pair[0], pair[1], picks) for pair, picks in parts[:count]]
 
 
-def columns_of(builder: Any, rows: list[Any]) -> list[Any]:
+def _columns_of_octets(builder: Any, rows: list[Any]) -> list[Any]:
     """Return the columns of eight rows of eight values."""
     pairs = [
         shuffle(builder, rows[k], rows[k + 1], picks)
@@ -116,7 +116,7 @@ def _quad_columns(builder: Any, pointer: Any, offsets: list[Any]) -> list[Any]:
 
 def _octet_columns(builder: Any, pointer: Any, offsets: list[Any]) -> list[Any]:
     rows = [builder.load(vector_address(builder, f32x8, pointer, offset), align=4) for offset in offsets]
-    return columns_of(builder, rows)
+    return _columns_of_octets(builder, rows)
 
 
 def _triple_columns(builder: Any, pointer: Any, offsets: list[Any]) -> list[Any]:
@@ -137,7 +137,7 @@ load_elements = _loader(i32x8, 3, _triple_columns)
 
 
 @intrinsic
-def gather_squares(typing_context: Any, texels: Any, offsets: Any, stride: Any) -> Any:
+def gather_2x2(typing_context: Any, texels: Any, offsets: Any, stride: Any) -> Any:
     """Return four i32x8: the texel at each offset, the one to its right, the one below, and the one below right.
 
     Args:
@@ -153,8 +153,8 @@ def gather_squares(typing_context: Any, texels: Any, offsets: Any, stride: Any) 
         each_offset = [
             builder.zext(builder.extract_element(offsets, ir.Constant(I32, lane)), I64) for lane in range(LANES)
         ]
-        squares = [square for row in rows for square in _pair_columns(builder, row, each_offset)]
-        return context.make_tuple(builder, result, squares)
+        columns = [column for row in rows for column in _pair_columns(builder, row, each_offset)]
+        return context.make_tuple(builder, result, columns)
 
     return result(texels, offsets, stride), generate
 

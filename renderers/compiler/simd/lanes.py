@@ -35,19 +35,10 @@ broadcast_lane0, broadcast_lane1, broadcast_lane2, broadcast_lane3, broadcast_la
     _rearrangement([lane] * LANES) for lane in range(6)
 )
 """``broadcast_lane3(v)``: lane 3 in all lanes."""
-low_twice = _rearrangement([0, 1, 2, 3, 0, 1, 2, 3])
-"""Lanes 0 to 3, twice."""
-high_twice = _rearrangement([4, 5, 6, 7, 4, 5, 6, 7])
-"""Lanes 4 to 7, twice."""
 swapped = _rearrangement([1, 0, 3, 2, 5, 4, 7, 6])
 """Every two neighbouring lanes exchanged."""
 swapped_pairs = _rearrangement([2, 3, 0, 1, 6, 7, 4, 5])
 """Every two neighbouring pairs of lanes exchanged."""
-join_halves = define(
-    lambda a, b: _numbers(a) if a is b else None,
-    lambda builder, sig, a, b: shuffle(builder, a, b, [0, 1, 2, 3, 12, 13, 14, 15]),
-)
-"""``join_halves(a, b)``: lanes 0 to 3 of ``a`` and lanes 4 to 7 of ``b``."""
 
 
 def _lane(lane: int) -> Any:

@@ -24,7 +24,6 @@ from renderers.compiler.simd.vectors import (
     i32x8,
     insert,
     intrinsic,
-    lane_of,
     m8,
     offset_of,
 )
@@ -140,26 +139,14 @@ gather = define(lambda pointer, indices: vector_behind(pointer) if indices is i3
 than eight loads: on Intel since Skylake (half the time), not on Zen."""
 
 
-def _emit_scatter(builder: Any, sig: Any, pointer: Any, indices: Any, value: Any) -> Any:
-    for lane in range(LANES):
-        address = builder.gep(pointer, [offset_of(builder, indices, lane)])
-        builder.store(lane_of(builder, value, lane), address)
-    return ir.Constant(I32, 0)
-
-
-scatter = define(
-    lambda pointer, indices, value: (
-        types.int32 if vector_behind(pointer) is value and indices is i32x8 and value is not f64x8 else None
-    ),
-    _emit_scatter,
-)
-"""``scatter(pointer, indices, v)``: write each lane to its index, lane 0 first."""
-
-
-def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+def _prefetch(builder: Any, pointer: Any, index: Any) -> None:
     address = builder.bitcast(builder.gep(pointer, [index]), I8.as_pointer())
     read, high_locality, data_cache = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
     call_llvm(builder, "llvm.prefetch.p0", ir.VoidType(), [address, read, high_locality, data_cache])
+
+
+def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+    _prefetch(builder, pointer, index)
     return ir.Constant(I32, 0)
 
 
@@ -168,3 +155,19 @@ prefetch = define(
     _emit_prefetch,
 )
 """``prefetch(pointer, i)``: fetch the cache line of value i; the address need not be valid."""
+
+
+def _emit_prefetch_pair_rows(builder: Any, sig: Any, pointer: Any, indices: Any, stride: Any) -> Any:
+    next_row = builder.gep(pointer, [stride])
+    for lane in (0, 3, 5, LANES - 1):
+        offset = offset_of(builder, indices, lane)
+        _prefetch(builder, pointer, offset)
+        _prefetch(builder, next_row, offset)
+    return ir.Constant(I32, 0)
+
+
+prefetch_pair_rows = define(
+    lambda pointer, indices, stride: types.int32 if indices is i32x8 else None, _emit_prefetch_pair_rows
+)
+"""``prefetch_pair_rows(pointer, indices, stride)``: fetch the cache lines of the values at four of eight indices, and
+those ``stride`` (int64) values further on. The addresses need not be valid."""

@@ -3,8 +3,8 @@
 A triangle is set up once. Its edge functions and its 1/z are linear, so that their values at a sample are those at the
 pixel's centre plus an offset that is the same in all pixels. Eight pixels at a time, a primitive that covers all
 samples in front of everything takes whole pixels, and one that lies behind is skipped. Only pixels at edges are tested
-sample by sample, one sample per lane; of four samples, each takes two lanes. Small triangles test two pixels with four
-samples at a time. Stored ranges of 1/z may be wider than the values, which costs time but never changes the image.
+sample by sample, one sample per lane; of four samples, each takes two lanes. Stored ranges of 1/z may be wider than the
+values, which costs time but never changes the image.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, allocate, f32_at, i32_at, release
+from renderers.compiler.pointers import address, f32_at, i32_at
 from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
-from renderers.raster.depth_sort import BUCKETS, count_primitives, front_to_back
+from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, tall_of
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
     BINNED_BYTES,
+    CHUNK,
     HALF_PIXEL,
     KIND_SMALL,
     SUBPIXEL,
@@ -113,6 +114,19 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 
 @device_function
+def _draw_primitive(frame, target, index, first_row, end_row):
+    """Draw some rows of the binned primitive with an index."""
+    primitive_address = frame.binned + index * BINNED_BYTES
+    primitive = binned_at(primitive_address)
+    if primitive.kind == KIND_SMALL:
+        triangle = small_triangle_at(primitive_address)
+        draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
+    else:
+        target.owner = index
+        _fill(frame, target, primitive, first_row, end_row)
+
+
+@device_function
 def draw_sample_rows(frame, memory, first_row, end_row):
     """Clear the rows, all of one band, and draw everything that touches them.
 
@@ -142,20 +156,14 @@ def draw_sample_rows(frame, memory, first_row, end_row):
     scratch.slot_count = 0
     target = _new_target()
     target.band, target.scratch = band, scratch
-    count = count_primitives(frame, band_index)
-    heap = allocate(4 * (3 * count + BUCKETS))
-    indices, keys = i32_at(heap), i32_at(heap + 4 * count)
-    ordered, starts = i32_at(heap + 8 * count), i32_at(heap + 12 * count)
-    for k in range(front_to_back(frame, band_index, indices, keys, starts, ordered)):
+    for chunk in range(frame.chunk_count):
+        bands = bands_of(frame, chunk)
+        if band_index < bands[0] or band_index > bands[1]:
+            continue
         if is_set(frame.stop):
             break
-        owner = np.int64(ordered[k])
-        primitive_address = frame.binned + owner * BINNED_BYTES
-        primitive = binned_at(primitive_address)
-        if primitive.kind == KIND_SMALL:
-            triangle = small_triangle_at(primitive_address)
-            draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch)
-        else:
-            target.owner = owner
-            _fill(frame, target, primitive, first_row, end_row)
-    release(heap)
+        starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
+        for k in range(starts[band_index], starts[band_index + 1]):
+            _draw_primitive(frame, target, chunk * CHUNK + np.int64(bins[k]), first_row, end_row)
+        for k in range(starts[2 * frame.bin_count + 2]):
+            _draw_primitive(frame, target, chunk * CHUNK + np.int64(tall[k]), first_row, end_row)

@@ -10,34 +10,26 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, allocate, as_f32, i32_at, i64_at, release, stack_array, u8_at
+from renderers.compiler.pointers import address, allocate, i32_at, i64_at, release, u8_at
 from renderers.compiler.structs import I32, I64, Struct, array_of, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.raster.layout import frame_at
 from renderers.raster.msaa.coverage import draw_sample_rows
-from renderers.raster.msaa.edge_merge import CACHE, find_pairs, find_separate_pairs, share_smooth_edge
+from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
-from renderers.shading.headlight.layout import (
-    S_BACKGROUND,
-    S_COLOR,
-    S_COLUMNS,
-    S_COUNTS,
-    S_PLACES,
-    S_STRIDE,
-    S_WIDTH,
-)
+from renderers.shading.headlight.layout import HEADLIGHT_JOB, headlight_job_at
 
 _MAX_MOVE: Final = 32
 """Positions by which an entry may move to lie beside those of its instance; rows are nearly sorted anyway."""
 _LAST_ID: Final = 2**31 - 1
 """Greater than any primitive id."""
-_job_array = stack_array(types.int64, S_COLUMNS)
+_JOB_VALUES: Final = HEADLIGHT_JOB.size // 8
+_new_job = HEADLIGHT_JOB.local
 
 _ENTRIES: Final = Struct(
     "RowEntries",
@@ -135,26 +127,18 @@ def _mix_pixel(frame, sample_ids, column, entries, groups, cache):
 
 
 @device_function
-def _find_entries(frame, band, rows, columns, pairs_address, entries):
+def _find_entries(frame, band, rows, columns, entries):
     """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
 
     Args:
         rows: number of rows.
         columns: pointer to stride + 8 int32 of scratch.
-        pairs_address: address of three times as much.
         entries: an _ENTRIES with room for all entries of a row.
     """
     stride, width, room = frame.stride, frame.width, band.room
     lane_lists, sample_ids = frame.lane_lists, band.sample_ids
     groups, cache = _new_groups(), _new_cache()
     cache.first_id = cache.end_id = cache.indices = 0
-    length = stride + vec.LANES
-    # Of each pair: the id that is shown, the other id, and column << 8 | samples of the other.
-    shown_ids, other_ids, pair_marks = (
-        i32_at(pairs_address),
-        i32_at(pairs_address + 4 * length),
-        i32_at(pairs_address + 8 * length),
-    )
     for row in range(rows):
         slots = i32_at(address(band.slots) + 4 * row * stride)
         ids = i32_at(address(band.ids) + 4 * row * stride)
@@ -170,34 +154,7 @@ def _find_entries(frame, band, rows, columns, pairs_address, entries):
             edge_count += vec.count_bits(pending)
         while edge_count > 0 and columns[edge_count - 1] >= width:
             edge_count -= 1
-        # Most edge pixels see two primitives. Without a branch, since it cannot be predicted.
-        pair_count, other_count = np.int64(0), np.int64(0)
-        for begin in range(0, edge_count, vec.LANES):
-            used = vec.iota() < vec.i32(edge_count - begin)
-            xs = vec.select(used, vec.load(columns, begin), vec.i32(columns[begin]))
-            samples = vec.load_octets(as_f32(sample_ids), vec.gather(slots, xs) << vec.i32(3))
-            is_pair, shown, other, samples_of_other = find_pairs(samples)
-            vec.scatter(ids, xs, shown)
-            pairs = vec.movemask(used & is_pair)
-            pair_lanes = vec.load(lane_lists, vec.LANES * pairs)
-            vec.store(shown_ids, pair_count, vec.permute(shown, pair_lanes))
-            vec.store(other_ids, pair_count, vec.permute(other, pair_lanes))
-            vec.store(pair_marks, pair_count, vec.permute((xs << vec.i32(8)) | samples_of_other, pair_lanes))
-            pair_count += vec.count_bits(pairs)
-            others = vec.movemask(used & ~is_pair)
-            vec.store(columns, other_count, vec.permute(xs, vec.load(lane_lists, vec.LANES * others)))
-            other_count += vec.count_bits(others)
-        for begin in range(0, pair_count, vec.LANES):
-            separate = find_separate_pairs(frame, shown_ids, other_ids, begin, pair_count - begin, cache)
-            while separate != 0:
-                k = begin + vec.lowest_bit(separate)
-                separate &= separate - 1
-                mark = np.int64(pair_marks[k])
-                x_pair, samples_pair = mark >> 8, mark & 255
-                _insert_entry(entries, other_ids[k], x_pair, samples_pair)
-                mixed[mixed_count] = (x_pair << 8) | ((vec.LANES - samples_pair) << 4)
-                mixed_count += 1
-        for k in range(other_count):
+        for k in range(edge_count):
             x = np.int64(columns[k])
             seen_ids = vec.load(sample_ids, vec.LANES * np.int64(slots[x]))
             shown_id, own, background = _mix_pixel(frame, seen_ids, x, entries, groups, cache)
@@ -225,15 +182,13 @@ def find_edges(frame_address, first_row, end_row, band_address):
     """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
     frame, band = frame_at(frame_address), sample_band_at(band_address)
     room = band.room + _MAX_MOVE + vec.LANES
-    length = frame.stride + vec.LANES
-    pairs = length
-    first_entry = pairs + 3 * length + _MAX_MOVE
+    first_entry = frame.stride + vec.LANES + _MAX_MOVE
     heap = allocate(4 * (first_entry + 2 * room))
     entries = _new_entries()
     entries.ids, entries.marks = i32_at(heap + 4 * first_entry), i32_at(heap + 4 * (first_entry + room))
     for k in range(1, _MAX_MOVE + 1):
         entries.ids[-k] = -1
-    _find_entries(frame, band, end_row - first_row, i32_at(heap), heap + 4 * pairs, entries)
+    _find_entries(frame, band, end_row - first_row, i32_at(heap), entries)
     release(heap)
 
 
@@ -281,27 +236,27 @@ def shade_mixed(own_address, band_address, stride, first_row, end_row):
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
     Args:
-        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and a ``Painter``'s job in
-            the mode DIRECT.
+        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and the address of a
+            HEADLIGHT_JOB in the mode DIRECT.
         band_address: address of a SAMPLE_BAND.
         stride: as in FRAME.
         first_row, end_row: the band's rows of the image.
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
-    job, band = i64_at(job_address), sample_band_at(band_address)
+    job, band = headlight_job_at(job_address), sample_band_at(band_address)
     call_kernel(shade_kernel, (job_address, address(band.ids) - 4 * first_row * stride, first_row, end_row))
     max_count = np.int64(0)
     for row in range(end_row - first_row):
         max_count = max(max_count, np.int64(band.counts[row]))
     if max_count > 0:
-        entry_job = _job_array()
-        for k in range(S_COLUMNS):
-            entry_job[k] = job[k]
+        entry_job = _new_job()
+        for k in range(_JOB_VALUES):
+            i64_at(address(entry_job))[k] = i64_at(job_address)[k]
         # Shading counts rows from the image's first one.
         offset = 4 * first_row * band.room
-        entry_job[S_WIDTH], entry_job[S_STRIDE] = max_count, band.room
-        entry_job[S_PLACES] = address(band.entry_columns) - offset
-        entry_job[S_COUNTS] = address(band.counts) - 4 * first_row
-        entry_job[S_COLOR] = address(band.entry_colors) - 3 * first_row * max_count
+        entry_job.width, entry_job.stride = max_count, band.room
+        entry_job.columns = address(band.entry_columns) - offset
+        entry_job.counts = i32_at(address(band.counts) - 4 * first_row)
+        entry_job.color = u8_at(address(band.entry_colors) - 3 * first_row * max_count)
         call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids) - offset, first_row, end_row))
-    _mix_colors(band, stride, job[S_WIDTH], first_row, end_row, job[S_BACKGROUND], job[S_COLOR], max_count)
+    _mix_colors(band, stride, job.width, first_row, end_row, job.background, address(job.color), max_count)

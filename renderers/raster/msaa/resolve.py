@@ -18,7 +18,7 @@ from renderers.interface import Look
 from renderers.msaa import SAMPLE_BAND, sample_cameras
 from renderers.raster.buffer_pool import Scratch
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
-from renderers.shading import Painter, ShadingScene, paint
+from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
@@ -73,17 +73,17 @@ def _shading_kernels() -> tuple[int, int]:
     return kernel_address(shade_mixed), kernel_address(shade_rows)
 
 
-def mixed_bands(painter: Painter, table: Callable[[int], Table] = table) -> SampledShader:
+def mixed_bands(job: HeadlightJob, table: Callable[[int], Table] = table) -> SampledShader:
     """Return a shader of an opaque scene that mixes colours as bytes, as VTK does.
 
     Args:
-        painter: of the whole image.
+        job: of the whole image.
         table: allocates working memory that is not shared.
     """
     mix_kernel, shade_kernel = _shading_kernels()
     array, memory, address = table(2)
-    memory[0], memory[1] = shade_kernel, painter.job
-    return SampledShader(mix_kernel, address, (array, painter))
+    memory[0], memory[1] = shade_kernel, job.address
+    return SampledShader(mix_kernel, address, (array, job))
 
 
 def paint_each_sample(

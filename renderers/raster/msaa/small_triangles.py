@@ -13,7 +13,6 @@ from renderers.raster.layout import MAX_SMALL_WIDTH
 from renderers.raster.msaa.storage import (
     max_inv_z_offset,
     merge_samples,
-    merge_samples_of_two_pixels,
     merge_whole_pixels,
     sample_inv_z_offsets,
 )
@@ -131,7 +130,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     e2_range = vec.i32(e2_max - vec.minimum_of(e2_offsets))
     lane, zero = vec.iota(), vec.i32(0)
     skipped_rows, rows = top - box_y, bottom - top
-    lane_lists, edge_pixel_count = frame.lane_lists, np.int64(0)
+    lane_lists, edge_pixel_count = frame.lane_lists, 0
     for row in range(0, rows, vec.LANES):
         box_row = vec.to_f32(vec.i32(skipped_rows + row) + lane)
         vec.store(scratch.row_inv_z, row, vec.f32(inv_z_base) + vec.f32(inv_z_dy) * box_row)
@@ -181,7 +180,6 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
                 edge_pixel += 1 << 8
     slot_count = scratch.slot_count
     ids = vec.i32(triangle.id)
-    has_four_samples = samples[0] == samples[4] and samples[8] == samples[12]
     for batch in range(0, edge_pixel_count, vec.LANES):
         edge_pixels = vec.load(scratch.edge_pixels, batch)
         box_rows_down, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
@@ -191,20 +189,9 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
         vec.store(scratch.batch_pixels, 0, pixels)
         row_inv_z = vec.f32(inv_z_base) + vec.f32(inv_z_dy) * vec.to_f32(box_rows_down)
         vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(inv_z_dx) * vec.to_f32(columns))
-        k, end = np.int64(0), min(np.int64(edge_pixel_count) - batch, np.int64(vec.LANES))
-        while has_four_samples and k + 1 < end:
-            c0 = vec.join_halves(vec.i32(scratch.batch_e0[k]), vec.i32(scratch.batch_e0[k + 1])) + e0_offsets
-            c1 = vec.join_halves(vec.i32(scratch.batch_e1[k]), vec.i32(scratch.batch_e1[k + 1])) + e1_offsets
-            covered = (c0 | c1 | (edge_sum - c0 - c1)) >= zero
-            center = vec.join_halves(vec.f32(scratch.batch_inv_z[k]), vec.f32(scratch.batch_inv_z[k + 1]))
-            inv_z = vec.minimum(vec.maximum(center + inv_z_offsets, inv_z_min), inv_z_max)
-            pixel_a, pixel_b = np.int64(scratch.batch_pixels[k]), np.int64(scratch.batch_pixels[k + 1])
-            slot_count = merge_samples_of_two_pixels(frame, band, slot_count, pixel_a, pixel_b, inv_z, covered, ids)
-            k += 2
-        while k < end:
+        for k in range(min(edge_pixel_count - batch, vec.LANES)):
             c0, c1 = vec.i32(scratch.batch_e0[k]) + e0_offsets, vec.i32(scratch.batch_e1[k]) + e1_offsets
             covered = (c0 | c1 | (edge_sum - c0 - c1)) >= zero
             inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
             slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
-            k += 1
     scratch.slot_count = slot_count

@@ -124,33 +124,6 @@ def _depth_test(inv_z, old_inv_z, ids, old_ids):
 
 
 @inlined
-def merge_samples_of_two_pixels(frame, band, slot_count, pixel_a, pixel_b, inv_z, covered, ids):
-    """``merge_samples`` of two pixels with four samples: the first four lanes belong to ``pixel_a``."""
-    first_a, owner_a, slot_count = _open_slot(frame, band, slot_count, pixel_a)
-    first_b, owner_b, slot_count = _open_slot(frame, band, slot_count, pixel_b)
-    is_empty = vec.join_halves(vec.i32(owner_a), vec.i32(owner_b)) == vec.i32(-1)
-    far = vec.join_halves(vec.f32(band.far[pixel_a]), vec.f32(band.far[pixel_b]))
-    depths, sample_ids = band.sample_inv_z, band.sample_ids
-    old_inv_z = vec.join_halves(vec.load_volatile(depths, first_a), vec.load_volatile(depths, first_b))
-    old_inv_z = vec.select(is_empty, far, old_inv_z)
-    old_ids = vec.join_halves(vec.load_volatile(sample_ids, first_a), vec.load_volatile(sample_ids, first_b))
-    old_ids = vec.select(is_empty, vec.i32(-1), old_ids)
-    passed = covered & _depth_test(inv_z, old_inv_z, ids, old_ids)
-    inv_z = vec.select(passed, inv_z, old_inv_z)
-    ids = vec.select(passed, ids, old_ids)
-    vec.store(depths, first_a, vec.low_twice(inv_z))
-    vec.store(depths, first_b, vec.high_twice(inv_z))
-    vec.store(sample_ids, first_a, vec.low_twice(ids))
-    vec.store(sample_ids, first_b, vec.high_twice(ids))
-    bits = vec.float_bits(inv_z)
-    far_bits = vec.minimum(bits, vec.swapped_pairs(bits))
-    far_bits = vec.minimum(far_bits, vec.swapped(far_bits))
-    out = as_i32(band.far)
-    out[pixel_a], out[pixel_b] = vec.lane0(far_bits), vec.lane4(far_bits)
-    return slot_count
-
-
-@inlined
 def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
     """Write those of a pixel's covered samples that are nearer than what is stored.
 

@@ -1,21 +1,35 @@
-"""Columns of the job of the headlight looks, after those of ``shading.layout``."""
+"""The job of the headlight looks' kernel."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from renderers.shading.layout import S_COMMON
+from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
+from renderers.shading.layout import SHADING_JOB
 
-S_PBR: Final = S_COMMON  # 1: look ``pbr``; 0: ``phong`` or ``plain``
-S_MODE: Final = S_COMMON + 1  # DIRECT, GATHER or UNDER
-S_WIDTH: Final = S_COMMON + 2
-S_HEIGHT: Final = S_COMMON + 3
-S_STRIDE: Final = S_COMMON + 4  # values of a row of records
-S_GAMMA: Final = S_COMMON + 5  # gamma.GAMMA_CELLS
-S_ENCODED: Final = S_COMMON + 6  # gamma.ENCODED
-S_BACKGROUND: Final = S_COMMON + 7  # red, green, blue, lowest byte first
-S_GATHERED: Final = S_COMMON + 8  # (4, H, W + 8) float32, see output_merge
-S_COLOR: Final = S_COMMON + 9  # (H, W, 3) uint8
-S_PLACES: Final = S_COMMON + 10  # (H, S_STRIDE) int32: image columns of the records; 0: record k is in column k
-S_COUNTS: Final = S_COMMON + 11  # (H,) int32, with S_PLACES: number of records of each row
-S_COLUMNS: Final = S_COMMON + 12
+DIRECT: Final = 0
+"""Write the image."""
+GATHER: Final = 1
+"""Add a translucent layer behind those gathered so far."""
+UNDER: Final = 2
+"""Write the image beneath the gathered layers."""
+
+HEADLIGHT_JOB: Final = Struct(
+    "HeadlightJob",
+    {
+        "shading": SHADING_JOB,
+        "pbr": I64,  # 1: look pbr; 0: phong or plain
+        "mode": I64,  # DIRECT, GATHER or UNDER
+        "width": I64,  # pixels of the image
+        "height": I64,
+        "stride": I64,  # values from one row of primitive ids to the next
+        "background": I64,  # red, green, blue, lowest byte first
+        "color": pointer_to(U8),  # (height, width, 3)
+        "gathered": pointer_to(F32),  # (4, height, width + 8), see output_merge
+        "gamma_cells": pointer_to(I32),  # gamma.GAMMA_CELLS
+        "gamma_from_linear": pointer_to(F32),  # gamma.GAMMA_FROM_LINEAR
+        "columns": I64,  # address of (height, stride) int32: image columns of the ids; 0: id k is in column k
+        "counts": pointer_to(I32),  # (height,), with ``columns``: number of ids of each row
+    },
+)
+headlight_job_at: Final = HEADLIGHT_JOB.at

@@ -1,4 +1,8 @@
-"""Lighting of a part of a segment: the looks ``phong``, ``plain`` and ``pbr``, eight pixels at a time."""
+"""Lighting of a part of a segment: the looks ``phong``, ``plain`` and ``pbr``, eight pixels at a time.
+
+A ``line`` is as in ``output_merge``. Functions with ``begin`` shade the first ``count`` PIXELS, which are those from
+``begin`` on in the line.
+"""
 
 from __future__ import annotations
 
@@ -6,134 +10,115 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.compiler.pointers import i32_at
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
-from renderers.shading.headlight.layout import S_MODE, S_PBR
-from renderers.shading.headlight.output_merge import DIRECT, packed, write
-from renderers.shading.layout import (
-    A_BASE,
-    A_EMISSIVE,
-    A_NORMAL,
-    A_ROUGH,
-    G_COLUMNS,
-    G_LENS,
-    G_MATERIAL_FLOATS,
-    G_MATERIAL_INTEGERS,
-    G_PIXELS,
-    G_SPANS,
-    G_STARTS,
-    G_Y,
-    SPAN_ROOM,
-    STRIDE,
-    T_NORMAL,
+from renderers.shading.headlight.layout import DIRECT
+from renderers.shading.headlight.output_merge import packed, write_pixels
+from renderers.shading.interpolation import pixel_columns
+from renderers.shading.layout import SPAN_STRIDE, STRIDE
+from renderers.shading.material import (
+    apply_normal_map,
+    fill_base_color,
+    has_varying_color,
+    sample_maps,
+    unoccluded_share,
 )
-from renderers.shading.material import ambient_share, apply_normal_map, has_color_map, put_base_color, sample_maps
-from renderers.shading.materials import (
-    MF_BASE,
-    MF_EMISSIVE,
-    MF_METALLIC,
-    MF_ROUGHNESS,
-    MI_EMISSIVE,
-    MI_METALLIC_ROUGHNESS,
-    MI_UNLIT,
-)
-from renderers.shading.vec3 import load3, scale_to, store3, times
+from renderers.shading.vec3 import broadcast3, load3, multiply3, scale_to, store3, times
 
 
 @inlined
-def _base_color(varies, mf, pixels, x):
-    """Base colour of eight pixels."""
-    if varies:
-        return load3(pixels, A_BASE * STRIDE + x, STRIDE)
-    return vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+def _base_color(material, pixels, has_rows, x):
+    """Return the base colour of eight pixels.
+
+    Args:
+        has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
+    """
+    if has_rows:
+        return load3(pixels.base_color, x, STRIDE)
+    return broadcast3(material.base_color, 0)
 
 
 @inlined
-def _write_pixels(job, pbr, direct, line, x, pixels, at, rgb):
-    """Write eight finished pixels to the packed row, or for the layers to the rows A_BASE."""
+def _put_pixels(job, pixels, pbr, direct, line, begin, x, rgb):
+    """Write eight shaded pixels to the line or, for translucent layers, to the rows ``base_color``."""
     if direct:
-        write(job, pbr, line, x, rgb[0], rgb[1], rgb[2])
+        write_pixels(job, pbr, line, begin + x, rgb[0], rgb[1], rgb[2])
     else:
-        store3(pixels, A_BASE * STRIDE + at, STRIDE, rgb)
+        store3(pixels.base_color, x, STRIDE, rgb)
 
 
 @device_function
-def _shade_unlit(job, mf, varies, pixels, begin, count, line):
-    """The colour of a surface is its base colour."""
-    direct, pbr = job[S_MODE] == DIRECT, job[S_PBR] != 0
-    for at in range(0, count, vec.LANES):
-        _write_pixels(job, pbr, direct, line, begin + at, pixels, at, _base_color(varies, mf, pixels, at))
+def _shade_unlit(job, segment, has_rows, begin, count, line):
+    """Show the base colour."""
+    direct, pbr, material, pixels = job.mode == DIRECT, job.pbr != 0, segment.material, segment.pixels
+    for x in range(0, count, vec.LANES):
+        _put_pixels(job, pixels, pbr, direct, line, begin, x, _base_color(material, pixels, has_rows, x))
 
 
 @inlined
-def _headlight_cosine(pixels, at):
-    """max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
-    n = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
-    return vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
+def _headlight_cosine(normal):
+    """Return max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
+    return vec.maximum(-normal[2] * scale_to(normal, vec.f32(1.0)), vec.f32(0.0))
 
 
 @device_function
-def _shade_phong(job, mf, varies, pixels, begin, count, line):
-    """Shade by base colour times ``_headlight_cosine`` (Lambert)."""
-    direct = job[S_MODE] == DIRECT
-    if varies:
-        for at in range(0, count, vec.LANES):
-            base = load3(pixels, A_BASE * STRIDE + at, STRIDE)
-            _write_pixels(job, False, direct, line, begin + at, pixels, at, times(base, _headlight_cosine(pixels, at)))
+def _shade_phong(job, segment, has_rows, begin, count, line):
+    """Show the base colour times ``_headlight_cosine`` (Lambert)."""
+    direct, pixels = job.mode == DIRECT, segment.pixels
+    if has_rows:
+        for x in range(0, count, vec.LANES):
+            cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
+            color = times(load3(pixels.base_color, x, STRIDE), cosine)
+            _put_pixels(job, pixels, False, direct, line, begin, x, color)
         return
-    base = _base_color(False, mf, pixels, np.int64(0))
-    for at in range(0, count, vec.LANES):
-        r, g, b = times(base, _headlight_cosine(pixels, at))
-        write(job, False, line, begin + at, r, g, b)
+    base_color = broadcast3(segment.material.base_color, 0)
+    for x in range(0, count, vec.LANES):
+        r, g, b = times(base_color, _headlight_cosine(load3(pixels.normal, x, STRIDE)))
+        write_pixels(job, False, line, begin + x, r, g, b)
 
 
 @device_function
-def _shade_pbr(job, segment, varies, begin, count, line):
-    """Metallic-roughness as VTK evaluates it, occlusion and emission."""
-    mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
-    pixels, lens, columns = f32_at(segment[G_PIXELS]), f64_at(segment[G_LENS]), segment[G_COLUMNS]
-    rough, emissive = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_EMISSIVE] >= 0
-    direct = job[S_MODE] == DIRECT
-    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
-    dy = vec.f32((segment[G_Y] + 0.5 - lens[3]) / lens[1])
-    roughness, metallic = vec.f32(mf[MF_ROUGHNESS]), vec.f32(mf[MF_METALLIC])
+def _shade_pbr(job, segment, has_rows, begin, count, line):
+    """Show metallic-roughness as VTK evaluates it, occlusion and emission."""
+    material, pixels, columns, camera = segment.material, segment.pixels, segment.columns, segment.job
+    has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
+    left, inv_fx = vec.f32(0.5 - camera.cx), vec.f32(1.0 / camera.fx)
+    ray_y = vec.f32((segment.y + 0.5 - camera.cy) / camera.fy)
+    roughness_factor, metallic_factor = vec.f32(material.roughness), vec.f32(material.metallic)
     # Two passes: each leaves a processor room to work on several pixels at a time.
-    for at in range(0, count, vec.LANES):
-        column = vec.i32(begin + at) + vec.iota()
-        if columns != 0:
-            column = vec.load(i32_at(columns), begin + at)
-        n = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
-        n_l, n_v, v_l = headlight_cosines(n, (vec.to_f32(column) + left) * across, dy)
-        r = roughness
-        if rough:
-            r = r * vec.load(pixels, (A_ROUGH + 1) * STRIDE + at)
-        n_l, specular = vtk_specular(n_l, n_v, v_l, r)
-        store3(pixels, A_NORMAL * STRIDE + at, STRIDE, (n_l, specular, schlick(v_l)))
-    emitted = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
-    for at in range(0, count, vec.LANES):
-        n_l, specular, fresnel = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
-        m = metallic
-        if rough:
-            m = m * vec.load(pixels, (A_ROUGH + 2) * STRIDE + at)
-        diffuse, f0, grazing = vtk_colors(_base_color(varies, mf, pixels, at), m)
-        ambient = ambient_share(mi, mf, pixels, at)
-        e = emitted
-        if emissive:
-            texel = load3(pixels, A_EMISSIVE * STRIDE + at, STRIDE)
-            e = emitted[0] * texel[0], emitted[1] * texel[1], emitted[2] * texel[2]
+    for x in range(0, count, vec.LANES):
+        column = pixel_columns(columns, begin + x)
+        normal = load3(pixels.normal, x, STRIDE)
+        n_l, n_v, v_l = headlight_cosines(normal, (vec.to_f32(column) + left) * inv_fx, ray_y)
+        roughness = roughness_factor
+        if has_roughness_map:
+            roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
+        n_l, specular = vtk_specular(n_l, n_v, v_l, roughness)
+        store3(pixels.normal, x, STRIDE, (n_l, specular, schlick(v_l)))
+    emissive_factor = broadcast3(material.emissive, 0)
+    direct = job.mode == DIRECT
+    for x in range(0, count, vec.LANES):
+        n_l, specular, fresnel = load3(pixels.normal, x, STRIDE)
+        metallic = metallic_factor
+        if has_roughness_map:
+            metallic = metallic * vec.load(pixels.metallic_roughness, 2 * STRIDE + x)
+        diffuse, f0, f90_minus_f0 = vtk_colors(_base_color(material, pixels, has_rows, x), metallic)
+        unoccluded = unoccluded_share(material, pixels, x)
+        emitted = emissive_factor
+        if has_emissive_map:
+            emitted = multiply3(emissive_factor, load3(pixels.emissive, x, STRIDE))
         rgb = (
-            vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], grazing[0]) * ambient + e[0],
-            vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], grazing[1]) * ambient + e[1],
-            vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], grazing[2]) * ambient + e[2],
+            vtk_reflected(n_l, specular, fresnel, diffuse[0], f0[0], f90_minus_f0[0]) * unoccluded + emitted[0],
+            vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], f90_minus_f0[1]) * unoccluded + emitted[1],
+            vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
-        _write_pixels(job, True, direct, line, begin + at, pixels, at, rgb)
+        _put_pixels(job, pixels, True, direct, line, begin, x, rgb)
 
 
 @inlined
 def is_uniform_phong(job, segment):
     """Return True if the colour of a segment depends on its normals only."""
-    mi = i64_at(segment[G_MATERIAL_INTEGERS])
-    return job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_UNLIT] == 0 and not has_color_map(segment)
+    return job.mode == DIRECT and job.pbr == 0 and segment.material.unlit == 0 and not has_varying_color(segment)
 
 
 @device_function
@@ -142,38 +127,35 @@ def fill_spans(segment, span, last_span, line):
 
     Walls, floors and meshes without normals.
     """
-    mf, spans, starts = f32_at(segment[G_MATERIAL_FLOATS]), f32_at(segment[G_SPANS]), i32_at(segment[G_STARTS])
-    own_pixels = np.empty(vec.LANES, np.int32)
-    pixels = i32_at(np.int64(own_pixels.ctypes.data))
-    for batch in range(span, last_span, vec.LANES):
-        n = load3(spans, T_NORMAL * SPAN_ROOM + batch - span, SPAN_ROOM)
-        light = vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
-        r, g, b = times(_base_color(False, mf, spans, np.int64(0)), light)
-        vec.store(pixels, 0, packed(r, g, b))
-        for k in range(min(last_span - batch, vec.LANES)):
-            color = vec.i32(np.int64(pixels[k]))
-            for x in range(starts[batch + k], starts[batch + k + 1], vec.LANES):
+    base_color, normals, starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
+    own_colors = np.empty(vec.LANES, np.int32)
+    colors = i32_at(np.int64(own_colors.ctypes.data))
+    for first in range(span, last_span, vec.LANES):
+        r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
+        vec.store(colors, 0, packed(r, g, b))
+        for k in range(min(last_span - first, vec.LANES)):
+            color = vec.i32(np.int64(colors[k]))
+            for x in range(starts[first + k], starts[first + k + 1], vec.LANES):
                 vec.store(line, x, color)
-    own_pixels[0] = 0  # the pointer above does not keep the array alive
+    own_colors[0] = 0  # the pointer above does not keep the array alive
 
 
 @device_function
 def shade(job, segment, begin, end, line):
-    """Shade the pixels ``begin .. end``, at most PART, from the rows A_.
+    """Shade the pixels ``begin .. end - 1``, at most PART, whose attributes are the first values of PIXELS.
 
-    In the mode ``DIRECT`` they are packed into the row that ``line`` points to, with up to seven further ones. In the
-    other modes colour and alpha are put into the rows A_BASE.
+    In the mode ``DIRECT`` they are packed into the line, with up to seven further ones. In the other modes colour and
+    alpha are written to the rows ``base_color``.
     """
-    mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
-    pixels, count = f32_at(segment[G_PIXELS]), end - begin
-    varies = has_color_map(segment) or job[S_MODE] != DIRECT
-    if varies:
-        put_base_color(job, segment, np.int64(0), count, job[S_MODE] != DIRECT)
-    if mi[MI_UNLIT] != 0:
-        _shade_unlit(job, mf, varies, pixels, begin, count, line)
-    elif job[S_PBR] == 0:
-        _shade_phong(job, mf, varies, pixels, begin, count, line)
+    count, material = end - begin, segment.material
+    has_rows = has_varying_color(segment) or job.mode != DIRECT
+    if has_rows:
+        fill_base_color(segment, count, job.mode != DIRECT)
+    if material.unlit != 0:
+        _shade_unlit(job, segment, has_rows, begin, count, line)
+    elif job.pbr == 0:
+        _shade_phong(job, segment, has_rows, begin, count, line)
     else:
-        sample_maps(job, segment, np.int64(0), count)
-        apply_normal_map(job, segment, np.int64(0), count)
-        _shade_pbr(job, segment, varies, begin, count, line)
+        sample_maps(segment, count)
+        apply_normal_map(segment, count)
+        _shade_pbr(job, segment, has_rows, begin, count, line)

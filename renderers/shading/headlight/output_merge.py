@@ -1,4 +1,8 @@
-"""From shaded pixels to the image: bytes, translucent layers, background."""
+"""From shaded pixels to the image: bytes, translucent layers, background.
+
+A *line* is a pointer to a row of packed pixels, int32, red in the lowest byte. *Gathered* layers are four channels of
+float32, one after the other: red, green, blue and transmittance. Their rows are eight values longer than the image's.
+"""
 
 from __future__ import annotations
 
@@ -8,139 +12,126 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import f32_at, u8_at
-from renderers.shading.gamma import encode_gamma, gamma_pixels, plain_byte
-from renderers.shading.headlight.layout import (
-    S_BACKGROUND,
-    S_COLOR,
-    S_ENCODED,
-    S_GAMMA,
-    S_GATHERED,
-    S_HEIGHT,
-    S_MODE,
-    S_PBR,
-    S_WIDTH,
-)
-from renderers.shading.layout import A_BASE, STRIDE
+from renderers.compiler.pointers import address, f32_at, u8_at
+from renderers.shading.gamma import byte_from_unit, encode_gamma
+from renderers.shading.headlight.layout import DIRECT, UNDER
+from renderers.shading.layout import STRIDE
+from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
-from renderers.shading.vec3 import load3
+from renderers.shading.vec3 import load3, saturate
 
-DIRECT: Final = 0
-"""Write the image."""
-GATHER: Final = 1
-"""Add a translucent layer behind those gathered so far."""
-UNDER: Final = 2
-"""Write the image beneath the gathered layers."""
-_PREFETCH: Final = 1024
+_PREFETCH_DISTANCE: Final = 1024
 """Pixels by which the image is prefetched ahead of writing."""
 
 
 @inlined
 def packed(r, g, b):
     """Return eight colours in 0 .. 1 (f32x8 each) as packed pixels (i32x8), red in the lowest byte."""
-    return plain_byte(r) | (plain_byte(g) << vec.i32(8)) | (plain_byte(b) << vec.i32(16))
+    return byte_from_unit(r) | (byte_from_unit(g) << vec.i32(8)) | (byte_from_unit(b) << vec.i32(16))
 
 
 @inlined
-def write(job, pbr, line, x, r, g, b):
-    """Pack eight shaded pixels (f32x8 each) into the row that ``line`` points to."""
+def write_pixels(job, pbr, line, x, r, g, b):
+    """Pack eight shaded pixels (f32x8 each) into a line."""
     if pbr:
-        vec.store(line, x, gamma_pixels(r, g, b, job[S_GAMMA]))
+        vec.store(line, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
         vec.store(line, x, packed(r, g, b))
 
 
 @inlined
-def _shown(job, c):
-    """Return the value that ``write`` would round to a byte, 0 .. 1, f32x8."""
-    if job[S_PBR] != 0:
-        return encode_gamma(c, job[S_ENCODED])
-    return vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
+def _encoded(job, c):
+    """Return the value that ``write_pixels`` would round to a byte, 0 .. 1, f32x8."""
+    if job.pbr != 0:
+        return encode_gamma(c, job.gamma_from_linear)
+    return saturate(c)
 
 
 @inlined
-def _layers(job, y):
-    """Return a pointer to the layers gathered in a row: red, green, blue and transmittance, ``_plane`` values apart."""
-    return f32_at(job[S_GATHERED] + 4 * (job[S_WIDTH] + vec.LANES) * y)
-
-
-@inlined
-def _plane(job):
-    return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
+def _gathered_row(job, y):
+    """Return a pointer to a row of the gathered layers, and the number of values of one of their channels."""
+    row_values = job.width + vec.LANES
+    return f32_at(address(job.gathered) + 4 * row_values * y), row_values * job.height
 
 
 @device_function
-def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
+def gather(job, segment, begin, end):
     """Add pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
-    layers, plane = _layers(job, y), _plane(job)
+    gathered, channel = _gathered_row(job, segment.y)
+    pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
-        through = vec.load_volatile(layers, 3 * plane + x)
-        alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x - begin)
+        transmittance = vec.load_volatile(gathered, 3 * channel + x)
+        alpha = vec.load(pixels.base_color, 3 * STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
-            alpha = vec.select(alpha == alpha, vec.minimum(vec.maximum(alpha, zero), one), one)
+            alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
         elif alpha_mode == ALPHA_MASK:
             alpha = vec.select(alpha < vec.f32(cutoff), zero, one)
         else:
             alpha = one
-        share = through * alpha
-        adding = (lane < vec.i32(end - x)) & (share > zero)
+        share = transmittance * alpha
+        is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
-            before = vec.load_volatile(layers, k * plane + x)
-            shown = _shown(job, vec.load(pixels, (A_BASE + k) * STRIDE + x - begin))
-            vec.store(layers, k * plane + x, vec.select(adding, before + share * shown, before))
-        vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))
+            color = vec.load_volatile(gathered, k * channel + x)
+            added = share * _encoded(job, vec.load(pixels.base_color, k * STRIDE + x - begin))
+            vec.store(gathered, k * channel + x, vec.select(is_added, color + added, color))
+        vec.store(gathered, 3 * channel + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
 
 
 @inlined
-def _beneath(layers, plane, x, r, g, b):
-    """Return packed pixels of colours (f32x8 each) beneath the layers."""
-    through = vec.load(layers, 3 * plane + x)
+def _beneath(gathered, channel, x, r, g, b):
+    """Return packed pixels of colours (f32x8 each) beneath the gathered layers."""
+    transmittance = vec.load(gathered, 3 * channel + x)
     return packed(
-        vec.load(layers, x) + through * r,
-        vec.load(layers, plane + x) + through * g,
-        vec.load(layers, 2 * plane + x) + through * b,
+        vec.load(gathered, x) + transmittance * r,
+        vec.load(gathered, channel + x) + transmittance * g,
+        vec.load(gathered, 2 * channel + x) + transmittance * b,
     )
 
 
 @device_function
-def write_under(job, y, begin, end, pixels, line):
-    """Write pixels beneath the gathered layers."""
-    layers, plane = _layers(job, y), _plane(job)
+def write_under(job, segment, begin, end, line):
+    """Write shaded pixels beneath the gathered layers."""
+    gathered, channel = _gathered_row(job, segment.y)
+    pixels = segment.pixels
     for x in range(begin, end, vec.LANES):
-        r, g, b = load3(pixels, A_BASE * STRIDE + x - begin, STRIDE)
-        vec.store(line, x, _beneath(layers, plane, x, _shown(job, r), _shown(job, g), _shown(job, b)))
+        r, g, b = load3(pixels.base_color, x - begin, STRIDE)
+        vec.store(line, x, _beneath(gathered, channel, x, _encoded(job, r), _encoded(job, g), _encoded(job, b)))
 
 
 @inlined
-def _channel(background, k):
+def _background_channel(background, k):
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
 @device_function
 def write_background(job, y, begin, end, line):
     """Write pixels without a surface."""
-    background = job[S_BACKGROUND]
-    if job[S_MODE] == DIRECT:
-        pixels = vec.i32(background)
+    background = job.background
+    if job.mode == DIRECT:
+        color = vec.i32(background)
         for x in range(begin, end, vec.LANES):
-            vec.store(line, x, pixels)
-    elif job[S_MODE] == UNDER:
-        layers, plane = _layers(job, y), _plane(job)
-        r, g, b = _channel(background, 0), _channel(background, 1), _channel(background, 2)
+            vec.store(line, x, color)
+    elif job.mode == UNDER:
+        gathered, channel = _gathered_row(job, y)
+        r, g, b = (
+            _background_channel(background, 0),
+            _background_channel(background, 1),
+            _background_channel(background, 2),
+        )
         for x in range(begin, end, vec.LANES):
-            vec.store(line, x, _beneath(layers, plane, x, r, g, b))
+            vec.store(line, x, _beneath(gathered, channel, x, r, g, b))
 
 
 @device_function
-def put_line(job, y, width, line):
-    """Write the first ``width`` packed pixels of a finished row to the image."""
-    color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])
+def write_image_row(job, y, width, line):
+    """Write the first ``width`` pixels of a line to row ``y`` of the image."""
+    color = u8_at(address(job.color) + 3 * y * job.width)
     # A vector store overruns by up to four bytes, which the next one of the same row must overwrite.
-    whole = max(width - 2, 0) // vec.LANES * vec.LANES
-    for x in range(0, whole, vec.LANES):
-        vec.prefetch(color, 3 * (x + _PREFETCH))
+    vector_end = max(width - 2, 0) // vec.LANES * vec.LANES
+    for x in range(0, vector_end, vec.LANES):
+        vec.prefetch(color, 3 * (x + _PREFETCH_DISTANCE))
         vec.store_rgb(color, 3 * x, vec.load(line, x))
-    for x in range(whole, width):
+    for x in range(vector_end, width):
         for k in range(3):
             color[3 * x + k] = line[x] >> (8 * k)

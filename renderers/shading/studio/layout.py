@@ -1,13 +1,13 @@
-"""Tables and structs that the kernels of the look ``studio`` and their callers share."""
+"""Structs that the kernels of the look ``studio`` and their callers share."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.simd import LANES
 from renderers.compiler.structs import F32, F64, I32, I64, U8, Struct, array_of, pointer_to
-from renderers.shading.layout import S_COMMON, STRIDE
+from renderers.shading.layout import SHADING_JOB, STRIDE
 
 LIGHT: Final = Struct(
     "StudioLight",
@@ -51,9 +51,8 @@ LIGHTING: Final = Struct(
         "stop": I64,  # address of a stop flag, see stop.StopFlag
     },
 )
-"""Light of an image. Its address is in column J_LIGHTING of the job, which follows those of ``shading.layout``."""
-J_LIGHTING: Final = S_COMMON
-J_COLUMNS: Final = S_COMMON + 1
+"""Light of an image."""
+STUDIO_JOB: Final = Struct("StudioJob", {"shading": SHADING_JOB, "lighting": LIGHTING})
 
 OUTPUT: Final = Struct(
     "StudioOutput",
@@ -68,29 +67,37 @@ EDGE_SHADER: Final = Struct(
     "StudioEdgeShader",
     {
         "shade_rows": I64,  # address of the kernel
-        "job": I64,
-        "width": I64,
-        "output": I64,
+        "job": I64,  # address of a STUDIO_JOB
+        "width": I64,  # pixels
+        "output": I64,  # address of an OUTPUT
     },
 )
 """Arguments of ``shade_rows.shade_edges`` for all bands of an image."""
 
-# Rows of the table of gathered surfaces: float32, STRIDE values each, one per pixel; vectors in the optical frame.
-R_NORMAL: Final = 0  # 3 rows: unit, on the visible side
-R_VIEW: Final = 3  # 3 rows: unit, towards the camera
-R_POINT: Final = 6  # 3 rows: metres
-R_FLAT: Final = 9  # 3 rows: unit normal of the triangle, towards the camera
-R_BASE: Final = 12  # 3 rows: base colour, linear
-R_METALLIC: Final = 15
-R_ROUGHNESS: Final = 16
-R_F0: Final = 17  # 3 rows: of the dielectric
-R_F90: Final = 20
-R_AMBIENT: Final = 21  # share of the environment's light that is not occluded
-R_EMITTED: Final = 22  # 3 rows
-R_ALPHA: Final = 25
-R_LIGHT: Final = 26  # 3 rows: the lit colour
-R_ROWS: Final = 29
-R_VALUES: Final = R_ROWS * STRIDE
+
+def _rows(count: int) -> Any:
+    return array_of(F32, count * STRIDE)
+
+
+SURFACES: Final = Struct(
+    "Surfaces",
+    {
+        "normal": _rows(3),  # unit, on the visible side
+        "to_camera": _rows(3),  # unit
+        "point": _rows(3),  # metres
+        "flat_normal": _rows(3),  # unit normal of the triangle, towards the camera
+        "base_color": _rows(3),  # linear
+        "metallic": _rows(1),
+        "roughness": _rows(1),
+        "f0": _rows(3),  # of the dielectric
+        "f90": _rows(1),
+        "unoccluded": _rows(1),  # share of the environment's light that occlusion leaves
+        "emitted": _rows(3),
+        "alpha": _rows(1),
+        "color": _rows(3),  # of the lit surface
+    },
+)
+"""Gathered surfaces: rows of STRIDE float32, one value per pixel; vectors in the optical frame."""
 
 
 def channel_values(width: int) -> int:

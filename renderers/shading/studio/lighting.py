@@ -7,41 +7,27 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.shading.brdf import ambient_channel, reflected
 from renderers.shading.layout import STRIDE
 from renderers.shading.studio.environment_map import LEVELS
-from renderers.shading.studio.layout import (
-    R_AMBIENT,
-    R_BASE,
-    R_EMITTED,
-    R_F0,
-    R_F90,
-    R_FLAT,
-    R_LIGHT,
-    R_METALLIC,
-    R_NORMAL,
-    R_POINT,
-    R_ROUGHNESS,
-    R_VIEW,
-)
 from renderers.shading.studio.lights import DIRECTIONAL, SPOT
 from renderers.shading.studio.shadow_sampling import unshadowed_share
 from renderers.shading.studio.tone_mapping import tone_map
-from renderers.shading.vec3 import dot, load3, store3, times, transform_directions
+from renderers.shading.vec3 import broadcast3, dot, load3, minus, saturate, store3, times, transform_directions
 
 
 @device_function
 def light_surfaces(lighting, surfaces, count):
-    """Fill the rows R_VIEW and R_LIGHT of ``count`` surfaces, the latter with tone-mapped linear RGB.
+    """Fill the rows ``to_camera`` and ``color`` of ``count`` surfaces, the latter with tone-mapped linear RGB.
 
     Args:
         lighting: a LIGHTING.
-        surfaces: pointer to the R_VALUES float32.
+        surfaces: a SURFACES.
     """
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
-        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, (zero, zero, zero))
-        point = load3(surfaces, R_POINT * STRIDE + x, STRIDE)
+        store3(surfaces.color, x, STRIDE, (zero, zero, zero))
+        point = load3(surfaces.point, x, STRIDE)
         distance = vec.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
         scale = vec.select(distance > zero, vec.f32(-1.0) / distance, zero)
-        store3(surfaces, R_VIEW * STRIDE + x, STRIDE, times(point, scale))
+        store3(surfaces.to_camera, x, STRIDE, times(point, scale))
     for k in range(lighting.light_count):
         _add_light(lighting, lighting.lights[k], surfaces, count)
     if lighting.has_environment != 0:
@@ -49,22 +35,20 @@ def light_surfaces(lighting, surfaces, count):
     exposure = vec.f32(lighting.exposure)
     tone = lighting.tone
     for x in range(0, count, vec.LANES):
-        r, g, b = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
-        emitted_r, emitted_g, emitted_b = load3(surfaces, R_EMITTED * STRIDE + x, STRIDE)
+        r, g, b = load3(surfaces.color, x, STRIDE)
+        emitted_r, emitted_g, emitted_b = load3(surfaces.emitted, x, STRIDE)
         mapped = tone_map(tone, (r + emitted_r) * exposure, (g + emitted_g) * exposure, (b + emitted_b) * exposure)
-        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, mapped)
+        store3(surfaces.color, x, STRIDE, mapped)
 
 
 @inlined
 def _direction_and_attenuation(light, point):
     """Return unit vectors from points to a light, and the shares of its colour that arrive there without shadows."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    shining = vec.f32(light.direction[0]), vec.f32(light.direction[1]), vec.f32(light.direction[2])
+    direction = broadcast3(light.direction, 0)
     if light.kind == DIRECTIONAL:
-        return -shining[0], -shining[1], -shining[2], one
-    x = vec.f32(light.position[0]) - point[0]
-    y = vec.f32(light.position[1]) - point[1]
-    z = vec.f32(light.position[2]) - point[2]
+        return (-direction[0], -direction[1], -direction[2]), one
+    x, y, z = minus(broadcast3(light.position, 0), point)
     distance_squared = vec.maximum(x * x + y * y + z * z, vec.f32(1e-12))
     scale = one / vec.sqrt(distance_squared)
     x, y, z = x * scale, y * scale, z * scale
@@ -73,27 +57,25 @@ def _direction_and_attenuation(light, point):
         relative = distance_squared * vec.f32(light.inv_range_squared)
         attenuation = attenuation * vec.maximum(vec.minimum(one - relative * relative, one), zero)
     if light.kind == SPOT:
-        cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
-        falloff = cosine * vec.f32(light.spot_scale) + vec.f32(light.spot_offset)
-        falloff = vec.minimum(vec.maximum(falloff, zero), one)
+        cosine = -(x * direction[0] + y * direction[1] + z * direction[2])
+        falloff = saturate(cosine * vec.f32(light.spot_scale) + vec.f32(light.spot_offset))
         attenuation = attenuation * falloff * falloff
-    return x, y, z, attenuation
+    return (x, y, z), attenuation
 
 
 @device_function
 def _add_light(lighting, light, surfaces, count):
-    """Add the reflection of one light at ``count`` surfaces to the rows R_LIGHT."""
+    """Add the reflection of one light at ``count`` surfaces to the rows ``color``."""
     zero = vec.f32(0.0)
-    color_r, color_g, color_b = vec.f32(light.color[0]), vec.f32(light.color[1]), vec.f32(light.color[2])
+    light_r, light_g, light_b = broadcast3(light.color, 0)
     for x in range(0, count, vec.LANES):
-        normal = load3(surfaces, R_NORMAL * STRIDE + x, STRIDE)
-        point = load3(surfaces, R_POINT * STRIDE + x, STRIDE)
-        light_x, light_y, light_z, attenuation = _direction_and_attenuation(light, point)
-        to_light = (light_x, light_y, light_z)
+        normal = load3(surfaces.normal, x, STRIDE)
+        point = load3(surfaces.point, x, STRIDE)
+        to_light, attenuation = _direction_and_attenuation(light, point)
         n_l = dot(normal, to_light)
         attenuation = vec.select(n_l > zero, attenuation, zero)
         if light.shadow_map >= 0:
-            flat_normal = load3(surfaces, R_FLAT * STRIDE + x, STRIDE)
+            flat_normal = load3(surfaces.flat_normal, x, STRIDE)
             # The back of a triangle is in its own shadow.
             attenuation = vec.select(dot(flat_normal, to_light) > zero, attenuation, zero)
             if vec.movemask(attenuation > zero) != 0:
@@ -104,20 +86,20 @@ def _add_light(lighting, light, surfaces, count):
             continue
         r, g, b = reflected(
             normal,
-            load3(surfaces, R_VIEW * STRIDE + x, STRIDE),
+            load3(surfaces.to_camera, x, STRIDE),
             to_light,
             n_l,
-            load3(surfaces, R_BASE * STRIDE + x, STRIDE),
-            vec.load(surfaces, R_METALLIC * STRIDE + x),
-            vec.load(surfaces, R_ROUGHNESS * STRIDE + x),
-            load3(surfaces, R_F0 * STRIDE + x, STRIDE),
-            vec.load(surfaces, R_F90 * STRIDE + x),
+            load3(surfaces.base_color, x, STRIDE),
+            vec.load(surfaces.metallic, x),
+            vec.load(surfaces.roughness, x),
+            load3(surfaces.f0, x, STRIDE),
+            vec.load(surfaces.f90, x),
         )
-        red, green, blue = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
-        red = red + vec.select(is_lit, attenuation * color_r * r, zero)
-        green = green + vec.select(is_lit, attenuation * color_g * g, zero)
-        blue = blue + vec.select(is_lit, attenuation * color_b * b, zero)
-        store3(surfaces, R_LIGHT * STRIDE + x, STRIDE, (red, green, blue))
+        red, green, blue = load3(surfaces.color, x, STRIDE)
+        red = red + vec.select(is_lit, attenuation * light_r * r, zero)
+        green = green + vec.select(is_lit, attenuation * light_g * g, zero)
+        blue = blue + vec.select(is_lit, attenuation * light_b * b, zero)
+        store3(surfaces.color, x, STRIDE, (red, green, blue))
 
 
 @inlined
@@ -184,13 +166,13 @@ def _sample_split_sum(table, side, n_v, roughness):
 
 @device_function
 def _add_environment(lighting, surfaces, count):
-    """Add the reflection of the environment at ``count`` surfaces to the rows R_LIGHT."""
+    """Add the reflection of the environment at ``count`` surfaces to the rows ``color``."""
     R_world_camera = lighting.R_world_camera
-    zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
+    one, two = vec.f32(1.0), vec.f32(2.0)
     for x in range(0, count, vec.LANES):
-        normal = load3(surfaces, R_NORMAL * STRIDE + x, STRIDE)
-        view = load3(surfaces, R_VIEW * STRIDE + x, STRIDE)
-        roughness = vec.minimum(vec.maximum(vec.load(surfaces, R_ROUGHNESS * STRIDE + x), zero), one)
+        normal = load3(surfaces.normal, x, STRIDE)
+        view = load3(surfaces.to_camera, x, STRIDE)
+        roughness = saturate(vec.load(surfaces.roughness, x))
         n_v = dot(normal, view)
         # The dominant direction of reflection is between the mirrored one and, for rough surfaces, the normal (Lagarde
         # and de Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
@@ -202,27 +184,27 @@ def _add_environment(lighting, surfaces, count):
             along_normal * normal[1] - mirror * view[1],
             along_normal * normal[2] - mirror * view[2],
         )
-        n_v = vec.minimum(vec.maximum(n_v, zero), one)
+        n_v = saturate(n_v)
         scale, bias = _sample_split_sum(lighting.split_sum, lighting.split_sum_side, n_v, roughness)
-        normal_world = transform_directions(R_world_camera, 0, normal)
+        normal_world = transform_directions(R_world_camera, normal)
         irradiance = _sample_environment(lighting, vec.i32(LEVELS), normal_world)
         level = roughness * vec.f32(float(LEVELS - 1))
         lower_level = vec.minimum(vec.to_i32(level), vec.i32(LEVELS - 2))
         t = level - vec.to_f32(lower_level)
-        reflection_world = transform_directions(R_world_camera, 0, reflection)
+        reflection_world = transform_directions(R_world_camera, reflection)
         r0, g0, b0 = _sample_environment(lighting, lower_level, reflection_world)
         r1, g1, b1 = _sample_environment(lighting, lower_level + vec.i32(1), reflection_world)
-        base = load3(surfaces, R_BASE * STRIDE + x, STRIDE)
-        f0, f90 = load3(surfaces, R_F0 * STRIDE + x, STRIDE), vec.load(surfaces, R_F90 * STRIDE + x)
-        metallic = vec.load(surfaces, R_METALLIC * STRIDE + x)
+        base = load3(surfaces.base_color, x, STRIDE)
+        f0, f90 = load3(surfaces.f0, x, STRIDE), vec.load(surfaces.f90, x)
+        metallic = vec.load(surfaces.metallic, x)
         r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, irradiance[0], r0 + t * (r1 - r0))
         g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, irradiance[1], g0 + t * (g1 - g0))
         b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, irradiance[2], b0 + t * (b1 - b0))
-        unoccluded = vec.load(surfaces, R_AMBIENT * STRIDE + x)
-        red, green, blue = load3(surfaces, R_LIGHT * STRIDE + x, STRIDE)
+        unoccluded = vec.load(surfaces.unoccluded, x)
+        red, green, blue = load3(surfaces.color, x, STRIDE)
         store3(
-            surfaces,
-            R_LIGHT * STRIDE + x,
+            surfaces.color,
+            x,
             STRIDE,
             (red + unoccluded * r, green + unoccluded * g, blue + unoccluded * b),
         )

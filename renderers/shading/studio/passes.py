@@ -18,21 +18,21 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Light
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
-from renderers.shading import layout as common
 from renderers.shading.depth_peeling import peeled
-from renderers.shading.scene import ShadingScene, map_instances
+from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
+from renderers.shading.scene import ShadingScene, fill_shading_job
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
 from renderers.shading.studio.lights import light_structs
 from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
 from renderers.shading.studio.shadows import (
     ShadowMap,
-    pixel_size,
+    metres_per_pixel,
     render_shadow_maps,
     shadow_map_structs,
     visible_points,
 )
-from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, finish_rows
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, TONES, write_image_rows
 from renderers.stop import current_stop
 
 if TYPE_CHECKING:  # the rasterizer imports this module
@@ -66,8 +66,8 @@ def paint(
         SurroundingsError: the rig's image of the surroundings cannot be used.
         ValueError: ``samples``.
     """
-    cull = shading.cull_back if shading.cull_back.any() else None
-    opaque = ~shading.transparent if shading.transparent.any() else None
+    cull = shading.cull_back
+    opaque = ~shading.transparent if shading.has_transparency else None
     cameras = sample_cameras(camera, samples)
     lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
     has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
@@ -85,7 +85,7 @@ def paint(
                 lights,
                 points,
                 rig.shadow_size,
-                pixel_size(points, camera),
+                metres_per_pixel(points, camera),
                 MAX_SHADOWS,
                 shading.transparent,
                 partial(_solid_pixels, rasterizer, shading),
@@ -108,14 +108,14 @@ def paint(
             view = visible
             if view is None or sample_camera is not cameras[0]:
                 view = stack.enter_context(rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull))
-            for layer in peeled(rasterizer, scene, shading, sample_camera, cull, view):
+            for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull, view):
                 _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
                 layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
             _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
             if samples > 1:
                 mean += accumulated * np.float32(1.0 / samples)
         mean_address = address_of(mean, np.float32)
-        _for_bands(rasterizer, camera.height, partial(finish_rows, mean_address, output_address, camera.width))
+        _for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
 
 
 def _for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
@@ -142,7 +142,7 @@ def _shade_layer(
         output: address of an OUTPUT; 0: none.
     """
     job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
-    job_address, ids, width = address_of(job, np.int64), address_of(layer.ids, np.int32), camera.width
+    job_address, ids, width = address_of(job, layout.STUDIO_JOB.dtype), address_of(layer.ids, np.int32), camera.width
 
     def shade(begin: int, end: int) -> None:
         shade_rows(mode, job_address, ids + 4 * begin * width, 0, width, width, begin, end, target, output)
@@ -171,7 +171,7 @@ def _edge_shader(
     job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
     shader = np.zeros(1, layout.EDGE_SHADER.dtype)
     shader["shade_rows"] = kernel_address(shade_rows)
-    shader["job"] = address_of(job, np.int64)
+    shader["job"] = address_of(job, layout.STUDIO_JOB.dtype)
     shader["width"] = camera.width
     shader["output"] = output
     shader_address = address_of(shader, layout.EDGE_SHADER.dtype)
@@ -233,20 +233,21 @@ def _job(
     shading: ShadingScene,
     lighting: _Lighting,
     X_camera_mesh: NDArray[np.float64],
-    first_record: NDArray[np.int64],
+    first_ids: NDArray[np.int64],
     camera: Camera,
-) -> tuple[NDArray[np.int64], tuple[object, ...]]:
-    """Return a job, and the objects that its addresses point into."""
-    X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
-    maps = np.empty((len(X), common.P_COLUMNS), np.float32)
-    map_instances(address_of(X, np.float64), address_of(maps, np.float32), len(X))
-    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
-    job = np.zeros(layout.J_COLUMNS, np.int64)
-    job[common.S_FIRST] = address_of(first_record, np.int64)
-    job[common.S_COUNT] = len(first_record) - 1
-    job[common.S_POINTS] = address_of(X, np.float64)
-    job[common.S_MAPS] = address_of(maps, np.float32)
-    job[common.S_LENS] = address_of(lens, np.float64)
-    job[common.S_INSTANCES : common.S_COMMON] = shading.job
-    job[layout.J_LIGHTING] = address_of(lighting.struct, layout.LIGHTING.dtype)
-    return job, (X, maps, lens, lighting, first_record)
+) -> tuple[NDArray[Any], tuple[object, ...]]:
+    """Return a STUDIO_JOB, and the objects that its addresses point into."""
+    matrices = np.empty(len(shading.instances), INSTANCE_MATRICES.dtype)
+    shading_job = np.zeros(1, SHADING_JOB.dtype)
+    fill_shading_job(
+        shading_job,
+        shading,
+        camera,
+        address_of(first_ids, np.int64),
+        address_of(X_camera_mesh, np.float64),
+        address_of(matrices, INSTANCE_MATRICES.dtype),
+    )
+    job = np.zeros(1, layout.STUDIO_JOB.dtype)
+    job["shading"] = address_of(shading_job, SHADING_JOB.dtype)
+    job["lighting"] = address_of(lighting.struct, layout.LIGHTING.dtype)
+    return job, (shading, shading_job, matrices, lighting, first_ids, X_camera_mesh)

@@ -22,6 +22,7 @@ from renderers.cache import Cache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
+from renderers.shading.depth_peeling import peeled
 from renderers.shading.studio.layout import SHADOW_MAP
 
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
@@ -70,15 +71,15 @@ _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
 """Maps by scene, the newest first."""
 
 
-def map_side(max_side: int, extent: float, pixel: float) -> int:
+def map_side(max_side: int, extent: float, pixel_metres: float) -> int:
     """Return the side of a map in texels: ``max_side``, halved as long as texels stay small.
 
     Args:
         extent: metres covered by the map.
-        pixel: metres covered by a pixel of the image.
+        pixel_metres: metres covered by a pixel of the image.
     """
     side = max_side
-    while side >= 2 * _MIN_SIDE and _MAX_TEXEL_PIXELS * pixel * (side // 2) >= extent:
+    while side >= 2 * _MIN_SIDE and _MAX_TEXEL_PIXELS * pixel_metres * (side // 2) >= extent:
         side //= 2
     return side
 
@@ -108,19 +109,19 @@ def visible_points(layer: Visibility, camera: Camera) -> NDArray[np.float64]:
     return world[np.isfinite(world).all(axis=-1)]
 
 
-def pixel_size(points: NDArray[np.float64], camera: Camera) -> float:
-    """Return the metres covered by a pixel at the median depth of points (n, 3) of the world."""
+def metres_per_pixel(points: NDArray[np.float64], camera: Camera) -> float:
+    """Return the size of a pixel at the median depth of points (n, 3) of the world."""
     if not len(points):
         return 0.0
     depth = (points - camera.X_world_camera[:3, 3]) @ camera.X_world_camera[:3, 2]
     return float(np.median(depth)) / max(camera.fx, camera.fy)
 
 
-def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel: float) -> Camera | None:
+def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel_metres: float) -> Camera | None:
     """Return the camera of a light's map, fitted to points (n, 3) of the world.
 
     Args:
-        max_side, pixel: as in ``map_side``.
+        max_side, pixel_metres: as in ``map_side``.
 
     Returns:
         None for point lights, and for lights that reach none of the points.
@@ -133,25 +134,25 @@ def light_camera(light: Light, points: NDArray[np.float64], max_side: int, pixel
     right /= np.linalg.norm(right)
     R_world_light = np.stack((right, np.cross(forward, right), forward), -1)
     if light.kind is LightKind.SPOT:
-        return _spot_camera(light, R_world_light, points, max_side, pixel)
-    return _directional_camera(R_world_light, points, max_side, pixel)
+        return _spot_camera(light, R_world_light, points, max_side, pixel_metres)
+    return _directional_camera(R_world_light, points, max_side, pixel_metres)
 
 
 def _spot_camera(
-    light: Light, R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel: float
+    light: Light, R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel_metres: float
 ) -> Camera | None:
     """Return the camera at a spot light; its map covers the light's cone."""
     depth = (points - np.array(light.position)) @ R_world_light[:, 2]
     if not (depth > 0.0).any():
         return None
     slope = math.tan(min(light.outer_cone, math.radians(80.0)))
-    side = map_side(max_side, 2.0 * slope * float(np.median(depth)), pixel)
+    side = map_side(max_side, 2.0 * slope * float(np.median(depth)), pixel_metres)
     near = math.ldexp(1e-3, math.frexp(float(depth.max()))[1] - 1)
     return _map_camera(side, 0.5 * side / slope, near, R_world_light, np.array(light.position))
 
 
 def _directional_camera(
-    R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel: float
+    R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel_metres: float
 ) -> Camera:
     """Return the far camera of a directional light; its map covers the points, and radius and centre go in steps."""
     points_light = points @ R_world_light
@@ -163,7 +164,7 @@ def _directional_camera(
     nearest, farthest = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
     distance = _DIRECTIONAL_DISTANCE * max(radius, 0.5 * (farthest - nearest))
     radius *= 1.0 + (farthest - nearest) / distance  # objects nearer to the light look larger
-    side = map_side(max_side, 2.0 * radius, pixel)
+    side = map_side(max_side, 2.0 * radius, pixel_metres)
     position = R_world_light @ np.array((*center, nearest - distance))
     return _map_camera(side, 0.5 * side * distance / radius, 1e-2 * distance, R_world_light, position)
 
@@ -201,38 +202,14 @@ def shadow_map_of(
     with rasterizer.visibility(scene, camera, select=solid) as layer:
         inv_z = layer.inv_z.copy()
         if cut_out.any():
-            _add_cut_out(rasterizer, scene, camera, cut_out, solid_pixels, layer, inv_z)
+            for nearer in peeled(rasterizer, scene, camera, cut_out, None, layer, MAX_CUT_OUT_LAYERS):
+                is_solid = solid_pixels(nearer, camera)
+                np.copyto(inv_z, nearer.inv_z, where=is_solid)
+                nearer.ids[is_solid] = -1  # surfaces behind are hidden
     new = ShadowMap(camera, inv_z)
     newest = (new, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
     _maps.put(scene, newest, sum(each.inv_z.nbytes for each in newest))
     return new
-
-
-def _add_cut_out(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    camera: Camera,
-    cut_out: NDArray[np.bool_],
-    solid_pixels: SolidPixels,
-    behind: Visibility,
-    inv_z: NDArray[np.float32],
-) -> None:
-    """Write the surfaces of cut-out instances that are nearer than ``behind`` to the map ``inv_z``."""
-    beyond: Visibility | None = None
-    try:
-        for _ in range(MAX_CUT_OUT_LAYERS):
-            layer = rasterizer.visibility(scene, camera, select=cut_out, beyond=beyond, before=behind)
-            if beyond is not None:
-                beyond.close()
-            beyond = layer
-            if not (layer.ids >= 0).any():
-                break
-            is_solid = solid_pixels(layer, camera)
-            np.copyto(inv_z, layer.inv_z, where=is_solid)
-            layer.ids[is_solid] = -1  # surfaces behind are hidden
-    finally:
-        if beyond is not None:
-            beyond.close()
 
 
 def render_shadow_maps(
@@ -241,7 +218,7 @@ def render_shadow_maps(
     lights: Sequence[Light],
     points: NDArray[np.float64],
     max_side: int,
-    pixel: float,
+    pixel_metres: float,
     max_maps: int,
     transparent: NDArray[np.bool_],
     solid_pixels: SolidPixels,
@@ -250,14 +227,14 @@ def render_shadow_maps(
 
     Args:
         points: (n, 3), visible points of the world.
-        max_side, pixel: as in ``map_side``.
+        max_side, pixel_metres: as in ``map_side``.
         transparent, solid_pixels: as in ``shadow_map_of``.
     """
     maps: list[ShadowMap] = []
     map_of_light: list[int] = []
     for light in lights:
         has_map = light.casts_shadow and len(maps) < max_maps
-        camera = light_camera(light, points, max_side, pixel) if has_map else None
+        camera = light_camera(light, points, max_side, pixel_metres) if has_map else None
         map_of_light.append(-1 if camera is None else len(maps))
         if camera is not None:
             maps.append(shadow_map_of(rasterizer, scene, camera, transparent, solid_pixels))

@@ -16,8 +16,8 @@ from renderers.compiler.kernel_calls import (
     yield_at,
 )
 from renderers.compiler.pointers import i64_at
-from renderers.shading.layout import P_COLUMNS, P_MIRROR
-from renderers.shading.scene import map_instances
+from renderers.shading.layout import INSTANCE_MATRICES
+from renderers.shading.scene import compute_instance_matrices
 
 
 @njit
@@ -28,11 +28,12 @@ def _call(address, points, maps, count):
 def test_calling_a_kernel_by_address() -> None:
     points = np.stack((np.eye(4), np.diag((-1.0, 2.0, 1.0, 1.0))))
     filled = []
-    for call in (map_instances, lambda *arguments: _call(kernel_address(map_instances), *arguments)):
-        maps = np.full((2, P_COLUMNS), 7.0, np.float32)
-        call(points.ctypes.data, maps.ctypes.data, 2)
-        assert maps[:, P_MIRROR].tolist() == [1.0, -1.0]
-        filled.append(maps)
+    kernel_at = kernel_address(compute_instance_matrices)
+    for call in (compute_instance_matrices, lambda *arguments: _call(kernel_at, *arguments)):
+        matrices = np.zeros(2, INSTANCE_MATRICES.dtype)
+        call(points.ctypes.data, matrices.ctypes.data, 2)
+        assert matrices["mirror"].tolist() == [1.0, -1.0]
+        filled.append(matrices)
     assert (filled[0] == filled[1]).all()
 
 

@@ -1,28 +1,15 @@
-"""Pairs of primitives at edge pixels, and which of them are shaded once."""
+"""Pairs of primitives at edge pixels that are shaded once."""
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
-import pytest
 from numba import njit
 
-from renderers.compiler import simd as vec
-from renderers.compiler.pointers import as_f32, i32_at
+from renderers.compiler.pointers import i32_at
 from renderers.raster.layout import FRAME, INSTANCE
-from renderers.raster.msaa.edge_merge import CACHE, find_pairs, find_separate_pairs, share_smooth_edge
+from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
 
 frame_at, new_cache = FRAME.at, CACHE.local
-
-
-@njit(error_model="numpy")
-def _find_pairs(sample_ids, out):  # type: ignore[no-untyped-def]
-    is_pair, shown, other, count = find_pairs(vec.load_octets(as_f32(i32_at(sample_ids)), vec.iota() << vec.i32(3)))
-    vec.store(i32_at(out), 0, shown)
-    vec.store(i32_at(out), 8, other)
-    vec.store(i32_at(out), 16, count)
-    return vec.movemask(is_pair)
 
 
 @njit(error_model="numpy")
@@ -33,27 +20,6 @@ def _share(frame, first, second, count, out):  # type: ignore[no-untyped-def]
         i32_at(out)[k] = share_smooth_edge(
             frame_at(frame), np.int64(i32_at(first)[k]), np.int64(i32_at(second)[k]), cache
         )
-    cache.first_id = cache.end_id = cache.indices = 0
-    for k in range(0, count, 8):
-        separate = find_separate_pairs(frame_at(frame), i32_at(first), i32_at(second), k, count - k, cache)
-        for lane in range(min(8, count - k)):
-            i32_at(out)[count + k + lane] = (separate >> lane) & 1
-
-
-@pytest.mark.parametrize("seed", range(30))
-def test_pairs(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    ids = rng.integers(rng.integers(-1, 3), rng.integers(3, 6), (8, 8)).astype(np.int32)
-    out = np.zeros((3, 8), np.int32)
-    mask = _find_pairs(ids.ctypes.data, out.ctypes.data)
-    for pixel, samples in enumerate(ids.tolist()):
-        counts = Counter(samples)
-        assert bool(mask >> pixel & 1) == (len(counts) == 2 and -1 not in counts)
-        if mask >> pixel & 1:
-            first = samples[0]
-            (other,) = set(counts) - {first}
-            shown, hidden = (first, other) if counts[first] >= counts[other] else (other, first)
-            assert tuple(out[:, pixel]) == (shown, hidden, counts[hidden])
 
 
 def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
@@ -71,7 +37,7 @@ def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
     a, b = np.nonzero(~np.eye(first_ids[-1], dtype=bool))
     order = rng.permutation(len(a))
     a, b = a[order].astype(np.int32), b[order].astype(np.int32)
-    out = np.zeros(2 * len(a), np.int32)
+    out = np.zeros(len(a), np.int32)
     _share(frame.ctypes.data, a.ctypes.data, b.ctypes.data, len(a), out.ctypes.data)
     owner = np.searchsorted(first_ids, np.arange(first_ids[-1]), side="right") - 1
     corners = [set(row.tolist()) for each in indices for row in each]
@@ -79,5 +45,4 @@ def test_triangles_that_share_an_edge_of_a_mesh_with_normals() -> None:
         owner[p] == owner[q] and owner[p] < 2 and len(corners[p] & corners[q]) >= 2 for p, q in zip(a, b, strict=True)
     ]
     assert 10 < sum(expected) < len(expected) / 2
-    assert out[: len(a)].tolist() == [int(value) for value in expected]
-    assert out[len(a) :].tolist() == [int(not value) for value in expected]
+    assert out.tolist() == [int(value) for value in expected]

@@ -16,25 +16,24 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
 from renderers.shading import paint, prepare
-from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
 Array = NDArray[np.float64]
 
 
 def camera(width: int = 48, height: int = 36, *, focal: float = 40.0) -> Camera:
-    """At the origin, looking along +Z, off-centre, fx != fy."""
+    """Return a camera at the origin that looks along +Z, off-centre, fx != fy."""
     return Camera(width, height, focal, focal * 1.1, width / 2 - 0.5, height / 2 + 0.75, 0.05, 100.0, np.eye(4))
 
 
 def rays(view: Camera) -> Array:
-    """(H * W, 3): direction of every pixel's ray, z = 1."""
+    """Return the direction of every pixel's ray, z = 1, (H * W, 3)."""
     x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
     return np.stack(((x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)), axis=-1).reshape(-1, 3)
 
 
 def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
-    """Moeller and Trumbore's intersection of all rays with one triangle: z (nan where missed) and (n, 3) weights."""
+    """Intersect all rays with one triangle (Moeller and Trumbore): z, NaN where missed, and weights (n, 3)."""
     e1, e2 = corners[1] - corners[0], corners[2] - corners[0]
     h = np.cross(direction, e2)
     a = h @ e1
@@ -78,24 +77,24 @@ class BruteForce:
             points = instance.mesh.positions.astype(np.float64) @ X[i, :3, :3].T + X[i, :3, 3]
             mirrored = np.linalg.det(X[i, :3, :3]) < 0
             for e, element in enumerate(instance.mesh.elements):
-                record = first[i] + e
+                primitive_id = first[i] + e
                 corners = points[element]
                 if len(element) == 3:
                     if cull_back is not None and cull_back[i] and (np.linalg.det(corners) > 0) != mirrored:
                         continue
                     z, _ = hits(direction, corners)
                 else:
-                    z = strokes(direction, corners, camera)
+                    z = line_depths(direction, corners, camera)
                 inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
-                seen = (inv > 1 / camera.far) & (inv < 1 / camera.near)
+                is_candidate = (inv > 1 / camera.far) & (inv < 1 / camera.near)
                 if beyond is not None:
                     b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
-                    seen &= (b >= 0) & ((inv < at) | ((inv == at) & (record > b)))
+                    is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id > b)))
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
-                    seen &= (b < 0) | (inv > at) | ((inv == at) & (record < b))
-                nearer = seen & ((ids < 0) | (inv > best))
-                best[nearer], ids[nearer] = inv[nearer], record
+                    is_candidate &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
+                nearer = is_candidate & ((ids < 0) | (inv > best))
+                best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
 
@@ -115,8 +114,8 @@ class BruteForce:
             work(unit)
 
 
-def strokes(direction: Array, ends: Array, view: Camera) -> Array:
-    """z of a point or segment where it passes within 0.6 pixels of the ray, else nan; closest approach by sampling."""
+def line_depths(direction: Array, ends: Array, view: Camera) -> Array:
+    """Return z of a point or line where it passes within 0.6 pixels of the ray, else NaN; found by sampling."""
     t = np.linspace(0.0, 1.0, 513)[:, None]
     along = ends[0] + t * (ends[-1] - ends[0])
     projected = along[:, :2] / along[:, 2:]
@@ -126,18 +125,16 @@ def strokes(direction: Array, ends: Array, view: Camera) -> Array:
     return np.where(distance.min(axis=1) < 0.6, along[nearest, 2], np.nan)
 
 
-def painted(
-    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = MAX_LAYERS
-) -> Array:
+def painted(scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None) -> Array:
     """Return the image that ``renderers.shading`` paints: (H, W, 3) int64."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
     prepared = prepare(scene.instances, look.name)
-    paint(rasterizer or BruteForce(), scene, prepared, view, look, color, max_layers=max_layers)
+    paint(rasterizer or BruteForce(), scene, prepared, view, look, color)
     return color.astype(np.int64)
 
 
-def picture(pixels: NDArray[np.uint8]) -> Image:
-    """An image of these (H, W, 4) texels."""
+def image_of(pixels: NDArray[np.uint8]) -> Image:
+    """Return an image of (H, W, 4) texels."""
     return Image(pixels.tobytes(), lambda: pixels)
 
 
@@ -145,8 +142,8 @@ def srgb_to_linear(c: Array) -> Array:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def lookup(texture: Texture, u: float, v: float, srgb: bool) -> Array:
-    """(4,): one texture read, texel by texel."""
+def sample_texture(texture: Texture, u: float, v: float, srgb: bool) -> Array:
+    """Sample a texture at (u, v): (4,)."""
     texels = texture.image.decode().astype(np.float64) / 255.0
     if srgb:
         texels[..., :3] = srgb_to_linear(texels[..., :3])
@@ -184,8 +181,10 @@ def unit(v: Array) -> Array:
 
 
 def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughness: float) -> Array:
-    """glTF 2.0, appendix B, with Drake's head light: l = (0, 0, -1), radiance 1; F90 and the map of
-    roughness are VTK's."""
+    """Return the radiance of a surface under Drake's headlight, l = (0, 0, -1), radiance 1.
+
+    glTF 2.0, appendix B, with VTK's F90 and roughness.
+    """
     l = np.array((0.0, 0.0, -1.0))
     if n @ l <= 0:
         return np.zeros(3)
@@ -203,72 +202,72 @@ def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughne
 
 def surface_color(
     instance: Instance,
-    element: NDArray[np.uint32],
+    triangle: NDArray[np.uint32],
     weights: Array,
     direction: Array,
     points: Array,
     X: Array,
     look: str,
 ) -> tuple[Array, float]:
-    """Colour as shown (0..1, before rounding) and alpha of one pixel of one triangle."""
+    """Return the encoded colour, 0 .. 1 before rounding, and alpha of one pixel of one triangle."""
     mesh, material = instance.mesh, instance.material
     if look == "pbr" and material.vtk_export:
         material = replace(material, roughness=0.5, metallic=0.0)
 
-    def at(values: NDArray[np.float32]) -> Array:
-        mixed: Array = weights @ values[element].astype(np.float64)
+    def interpolated(values: NDArray[np.float32]) -> Array:
+        mixed: Array = weights @ values[triangle].astype(np.float64)
         return mixed
 
-    def read(texture: Texture, srgb: bool) -> Array:
+    def sampled(texture: Texture, srgb: bool) -> Array:
         coordinates = mesh.uv1 if texture.uv_set else mesh.uv0
         assert coordinates is not None
-        uv = at(coordinates)
-        return lookup(texture, float(uv[0]), float(uv[1]), srgb)
+        uv = interpolated(coordinates)
+        return sample_texture(texture, float(uv[0]), float(uv[1]), srgb)
 
     pbr = look == "pbr"
     base = np.array(material.base_color, dtype=np.float64)
     if mesh.colors is not None:
-        color = at(mesh.colors)
+        vertex_color = interpolated(mesh.colors)
         if pbr:
-            color[:3] **= 2.2
+            vertex_color[:3] **= 2.2
             base[:3] = base[:3] if material.unlit else 1.0
-        base *= color
+        base *= vertex_color
     if material.base_color_texture:
-        base *= read(material.base_color_texture, pbr)
-    shown = base[:3]
+        base *= sampled(material.base_color_texture, pbr)
+    color = base[:3]
     if not material.unlit:
         R = X[:3, :3]
         outward = np.cross(points[1] - points[0], points[2] - points[0]) * np.sign(np.linalg.det(R))
         side = 1.0 if outward @ points[0] < 0 else -1.0
-        n = unit(np.linalg.inv(R).T @ at(mesh.normals)) if mesh.normals is not None else unit(outward)
+        n = unit(np.linalg.inv(R).T @ interpolated(mesh.normals)) if mesh.normals is not None else unit(outward)
         if pbr and material.normal_texture and mesh.tangents is not None:
-            tangent = at(mesh.tangents)
+            tangent = interpolated(mesh.tangents)
             t = R @ tangent[:3]
             t = unit(t - (t @ n) * n)
             b = np.cross(n, t) * np.sign(tangent[3]) * np.sign(np.linalg.det(R))
-            m = read(material.normal_texture, False)[:3] * 2 - 1
+            m = sampled(material.normal_texture, False)[:3] * 2 - 1
             n = unit(m[0] * material.normal_scale * t + m[1] * material.normal_scale * b + m[2] * n)
         n = n * side
         if not pbr:
-            shown = shown * max(0.0, -n[2])
+            color = color * max(0.0, -n[2])
         else:
-            rough, metal = material.roughness, material.metallic
+            roughness, metallic = material.roughness, material.metallic
             if material.metallic_roughness_texture:
-                g = read(material.metallic_roughness_texture, False)
-                rough, metal = rough * g[1], metal * g[2]
-            shown = metallic_roughness(n, unit(-direction), base[:3], metal, rough)
+                texel = sampled(material.metallic_roughness_texture, False)
+                roughness, metallic = roughness * texel[1], metallic * texel[2]
+            color = metallic_roughness(n, unit(-direction), base[:3], metallic, roughness)
             if material.occlusion_texture:
-                shown = shown * (1 + material.occlusion_strength * (read(material.occlusion_texture, False)[0] - 1))
+                color = color * (1 + material.occlusion_strength * (sampled(material.occlusion_texture, False)[0] - 1))
             emitted = np.array(material.emissive)
             if material.emissive_texture:
-                emitted = emitted * read(material.emissive_texture, True)[:3]
-            shown = shown + emitted
-    shown = np.clip(shown, 0, 1)
-    return (shown ** (1 / 2.2) if pbr else shown), float(base[3])
+                emitted = emitted * sampled(material.emissive_texture, True)[:3]
+            color = color + emitted
+    color = np.clip(color, 0, 1)
+    return (color ** (1 / 2.2) if pbr else color), float(base[3])
 
 
 def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
-    """(H, W, 3) float64, 0 .. 255, not rounded: all surfaces of every pixel, sorted and composited back to front."""
+    """Blend all surfaces of every pixel from back to front: (H, W, 3) float64, 0 .. 255, not rounded."""
     direction = rays(view)
     background = np.array(look.background, dtype=np.float64) / 255.0
     layers: list[list[tuple[float, Array, float]]] = [[] for _ in direction]
@@ -276,13 +275,13 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
         X = view.X_camera_world @ instance.X_world_mesh
         points = instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3]
         mirrored = np.linalg.det(X[:3, :3]) < 0
-        for element in instance.mesh.elements:
-            corners = points[element]
+        for triangle in instance.mesh.elements:
+            corners = points[triangle]
             if not instance.material.double_sided and (np.linalg.det(corners) > 0) != mirrored:
                 continue
             z, weights = hits(direction, corners)
             for p in np.flatnonzero((z > view.near) & (z < view.far)):
-                color, alpha = surface_color(instance, element, weights[p], direction[p], corners, X, look.name)
+                color, alpha = surface_color(instance, triangle, weights[p], direction[p], corners, X, look.name)
                 mode = instance.material.alpha_mode
                 if mode is AlphaMode.OPAQUE:
                     alpha = 1.0
@@ -291,15 +290,15 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
                 layers[p].append((float(z[p]), color, min(max(alpha, 0.0), 1.0)))
     result = np.empty((len(direction), 3))
     for pixel, surfaces in enumerate(layers):
-        shown = background
+        mixed = background
         for _, color, alpha in sorted(surfaces, key=lambda surface: -surface[0]):
-            shown = shown * (1 - alpha) + color * alpha
-        result[pixel] = shown * 255.0
+            mixed = mixed * (1 - alpha) + color * alpha
+        result[pixel] = mixed * 255.0
     return result.reshape(view.height, view.width, 3)
 
 
 def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Mesh:
-    """A square in the plane z, its front (counter-clockwise) towards the camera, u to the right, v downwards."""
+    """Return a square in the plane z, front (counter-clockwise) towards the camera, u to the right, v downwards."""
     s = size
     positions = np.array(((-s, -s, z), (-s, s, z), (s, s, z), (s, -s, z)), dtype=np.float32)
     given: dict[str, NDArray[np.float32]] = {
@@ -310,7 +309,7 @@ def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Me
 
 
 def ball(rings: int = 8, radius: float = 1.0, **arrays: NDArray[np.float32]) -> Mesh:
-    """A sphere about the origin with normals, coordinates and tangents."""
+    """Return a sphere about the origin with normals, texture coordinates and tangents."""
     polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1))
     n = np.stack((np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)), -1).reshape(-1, 3)
     uv = np.stack((azimuth / (2 * np.pi), polar / np.pi), -1).reshape(-1, 2)
@@ -327,7 +326,7 @@ def ball(rings: int = 8, radius: float = 1.0, **arrays: NDArray[np.float32]) -> 
 
 
 def placed(mesh: Mesh, material: Material | None = None, *, z: float = 0.0, linear: Array | None = None) -> Instance:
-    """The mesh moved along z, behind a linear map."""
+    """Return an instance of a mesh, transformed by ``linear`` and moved along z."""
     X = np.eye(4)
     if linear is not None:
         X[:3, :3] = linear

@@ -1,6 +1,6 @@
 """Whole images of ``CpuRenderer``: golden images, thread counts, degenerate scenes.
 
-``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden pictures anew; look at them before committing them.
+``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden images anew; look at them before committing them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.shading.mikktspace import with_tangents
 from tests.renderers.pictures import FOLDER, wanted_anew
-from tests.renderers.shading.reference import Array, BruteForce, ball, camera, painted, picture, placed, quad
+from tests.renderers.shading.reference import Array, BruteForce, ball, camera, image_of, painted, placed, quad
 
 LOOKS = (Look("phong"), Look("pbr"))
 
@@ -30,7 +30,7 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
     renderer.close()
 
 
-def at(x: float, y: float, z: float, linear: Array | None = None) -> Array:
+def pose(x: float, y: float, z: float, linear: Array | None = None) -> Array:
     X = np.eye(4)
     X[:3, :3] = np.eye(3) if linear is None else linear
     X[:3, 3] = x, y, z
@@ -41,7 +41,7 @@ def checks(cells: int = 8, texels: int = 4, low: int = 40) -> np.ndarray:
     n = cells * texels
     i, j = np.meshgrid(np.arange(n) // texels, np.arange(n) // texels)
     pixels = np.where(((i + j) % 2 == 0)[..., None], (240, 200, 40, 255), (low, 60, 160, 255)).astype(np.uint8)
-    pixels[: texels * 2, : texels * 2] = (255, 0, 0, 255)  # tells up from down and left from right
+    pixels[: texels * 2, : texels * 2] = (255, 0, 0, 255)  # marks one corner
     return pixels
 
 
@@ -54,13 +54,13 @@ def bumps(n: int = 32) -> np.ndarray:
 
 def everything() -> DrawList:
     """A scene with one of each: textures, normal map, vertex colours, glass, cut-out, back faces, lines, points."""
-    turn = np.array(((0.8, 0.0, 0.6), (0.36, 0.8, -0.48), (-0.48, 0.6, 0.64)))
-    textured = Material(base_color_texture=Texture(picture(checks())), metallic=0.0, roughness=0.5)
-    bumpy = Material((0.9, 0.7, 0.4, 1.0), metallic=0.7, roughness=0.35, normal_texture=Texture(picture(bumps())))
+    rotation = np.array(((0.8, 0.0, 0.6), (0.36, 0.8, -0.48), (-0.48, 0.6, 0.64)))
+    textured = Material(base_color_texture=Texture(image_of(checks())), metallic=0.0, roughness=0.5)
+    bumpy = Material((0.9, 0.7, 0.4, 1.0), metallic=0.7, roughness=0.35, normal_texture=Texture(image_of(bumps())))
     holes = checks(6, 3)
     holes[..., 3] = np.where(holes[..., 2] > 100, 0, 255)
     fence = Material(
-        base_color_texture=Texture(picture(holes), Sampler(Wrap.MIRRORED_REPEAT, Wrap.REPEAT, mag_linear=False)),
+        base_color_texture=Texture(image_of(holes), Sampler(Wrap.MIRRORED_REPEAT, Wrap.REPEAT, mag_linear=False)),
         metallic=0.0,
         alpha_mode=AlphaMode.MASK,
         double_sided=True,
@@ -78,15 +78,15 @@ def everything() -> DrawList:
     faceted.colors[:, 3] = 1.0
     return DrawList(
         (
-            Instance(sphere, textured, at(-1.6, -0.8, 5.0, turn)),
-            Instance(sphere, bumpy, at(0.2, -0.9, 5.0, turn)),
-            Instance(replace(sphere, tangents=None), bumpy, at(1.9, -0.9, 5.0, turn @ np.diag((1.0, -1.0, 1.0)))),
-            Instance(quad(0.8, 0.0), fence, at(-1.5, 0.9, 4.2, turn)),
-            Instance(ball(12, 0.5), glass, at(0.1, 0.7, 4.0)),
-            Instance(ball(8, 0.35), lamp, at(0.3, 0.9, 5.0)),
-            Instance(faceted, Material(metallic=0.0), at(1.4, 0.8, 4.5, turn)),
-            Instance(frame, replace(Material(), line_width=2.0), at(-0.5, 0.3, 5.0, turn)),
-            Instance(dots, replace(Material(), point_size=4.0), at(-0.5, 0.3, 5.0, turn)),
+            Instance(sphere, textured, pose(-1.6, -0.8, 5.0, rotation)),
+            Instance(sphere, bumpy, pose(0.2, -0.9, 5.0, rotation)),
+            Instance(replace(sphere, tangents=None), bumpy, pose(1.9, -0.9, 5.0, rotation @ np.diag((1.0, -1.0, 1.0)))),
+            Instance(quad(0.8, 0.0), fence, pose(-1.5, 0.9, 4.2, rotation)),
+            Instance(ball(12, 0.5), glass, pose(0.1, 0.7, 4.0)),
+            Instance(ball(8, 0.35), lamp, pose(0.3, 0.9, 5.0)),
+            Instance(faceted, Material(metallic=0.0), pose(1.4, 0.8, 4.5, rotation)),
+            Instance(frame, replace(Material(), line_width=2.0), pose(-0.5, 0.3, 5.0, rotation)),
+            Instance(dots, replace(Material(), point_size=4.0), pose(-0.5, 0.3, 5.0, rotation)),
         )
     )
 
@@ -95,7 +95,7 @@ def wide_view() -> Camera:
     return Camera(203, 151, 190.0, 185.0, 99.0, 76.0, 0.1, 50.0, np.eye(4))
 
 
-def drawn(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> np.ndarray:
+def rendered(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> np.ndarray:
     with renderer.render(scene, view, Output.COLOR, look) as frame:
         assert frame.color is not None
         return frame.color.copy()
@@ -104,7 +104,7 @@ def drawn(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> n
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
 def test_golden_image(renderer: CpuRenderer, look: Look) -> None:
     path = FOLDER / f"shading_{look.name}.png"
-    color = drawn(renderer, everything(), wide_view(), look)
+    color = rendered(renderer, everything(), wide_view(), look)
     if wanted_anew():
         cv2.imwrite(str(path), color[..., ::-1])
     golden = cv2.imread(str(path))
@@ -141,19 +141,19 @@ def test_degenerate_meshes_give_finite_colors(renderer: CpuRenderer) -> None:
         placed(Mesh(rng.normal(size=(60, 3)).astype(np.float32), rng.integers(0, 60, (90, 3)).astype(np.uint32))),
     ]
     material = Material(
-        base_color_texture=Texture(picture(checks())), normal_texture=Texture(picture(bumps())), double_sided=True
+        base_color_texture=Texture(image_of(checks())), normal_texture=Texture(image_of(bumps())), double_sided=True
     )
     for look in LOOKS:
         for instance in odd:
-            color = drawn(renderer, DrawList((replace(instance, material=material),)), camera(), look)
+            color = rendered(renderer, DrawList((replace(instance, material=material),)), camera(), look)
             assert color.shape == (36, 48, 3)
     nowhere = np.full((4, 4), np.nan)
     nowhere[0] = np.inf
     for look in LOOKS:
-        color = drawn(renderer, DrawList((Instance(ball(), material, nowhere),)), camera(), look)
+        color = rendered(renderer, DrawList((Instance(ball(), material, nowhere),)), camera(), look)
         assert (color == look.background).all()
     # A normal without direction is black, not random; the base colour is not NaN.
-    black = drawn(renderer, DrawList((odd[4],)), camera(), Look("phong"))
+    black = rendered(renderer, DrawList((odd[4],)), camera(), Look("phong"))
     assert {tuple(c) for c in black.reshape(-1, 3)} == {(0, 0, 0), (204, 229, 255)}
 
 
@@ -169,16 +169,16 @@ def test_small_triangles_do_not_extrapolate(renderer: CpuRenderer) -> None:
         positions.reshape(-1, 3).astype(np.float32), np.arange(12000, dtype=np.uint32).reshape(-1, 3), colors=colors
     )
     material = Material(unlit=True, double_sided=True)
-    color = drawn(renderer, DrawList((Instance(mesh, material, np.eye(4)),)), camera(), Look("phong")).reshape(-1, 3)
-    seen = color[(color != (204, 229, 255)).any(axis=-1)]
-    assert len(seen) > 200
-    assert seen[:, 0].min() >= 51
-    assert seen[:, 0].max() <= 153
-    assert (seen[:, 1:] == 128).all()
+    color = rendered(renderer, DrawList((Instance(mesh, material, np.eye(4)),)), camera(), Look("phong")).reshape(-1, 3)
+    visible = color[(color != (204, 229, 255)).any(axis=-1)]
+    assert len(visible) > 200
+    assert visible[:, 0].min() >= 51
+    assert visible[:, 0].max() <= 153
+    assert (visible[:, 1:] == 128).all()
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_tangents_point_along_u_and_the_bitangent_up_the_picture(mirror: bool) -> None:
+def test_tangents_point_along_u_and_the_bitangent_up(mirror: bool) -> None:
     mesh = quad()
     assert mesh.uv0 is not None
     uv = mesh.uv0 * (-1, 1) if mirror else mesh.uv0
@@ -186,7 +186,7 @@ def test_tangents_point_along_u_and_the_bitangent_up_the_picture(mirror: bool) -
     tangents = made.tangents
     assert tangents is not None
     assert made.normals is not None
-    # In ``quad`` u grows along +X and v along +Y of the optical frame, so up the picture is -Y.
+    # In ``quad`` u grows along +X and v along +Y of the optical frame, so that up in the image is -Y.
     np.testing.assert_allclose(tangents[:, :3], np.tile((-1.0 if mirror else 1.0, 0, 0), (4, 1)), atol=1e-6)
     bitangents = np.cross(made.normals, tangents[:, :3]) * tangents[:, 3:]
     np.testing.assert_allclose(bitangents, np.tile((0, -1.0, 0), (4, 1)), atol=1e-6)

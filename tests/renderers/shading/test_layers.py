@@ -11,9 +11,10 @@ import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Texture
 from renderers.interface import Look, LookName
-from renderers.shading import paint, prepare
+from renderers.shading import prepare
+from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import Visibility
-from tests.renderers.shading.reference import BruteForce, ball, camera, painted, picture, placed, quad, reference_color
+from tests.renderers.shading.reference import BruteForce, ball, camera, image_of, painted, placed, quad, reference_color
 
 BLEND, MASK = AlphaMode.BLEND, AlphaMode.MASK
 GLASS = Material(base_color=(0.2, 0.9, 0.3, 0.3), metallic=0.0, alpha_mode=BLEND, double_sided=True)
@@ -23,7 +24,7 @@ VIEW = camera(32, 24, focal=28.0)
 
 
 def crossing() -> tuple[Instance, ...]:
-    """Two glass balls that pierce each other and a glass pane, before a wall that fills half of the picture."""
+    """Return two glass balls that intersect each other and a glass pane, before a wall that fills half of the image."""
     tilt = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
     wall = replace(quad(2.0, 6.0), positions=quad(2.0, 6.0).positions + np.array((2.1, 0, 0), np.float32))
     return (
@@ -34,9 +35,9 @@ def crossing() -> tuple[Instance, ...]:
     )
 
 
-def stars(shape: tuple[int, int] = (6, 7)) -> Texture:
+def noise(shape: tuple[int, int] = (6, 7)) -> Texture:
     pixels = np.random.default_rng(5).integers(0, 256, (*shape, 4)).astype(np.uint8)
-    return Texture(picture(pixels))
+    return Texture(image_of(pixels))
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
@@ -48,8 +49,8 @@ def test_translucent_surfaces_are_sorted_per_pixel(look: LookName) -> None:
 
 
 def test_the_order_of_the_draw_list_does_not_matter() -> None:
-    pictures = [painted(DrawList(order), VIEW, Look()) for order in [*itertools.permutations(crossing())][::3]]
-    assert all((p == pictures[0]).all() for p in pictures)
+    images = [painted(DrawList(order), VIEW, Look()) for order in [*itertools.permutations(crossing())][::3]]
+    assert all((image == images[0]).all() for image in images)
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
@@ -58,7 +59,7 @@ def test_alpha_of_a_texture(look: LookName, mode: AlphaMode) -> None:
     tilt = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
     material = Material(
         base_color=(1.0, 0.8, 0.6, 0.9),
-        base_color_texture=stars(),
+        base_color_texture=noise(),
         metallic=0.0,
         alpha_mode=mode,
         alpha_cutoff=0.4,
@@ -81,21 +82,22 @@ def test_alpha_of_vertices() -> None:
 
 def test_coplanar_translucent_surfaces_are_each_drawn_once() -> None:
     twice = DrawList((placed(quad(), GLASS), placed(quad(), BLUE)))
-    shown = painted(twice, VIEW, Look())[12, 16] / 255.0
+    color = painted(twice, VIEW, Look())[12, 16] / 255.0
     under = np.array((204, 229, 255)) / 255 * 0.6 + np.array(BLUE.base_color[:3]) * 0.4
-    np.testing.assert_allclose(shown, under * 0.7 + np.array(GLASS.base_color[:3]) * 0.3, atol=0.6 / 255)
+    np.testing.assert_allclose(color, under * 0.7 + np.array(GLASS.base_color[:3]) * 0.3, atol=0.6 / 255)
 
 
-def test_number_of_layers_is_limited() -> None:
-    panes = tuple(placed(quad(z=2.0 + 0.1 * i), replace(GLASS, base_color=(1.0, 0, 0, 0.2))) for i in range(6))
-    scene = DrawList((*panes, placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))))
-    for bound in (1, 3, 6, 32):
-        shown = painted(scene, VIEW, Look(), max_layers=bound)[12, 16]
-        left = 0.8 ** min(bound, 6)
-        assert np.abs(shown - 255 * np.array((1 - left, 0, left))).max() <= 0.51
+@pytest.mark.parametrize("panes", [MAX_LAYERS - 1, MAX_LAYERS, MAX_LAYERS + 3])
+def test_number_of_layers_is_limited(panes: int) -> None:
+    red = replace(GLASS, base_color=(1.0, 0, 0, 0.02))
+    stack = tuple(placed(quad(z=2.0 + 0.1 * k), red) for k in range(panes))
+    wall = placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))
+    color = painted(DrawList((*stack, wall)), camera(8, 6, focal=7.0), Look())[3, 4]
+    transmittance = 0.98 ** min(panes, MAX_LAYERS)
+    assert np.abs(color - 255 * np.array((1 - transmittance, 0, transmittance))).max() <= 0.51
 
 
-class Counting(BruteForce):
+class CountingRasterizer(BruteForce):
     def __init__(self) -> None:
         super().__init__()
         self.calls = 0
@@ -108,10 +110,10 @@ class Counting(BruteForce):
 def test_peeling_stops_behind_opaque_layers() -> None:
     """A stack of masked quads without visible holes takes few passes."""
     solid = np.full((2, 2, 4), 255, np.uint8)
-    solid[0, 0, 3] = 0  # so that it counts as a cut-out, though this texel is not in the picture
-    scrap = Texture(picture(solid), uv_transform=(0.0, 0.0, 0.75, 0.0, 0.0, 0.75))
+    solid[0, 0, 3] = 0  # makes it a cut-out, though no pixel shows this texel
+    scrap = Texture(image_of(solid), uv_transform=(0.0, 0.0, 0.75, 0.0, 0.0, 0.75))
     material = Material(base_color_texture=scrap, alpha_mode=MASK, metallic=0.0)
-    rasterizer = Counting()
+    rasterizer = CountingRasterizer()
     stack = tuple(placed(quad(2.0, 2.0 + 0.1 * i), material) for i in range(8))
     painted(DrawList(stack), VIEW, Look(), rasterizer)
     assert rasterizer.calls == 3  # behind the stack, its first layer, nothing more
@@ -122,7 +124,7 @@ def test_peeling_stops_behind_opaque_layers() -> None:
     [
         (GLASS, quad(), True),
         (replace(GLASS, base_color=(1, 1, 1, 1)), quad(), False),
-        (replace(GLASS, base_color=(1, 1, 1, 1), base_color_texture=stars()), quad(), True),
+        (replace(GLASS, base_color=(1, 1, 1, 1), base_color_texture=noise()), quad(), True),
         (replace(GLASS, base_color=(1, 1, 1, 1)), quad(colors=np.ones((4, 4), np.float32)), True),
         (replace(GLASS, alpha_mode=MASK, alpha_cutoff=0.2), quad(), False),
         (replace(GLASS, alpha_mode=MASK, alpha_cutoff=0.5), quad(), True),
@@ -131,15 +133,3 @@ def test_peeling_stops_behind_opaque_layers() -> None:
 )
 def test_only_translucent_instances_are_peeled(material: Material, mesh: Mesh, layered: bool) -> None:
     assert prepare((placed(mesh, material),), "phong").has_transparency is layered
-
-
-def test_given_visibility_is_reused_and_not_changed() -> None:
-    scene = DrawList((placed(quad(), WALL),))
-    rasterizer = Counting()
-    first = rasterizer.visibility(scene, VIEW)
-    before = first.ids.copy()
-    color = np.zeros((VIEW.height, VIEW.width, 3), np.uint8)
-    paint(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
-    assert rasterizer.calls == 1
-    assert (first.ids == before).all()
-    assert (color == painted(scene, VIEW, Look())).all()

@@ -11,31 +11,31 @@ import pytest
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Material, Mesh, Sampler, Texture
 from renderers.interface import Look, LookName
-from renderers.shading import look_material, paint, prepare
-from renderers.shading.materials import COLORS_DECODE, COLORS_MULTIPLY, COLORS_REPLACE, vertex_color_rule
+from renderers.shading import paint, prepare
+from renderers.shading.materials import COLORS_DECODE, COLORS_MULTIPLY, COLORS_REPLACE, look_material, vertex_color_rule
 from tests.renderers.shading.reference import (
     Array,
     BruteForce,
     ball,
     camera,
+    image_of,
     painted,
-    picture,
     placed,
     quad,
     reference_color,
 )
 
 RNG = np.random.default_rng(7)
-TURNED = np.array(((0.8, -0.6, 0.0), (0.48, 0.64, -0.6), (0.36, 0.48, 0.8)))
+ROTATED = np.array(((0.8, -0.6, 0.0), (0.48, 0.64, -0.6), (0.36, 0.48, 0.8)))
 """A rotation."""
-SQUASHED = TURNED @ np.diag((1.0, 0.4, 0.7))
-MIRRORED = TURNED @ np.diag((1.0, -0.6, 1.0))
+SQUASHED = ROTATED @ np.diag((1.0, 0.4, 0.7))
+MIRRORED = ROTATED @ np.diag((1.0, -0.6, 1.0))
 
 
-def noise(size: int = 8, least: int = 0) -> Texture:
-    pixels = RNG.integers(least, 256, (size, size + 3, 4)).astype(np.uint8)
+def noise(size: int = 8, lowest: int = 0) -> Texture:
+    pixels = RNG.integers(lowest, 256, (size, size + 3, 4)).astype(np.uint8)
     pixels[..., 3] = 255
-    return Texture(picture(pixels))
+    return Texture(image_of(pixels))
 
 
 def colored(mesh: Mesh) -> Mesh:
@@ -44,13 +44,16 @@ def colored(mesh: Mesh) -> Mesh:
     return replace(mesh, colors=colors)
 
 
-def assert_same(scene: DrawList, look: Look, view: Camera | None = None, *, odd: float = 0.0) -> Array:
-    """Every channel within one level of the reference (half of it is rounding), but for a share ``odd`` of pixels:
-    those whose ray meets an edge, where float32 depth may pick the other triangle."""
+def assert_same(scene: DrawList, look: Look, view: Camera | None = None, *, max_wrong: float = 0.0) -> Array:
+    """Compare every channel with the reference, within one level, half of which is rounding.
+
+    Args:
+        max_wrong: share of pixels that may differ: at edges, float32 depth may pick the other triangle.
+    """
     view = view or camera()
     ours, expected = painted(scene, view, look), reference_color(scene, view, look)
     wrong = (np.abs(ours - expected) > 1.0).any(axis=-1)
-    assert wrong.mean() <= odd, (wrong.sum(), ours[wrong][:3], expected[wrong][:3])
+    assert wrong.mean() <= max_wrong, (wrong.sum(), ours[wrong][:3], expected[wrong][:3])
     assert (expected != np.array(look.background)).any(), "nothing was drawn"
     return expected
 
@@ -61,7 +64,7 @@ FULL = Material(
     metallic=0.8,
     roughness=0.7,
     metallic_roughness_texture=noise(),
-    normal_texture=noise(least=96),
+    normal_texture=noise(lowest=96),
     normal_scale=0.6,
     occlusion_texture=noise(),
     occlusion_strength=0.5,
@@ -90,10 +93,10 @@ def test_ball_matches_the_reference(look: LookName, name: str) -> None:
     mesh = ball()
     assert mesh.uv0 is not None
     mesh = replace(mesh, uv1=np.ascontiguousarray(mesh.uv0[:, ::-1]))
-    assert_same(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=TURNED),)), Look(look))
+    assert_same(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=ROTATED),)), Look(look))
 
 
-@pytest.mark.parametrize("linear", [TURNED, SQUASHED, MIRRORED], ids=["turned", "squashed", "mirrored"])
+@pytest.mark.parametrize("linear", [ROTATED, SQUASHED, MIRRORED], ids=["rotated", "squashed", "mirrored"])
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_affine_transforms_of_normals_and_tangents(look: LookName, linear: Array) -> None:
     assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
@@ -133,7 +136,7 @@ def test_a_back_face_of_a_single_sided_material_is_not_seen() -> None:
 @pytest.mark.parametrize("unlit", [False, True])
 def test_vertex_colors(look: LookName, unlit: bool) -> None:
     material = Material(base_color=(1.0, 0.5, 0.25, 1.0), metallic=0.0, unlit=unlit)
-    assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=TURNED),)), Look(look))
+    assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=ROTATED),)), Look(look))
 
 
 def test_triangles_clipped_by_the_near_plane() -> None:
@@ -162,20 +165,20 @@ def test_lines_and_points_show_their_color_unlit() -> None:
     ends = np.array(((-0.8, -0.5, 2.0), (0.8, 0.5, 4.0)), np.float32)
     colors = np.array(((1, 0, 0.5, 1), (0, 1, 0.5, 1)), np.float32)
     line = Mesh(ends, np.array(((0, 1),), np.uint32), colors=colors)
-    shown = painted(DrawList((placed(line, Material(base_color=(1.0, 1.0, 0.5, 1.0))),)), view, Look("phong"))
-    drawn = (shown != (204, 229, 255)).any(axis=-1)
-    # Perspective-correct: the middle of the picture's stroke is nearer to the near end.
-    ys, xs = np.nonzero(drawn)
+    color = painted(DrawList((placed(line, Material(base_color=(1.0, 1.0, 0.5, 1.0))),)), view, Look("phong"))
+    is_drawn = (color != (204, 229, 255)).any(axis=-1)
+    # Perspective-correct: the middle of the line in the image is nearer to the near end.
+    ys, xs = np.nonzero(is_drawn)
     for x, y in zip(xs, ys, strict=True):
         ray = np.array(((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy))
         samples = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
         t = np.linspace(0, 1, 2001)[np.abs(samples[:, :2] / samples[:, 2:] - ray).sum(axis=1).argmin()]
         expected = 255 * np.array((1 - t, t, 0.25))
-        assert np.abs(shown[y, x] - expected).max() <= 255 * 0.02
+        assert np.abs(color[y, x] - expected).max() <= 255 * 0.02
     points = Mesh(ends, np.array(((0,), (1,)), np.uint32), colors=colors)
-    shown = painted(DrawList((placed(points),)), view, Look("pbr"))
-    drawn = (shown != (204, 229, 255)).any(axis=-1)
-    assert {tuple(c) for c in shown[drawn]} == {(255, 0, 128), (0, 255, 128)}
+    color = painted(DrawList((placed(points),)), view, Look("pbr"))
+    is_drawn = (color != (204, 229, 255)).any(axis=-1)
+    assert {tuple(pixel) for pixel in color[is_drawn]} == {(255, 0, 128), (0, 255, 128)}
 
 
 def test_look_material() -> None:

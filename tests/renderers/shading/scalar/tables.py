@@ -1,50 +1,54 @@
-"""What the scalar kernels read of a draw list."""
+"""Structs that the scalar kernels read of a draw list, beside the materials and textures of ``ShadingScene``."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from renderers.compiler.pointers import address_of
+from renderers.compiler.structs import F32, I64, U32, Struct, pointer_to
 from renderers.drawlist import Instance
-from renderers.shading.materials import MI_NORMAL
 from renderers.shading.mikktspace import with_tangents
 from renderers.shading.scene import ShadingScene
 
-# Columns of the instance table.
-II_TOPOLOGY = 0
-II_MATERIAL = 1
-II_ELEMENTS = 2
-II_POSITIONS = 3
-II_NORMALS = 4
-II_UV0 = 5
-II_UV1 = 6
-II_COLORS = 7
-II_TANGENTS = 8
-II_COLUMNS = 9
+INSTANCE = Struct(
+    "ScalarInstance",
+    {
+        "topology": I64,  # vertices of a primitive
+        "material": I64,
+        "indices": pointer_to(U32),  # (M, topology)
+        "positions": pointer_to(F32),
+        "normals": I64,  # addresses of float32; 0: none
+        "uv0": I64,
+        "uv1": I64,
+        "colors": I64,
+        "tangents": I64,
+    },
+)
 
 
-def instance_table(instances: Sequence[Instance], shading: ShadingScene) -> tuple[np.ndarray, list[object]]:
-    """(n, II_COLUMNS) int64, and what its addresses point into."""
+def instance_structs(instances: Sequence[Instance], shading: ShadingScene) -> tuple[np.ndarray, list[object]]:
+    """Return (n,) INSTANCE, and the objects that its addresses point into."""
     keep: list[object] = []
-    table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
+    structs: np.ndarray[Any, Any] = np.zeros(max(len(instances), 1), INSTANCE.dtype)
     for i, instance in enumerate(instances):
         mesh, texture = instance.mesh, instance.material.normal_texture
-        material = int(shading.instances[i, 1])
+        material = int(shading.instances["material"][i])
         tangents = None
-        if texture is not None and shading.material_integers[material, MI_NORMAL] >= 0:
+        if texture is not None and shading.materials["normal_texture"][material] >= 0:
             mesh = with_tangents(mesh, texture.uv_set)
             tangents = mesh.tangents
         arrays = (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, tangents)
         keep += (mesh, tangents)
-        addresses = (address_of(mesh.elements, np.uint32), *(address_of(a, np.float32) for a in arrays))
-        table[i] = (mesh.elements.shape[1], material, *addresses)
-    return table, keep
+        addresses = (address_of(mesh.elements, np.uint32), *(address_of(array, np.float32) for array in arrays))
+        structs[i] = (mesh.elements.shape[1], material, *addresses)
+    return structs, keep
 
 
 def normal_matrices(X_camera_mesh: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) float64: maps of normals, the inverse transpose up to a positive factor; defined for flat scales, too.
+    """Return the inverse transpose of each transform up to a positive factor, (n, 3, 3) float64, also for flat scales.
 
     Args:
         X_camera_mesh: (n, 4, 4) float64.

@@ -17,23 +17,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisibleSurfaces:
     """Visible surface of each of the n pixels, row by row."""
 
     instance: NDArray[np.int64]
     """-1 for the background."""
-    element: NDArray[np.int64]
+    primitive: NDArray[np.int64]
     weights: Array
     """(n, 3)."""
     point: Array
     """(n, 3), optical frame."""
 
 
-def look(scene: DrawList, view: Camera, direction: Array | None = None) -> Seen:
+def cast_rays(scene: DrawList, view: Camera, direction: Array | None = None) -> VisibleSurfaces:
     """Intersect every ray with every triangle, both sides."""
     d = rays(view) if direction is None else direction
     best = np.full(len(d), np.inf)
-    instance, element = np.full(len(d), -1), np.zeros(len(d), np.int64)
+    instance, primitive = np.full(len(d), -1), np.zeros(len(d), np.int64)
     weights = np.zeros((len(d), 3))
     for k, each in enumerate(scene.instances):
         X = view.X_camera_world @ each.X_world_mesh
@@ -41,15 +41,15 @@ def look(scene: DrawList, view: Camera, direction: Array | None = None) -> Seen:
         for e, corners in enumerate(each.mesh.elements):
             z, w = hits(d, points[corners])
             nearer = z < best
-            best[nearer], instance[nearer], element[nearer], weights[nearer] = z[nearer], k, e, w[nearer]
-    return Seen(instance, element, weights, d * np.where(np.isfinite(best), best, 0.0)[:, None])
+            best[nearer], instance[nearer], primitive[nearer], weights[nearer] = z[nearer], k, e, w[nearer]
+    return VisibleSurfaces(instance, primitive, weights, d * np.where(np.isfinite(best), best, 0.0)[:, None])
 
 
-def attribute(scene: DrawList, seen: Seen, k: int, name: str) -> Array:
+def attribute(scene: DrawList, visible: VisibleSurfaces, k: int, name: str) -> Array:
     """Interpolate an attribute of instance k's mesh at all pixels; undefined where another instance is visible."""
     values = getattr(scene.instances[k].mesh, name).astype(np.float64)
-    corners = scene.instances[k].mesh.elements[np.where(seen.instance == k, seen.element, 0)]
-    result: Array = np.einsum("nk,nkc->nc", seen.weights, values[corners])
+    corners = scene.instances[k].mesh.elements[np.where(visible.instance == k, visible.primitive, 0)]
+    result: Array = np.einsum("nk,nkc->nc", visible.weights, values[corners])
     return result
 
 
@@ -64,7 +64,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def brdf(n: Array, v: Array, l: Array, base: Array, material: Material, roughness: Array, metallic: Array) -> Array:
-    """Appendix B of glTF 2.0, KHR_materials_ior, KHR_materials_specular: f times n.l."""
+    """Return f times n.l (glTF 2.0 appendix B, KHR_materials_ior, KHR_materials_specular)."""
     h = normalized(v + l)
     n_l, n_v, n_h, v_h = (np.clip(dot(a, b), 0.0, 1.0) for a, b in ((n, l), (n, v), (n, h), (v, h)))
     a = roughness**2
@@ -81,8 +81,8 @@ def brdf(n: Array, v: Array, l: Array, base: Array, material: Material, roughnes
     return np.where(n_l > 0, (dielectric * (1 - metallic) + metal * metallic) * n_l, 0.0)
 
 
-def arriving(light: Light, view: Camera, p: Array) -> tuple[Array, Array]:
-    """KHR_lights_punctual: directions to the light and what arrives, at points (n, 3) of the optical frame."""
+def incident_light(light: Light, view: Camera, p: Array) -> tuple[Array, Array]:
+    """Return the directions to a light and its irradiance, at points (n, 3), optical frame (KHR_lights_punctual)."""
     R, t = view.X_camera_world[:3, :3], view.X_camera_world[:3, 3]
     axis = R @ light.direction
     color = np.array(light.color) * light.intensity
@@ -91,13 +91,13 @@ def arriving(light: Light, view: Camera, p: Array) -> tuple[Array, Array]:
     toward = R @ light.position + t - p
     distance = np.linalg.norm(toward, axis=-1, keepdims=True)
     l = toward / distance
-    part = 1.0 / distance**2
+    attenuation = 1.0 / distance**2
     if light.range is not None:
-        part = part * np.clip(1 - (distance / light.range) ** 4, 0, 1)
+        attenuation = attenuation * np.clip(1 - (distance / light.range) ** 4, 0, 1)
     if light.kind is LightKind.SPOT:
         scale = 1 / max(0.001, np.cos(light.inner_cone) - np.cos(light.outer_cone))
-        part = part * np.clip(dot(-l, axis[None]) * scale - np.cos(light.outer_cone) * scale, 0, 1) ** 2
-    return l, part * color
+        attenuation = attenuation * np.clip(dot(-l, axis[None]) * scale - np.cos(light.outer_cone) * scale, 0, 1) ** 2
+    return l, attenuation * color
 
 
 def neutral(color: Array) -> Array:
@@ -114,7 +114,7 @@ def neutral(color: Array) -> Array:
 
 
 def aces(color: Array) -> Array:
-    """Hill's fit with the exposure that viewers put before it; matrices as he gives them, columns of colours."""
+    """Hill's fit with the exposure that viewers apply first."""
     into = np.array(((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777)))
     out = np.array(((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602)))
     v = (color / 0.6) @ into.T
@@ -126,17 +126,17 @@ TONES: dict[str, Callable[[Array], Array]] = {"neutral": neutral, "aces": aces, 
 
 
 def srgb(linear: Array) -> Array:
-    """0 .. 1 to the levels 0 .. 255 that a display is given, not rounded."""
+    """Encode 0 .. 1 as sRGB levels 0 .. 255, not rounded."""
     c = np.clip(linear, 0.0, 1.0)
     return 255.0 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
 
 
-def linear(shown: Array) -> Array:
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+def linear(encoded: Array) -> Array:
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def levels(image: Image, color: bool) -> list[Array]:
-    """All levels as float64, colours linear: each texel the mean of four (sizes are powers of two here)."""
+    """Return all mip levels as float64, colours linear. Sizes are powers of two: each texel is the mean of four."""
     texels = image.decode().astype(np.float64) / 255.0
     if color:
         texels[..., :3] = linear(texels[..., :3])
@@ -157,7 +157,7 @@ def _wrapped(i: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
 
 
 def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
-    """(n, 4) of one level."""
+    """Sample one mip level: (n, 4)."""
     h, w = texels.shape[:2]
     x, y = uv[:, 0] * w, uv[:, 1] * h
 
@@ -193,19 +193,19 @@ def textured(texture: Texture, uv: Array, right: Array, below: Array, color: boo
     detail = np.log2(np.maximum(footprint, 1e-9))
     border = 0.5 if s.mag_linear and not s.min_linear and s.mipmaps else 0.0
     result = bilinear(chain[0], s, uv, s.mag_linear)
-    small = detail > border
+    is_minified = detail > border
     if not s.mipmaps:
-        return np.where(small[:, None], bilinear(chain[0], s, uv, s.min_linear), result)
+        return np.where(is_minified[:, None], bilinear(chain[0], s, uv, s.min_linear), result)
     filtered = np.stack([bilinear(level, s, uv, s.min_linear) for level in chain])
     detail = np.clip(detail, 0, len(chain) - 1)
-    every = np.arange(len(uv))
+    pixel = np.arange(len(uv))
     if s.mip_linear:
         low = np.floor(detail).astype(np.int64)
-        part = (detail - low)[:, None]
-        mipped = filtered[low, every] * (1 - part) + filtered[np.minimum(low + 1, len(chain) - 1), every] * part
+        t = (detail - low)[:, None]
+        mipped = filtered[low, pixel] * (1 - t) + filtered[np.minimum(low + 1, len(chain) - 1), pixel] * t
     else:
-        mipped = filtered[np.minimum(np.ceil(detail + 0.5).astype(np.int64) - 1, len(chain) - 1), every]
-    return np.where(small[:, None], mipped, result)
+        mipped = filtered[np.minimum(np.ceil(detail + 0.5).astype(np.int64) - 1, len(chain) - 1), pixel]
+    return np.where(is_minified[:, None], mipped, result)
 
 
 def octahedral(d: Array) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Small scenes, one per feature."""
+"""Small scenes of the studio look's tests, and cameras for them."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ KINDS = {
 
 
 def view(width: int = 48, height: int = 36, focal: float = 40.0) -> Camera:
-    """A camera at the origin, looking along +Z, with +Y down."""
+    """Return a camera at the origin that looks along +Z, with +Y down."""
     return Camera(width, height, focal, 1.1 * focal, width / 2 - 0.5, height / 2 + 0.75, 0.05, 100.0, np.eye(4))
 
 
 def sheet(corners: NDArray[np.float64] | list[tuple[float, float, float]], uv: float = 1.0) -> Mesh:
-    """A quadrilateral of two triangles with texture coordinates 0 .. uv, its normal towards the origin."""
+    """Return a quadrilateral with texture coordinates 0 .. uv and its normal towards the origin."""
     p = np.array(corners, np.float64)
     n = np.cross(p[1] - p[0], p[3] - p[0])
     n /= -np.linalg.norm(n) * np.sign(n @ p[0])
@@ -46,22 +46,24 @@ def sheet(corners: NDArray[np.float64] | list[tuple[float, float, float]], uv: f
     return Mesh(p.astype(np.float32), np.array(order, np.uint32), np.tile(n, (4, 1)).astype(np.float32), uvs)
 
 
-def at(x: float, y: float, z: float) -> NDArray[np.float64]:
+def translation(x: float, y: float, z: float) -> NDArray[np.float64]:
     X = np.eye(4)
     X[:3, 3] = x, y, z
     return X
 
 
 def two_balls(**material: Any) -> DrawList:
-    """A dielectric and a metal."""
+    """Return a dielectric and a metal ball."""
     plastic = Material((0.8, 0.3, 0.2, 1.0), metallic=0.0, roughness=0.4, **material)
     metal = Material((0.9, 0.8, 0.5, 1.0), metallic=1.0, roughness=0.5)
     mesh = ball(12, 0.8)
-    return DrawList((Instance(mesh, plastic, at(-0.9, 0.0, 3.5)), Instance(mesh, metal, at(0.9, 0.1, 3.5))))
+    return DrawList(
+        (Instance(mesh, plastic, translation(-0.9, 0.0, 3.5)), Instance(mesh, metal, translation(0.9, 0.1, 3.5)))
+    )
 
 
 def noise(side: int = 64, seed: int = 0) -> Image:
-    """Coarse and fine patterns, with a corner that tells the directions."""
+    """Return an image of coarse and fine patterns with one red corner."""
     rng = np.random.default_rng(seed)
     coarse = rng.integers(0, 256, (side // 8, side // 8, 4)).repeat(8, 0).repeat(8, 1)
     fine = rng.integers(0, 256, (side, side, 4))
@@ -71,8 +73,8 @@ def noise(side: int = 64, seed: int = 0) -> Image:
     return Image(pixels.tobytes(), lambda: pixels)
 
 
-def shadowed(kind: LightKind) -> DrawList:
-    """A floor (y down is up here: the world's axes are the camera's), a slab over it and a light from above."""
+def slab_over_floor(kind: LightKind) -> DrawList:
+    """Return a floor, a slab over it and a light from above. The world is Y-down, as an optical frame."""
     floor = sheet([(-3, 1, 2), (3, 1, 2), (3, 1, 8), (-3, 1, 8)])
     slab = sheet([(-0.7, 0.2, 4.0), (0.7, 0.2, 4.0), (0.7, 0.2, 5.4), (-0.7, 0.2, 5.4)])
     grey = Material((0.6, 0.6, 0.6, 1.0), metallic=0.0, roughness=1.0, double_sided=True)
@@ -84,7 +86,7 @@ def shadowed(kind: LightKind) -> DrawList:
 
 
 def from_above() -> Camera:
-    """Looks down at the floor of ``shadowed`` at 40 degrees."""
+    """Return a camera that looks down at the floor of ``slab_over_floor`` at 40 degrees."""
     c, s = math.cos(math.radians(40.0)), math.sin(math.radians(40.0))
     X = np.eye(4)
     X[:3, :3] = np.array(((1, 0, 0), (0, c, s), (0, -s, c)))
@@ -92,7 +94,7 @@ def from_above() -> Camera:
     return Camera(96, 72, 80.0, 80.0, 48.0, 36.0, 0.05, 100.0, X)
 
 
-def drawn(
+def rendered(
     renderer: CpuRenderer,
     scene: DrawList,
     camera: Camera,
@@ -100,7 +102,7 @@ def drawn(
     samples: SampleCount = 1,
     background: tuple[int, int, int] = (0, 0, 0),
 ) -> NDArray[np.uint8]:
-    """(H, W, 3)."""
+    """Render the studio look: (H, W, 3)."""
     with renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig)) as frame:
         assert frame.color is not None
         return frame.color.copy()

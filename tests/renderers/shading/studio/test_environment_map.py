@@ -17,7 +17,7 @@ from renderers.shading.studio.environment_image import SurroundingsError, radian
 from renderers.shading.studio.environment_map import LEVEL_SIZES, environment_of, irradiance_of, split_sum
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions
 from tests.renderers.shading.studio import reference as ref
-from tests.renderers.shading.studio.scenes import DARK, drawn, sheet, two_balls, view
+from tests.renderers.shading.studio.scenes import DARK, rendered, sheet, two_balls, view
 
 WHITE = Surroundings(Hemisphere((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))
 
@@ -30,7 +30,7 @@ def renderer() -> Iterator[CpuRenderer]:
 
 
 def sphere(count: int = 20_000) -> ref.Array:
-    """(n, 3): even directions (Fibonacci), each of the solid angle 4 pi / n."""
+    """Return evenly distributed directions (Fibonacci), each of the solid angle 4 pi / n, (n, 3)."""
     k = np.arange(count) + 0.5
     z = 1 - 2 * k / count
     phi = k * math.pi * (3 - math.sqrt(5))
@@ -47,7 +47,7 @@ def test_octahedral_tables() -> None:
 
 
 def read_table(table: ref.Array, d: ref.Array) -> ref.Array:
-    """Bilinear in an octahedral table with a border of one texel."""
+    """Sample an octahedral table with a border of one texel bilinearly."""
     side = table.shape[0] - 2
     u, v = ref.octahedral(d)
     x, y = u * side + 0.5, v * side + 0.5
@@ -59,14 +59,14 @@ def read_table(table: ref.Array, d: ref.Array) -> ref.Array:
     return result
 
 
-@pytest.mark.parametrize("rough", [False, True], ids=["studio", "one window"])
-def test_irradiance(rough: bool) -> None:
-    """The table, between its texels, too, against the cosine-weighted integral."""
+@pytest.mark.parametrize("window", [False, True], ids=["studio", "one window"])
+def test_irradiance(window: bool) -> None:
+    """The table and values between its texels, against the cosine-weighted integral."""
     surroundings = STUDIO.surroundings
     assert surroundings is not None
-    if rough:
-        window = Softbox((0.7, -0.6, 0.2), (40.0, 30.0, 20.0), 0.15, 0.3, 0.05)
-        surroundings = Surroundings(Hemisphere((0.1, 0.1, 0.2), (0.05, 0.05, 0.05)), (window,))
+    if window:
+        softbox = Softbox((0.7, -0.6, 0.2), (40.0, 30.0, 20.0), 0.15, 0.3, 0.05)
+        surroundings = Surroundings(Hemisphere((0.1, 0.1, 0.2), (0.05, 0.05, 0.05)), (softbox,))
     radiance = radiance_of(surroundings)
     table = irradiance_of(radiance)
     d = equirect_directions(*radiance.shape[:2])
@@ -75,7 +75,7 @@ def test_irradiance(rough: bool) -> None:
     for n in sphere(60):
         weight = np.clip(d @ n, 0, None) * area
         exact = np.einsum("hw,hwc->c", weight, radiance) / math.pi
-        # Straight lines between texels cut the corner where the window sets.
+        # Between texels, the table is linear, which is coarse where the window sets.
         np.testing.assert_allclose(read_table(table.astype(float), n), exact, rtol=0.02, atol=0.003 * table.max())
 
 
@@ -118,22 +118,22 @@ def test_white_furnace(renderer: CpuRenderer) -> None:
                     for i in two_balls().instances
                 )
             )
-            color = drawn(renderer, scene, view(), replace(DARK, surroundings=replace(WHITE, intensity=0.5)))
+            color = rendered(renderer, scene, view(), replace(DARK, surroundings=replace(WHITE, intensity=0.5)))
             expected = ref.srgb(ref.neutral(np.full(3, 0.5)))
-            seen = color[color.any(axis=-1)].astype(float)
-            assert len(seen) > 300
-            assert np.abs(seen - expected).max() <= 3.0, (metallic, roughness, seen.min(), seen.max(), expected)
+            lit = color[color.any(axis=-1)].astype(float)
+            assert len(lit) > 300
+            assert np.abs(lit - expected).max() <= 3.0, (metallic, roughness, lit.min(), lit.max(), expected)
 
 
 @pytest.mark.parametrize("roughness", [0.2, 0.6, 1.0])
-def test_reflection_seen_from_the_front(renderer: CpuRenderer, roughness: float) -> None:
+def test_reflection_at_normal_incidence(renderer: CpuRenderer, roughness: float) -> None:
     """The centre of a metal sheet against the whole integral of radiance and BRDF."""
     boxes = (Softbox((0.3, 0.2, -1.0), (3.0, 2.0, 1.0), 0.5, 0.5),)
     surroundings = Surroundings(Hemisphere((0.3, 0.3, 0.5), (0.1, 0.2, 0.1)), boxes)
     metal = Material((0.9, 0.6, 0.3, 1.0), metallic=1.0, roughness=roughness)
     mesh = sheet([(-2, -2, 3), (2, -2, 3), (2, 2, 3), (-2, 2, 3)])
     camera = replace(view(21, 21), cx=10.5, cy=10.5)
-    color = drawn(
+    color = rendered(
         renderer, DrawList((Instance(mesh, metal, np.eye(4)),)), camera, replace(DARK, surroundings=surroundings)
     )
     l = sphere(200_000)
@@ -145,12 +145,12 @@ def test_reflection_seen_from_the_front(renderer: CpuRenderer, roughness: float)
     one = np.ones((len(l), 1))
     f = ref.brdf(n + 0 * l, n + 0 * l, l, base, metal, roughness * one, one)
     exact = (f * radiance[rows, columns]).mean(axis=0) * 4 * math.pi
-    # What the single-scattering BRDF loses comes back, as light from everywhere.
+    # The energy that the single-scattering BRDF loses comes back, as light from everywhere.
     scale, bias = split_sum()[31, round(roughness * 31)].astype(float)
     lost, white = 1 - scale - bias, np.array(metal.base_color[:3])
     single, mean = white * scale + bias, white + (1 - white) / 21
-    around = np.einsum("lc,l->c", radiance[rows, columns], np.clip(l @ n, 0, None)) * 4 / len(l)
-    exact += lost * single * mean / (1 - mean * lost) * around
+    irradiance = np.einsum("lc,l->c", radiance[rows, columns], np.clip(l @ n, 0, None)) * 4 / len(l)
+    exact += lost * single * mean / (1 - mean * lost) * irradiance
     expected = ref.srgb(ref.neutral(exact))
     # The split weights by D n.l instead of D V n.l: at most a dozen levels at the foot of a bright box.
     assert np.abs(color[10, 10] - expected).max() <= 12.0, (color[10, 10], expected)

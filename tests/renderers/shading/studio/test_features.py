@@ -1,8 +1,8 @@
-"""Features of glTF files from their bytes to pixels: each a sheet of its own, against arithmetic written from the
-specifications, and as a golden picture.
+"""Features of glTF files from their bytes to pixels: each on a sheet of its own, against arithmetic written from the
+specifications, and as a golden image.
 
-The sheet fills the view at z = -3 with texture coordinates 0 .. 1 and is lit by one lamp of the file. Textures are read
-at the nearest texel, so that what is expected needs no filter (``test_reference`` has those).
+The sheet fills the view at z = -3 with texture coordinates 0 .. 1 and is lit by one lamp of the file. Textures are
+sampled at the nearest texel, so that the expected image needs no filter (``test_reference`` tests filters).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from tests.gltf.builder import Builder, data_uri
 from tests.renderers.pictures import same_as_golden
 from tests.renderers.shading.reference import rays
 from tests.renderers.shading.studio import reference as ref
-from tests.renderers.shading.studio.scenes import DARK, drawn
+from tests.renderers.shading.studio.scenes import DARK, rendered
 
 CORNERS = np.array([(-1.5, -1.2, 0), (1.5, -1.2, 0), (1.5, 1.2, 0), (-1.5, 1.2, 0)])
 UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 LAMP: dict[str, Any] = {"type": "directional", "intensity": 2.5, "color": [1.0, 0.9, 0.8]}
-# Turned about Y and X: it shines to the lower right.
+# Rotated about Y and X: it shines to the lower right.
 LAMP_NODE: dict[str, Any] = {
     "rotation": [-0.2164396, -0.2164396, -0.0480066, 0.9508061],
     "extensions": {"KHR_lights_punctual": {"light": 0}},
@@ -52,13 +52,13 @@ class Point:
     p: ref.Array
 
     def texel(self, uv: ref.Array | None = None) -> ref.Array:
-        """(n, 4): stored values over 255 at coordinates, which repeat."""
+        """Return stored values over 255 at coordinates, which repeat, (n, 4)."""
         at = np.floor((self.uv if uv is None else uv) * SIDE).astype(int) % SIDE
         values: ref.Array = TEXELS[at[:, 1], at[:, 0]] / 255.0
         return values
 
     def lit(self, base: ref.Array, metallic: Any = 0.0, roughness: Any = 0.5, **more: Any) -> ref.Array:
-        """Under the lamp alone."""
+        """Return the radiance under the lamp alone."""
         material: Any = SimpleNamespace(**{"ior": 1.5, "specular": 1.0, "specular_color": (1.0, 1.0, 1.0)} | more)
         x, y, z, w = LAMP_NODE["rotation"]
         shines = np.array((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))) * -1.0
@@ -82,7 +82,7 @@ def webp() -> bytes:
 def document(
     material: dict[str, Any], attributes: dict[str, Any] | None = None, extensions: tuple[str, ...] = (), **node: Any
 ) -> Builder:
-    """The sheet; ``attributes`` replace its own: (values, type, more)."""
+    """Return a document with the sheet; ``attributes`` replace its own: (values, type, more)."""
     b = Builder()
     every: dict[str, Any] = {
         "POSITION": (CORNERS - np.array((0, 0, 3)), "f", {}),
@@ -106,7 +106,7 @@ def document(
 
 
 def textured(b: Builder, image: bytes | None = None, mime: str = "image/png", **texture: Any) -> Builder:
-    """With texture 0 of ``TEXELS``."""
+    """Add texture 0, of ``TEXELS``."""
     index = b.add("images", {"uri": data_uri(png() if image is None else image, mime)})
     b.add("textures", {"sampler": 0, "source": index} if not texture else {"sampler": 0, **texture})
     return b
@@ -125,12 +125,12 @@ SECOND = UV[:, ::-1] * 0.8 + 0.1
 
 
 def second(at: Point) -> ref.Array:
-    """TEXCOORD_1 at each pixel: linear over the sheet as TEXCOORD_0."""
+    """Return TEXCOORD_1 at each pixel: linear over the sheet as TEXCOORD_0."""
     return at.uv[:, ::-1] * 0.8 + 0.1
 
 
 def transformed(at: Point) -> ref.Array:
-    """KHR_texture_transform: translation * rotation * scale, rotation counter-clockwise in a picture whose v is up."""
+    """Return transformed coordinates: translation * rotation * scale, counter-clockwise if v is up."""
     c, s = np.cos(TRANSFORM["rotation"]), np.sin(TRANSFORM["rotation"])
     m = np.array(((c, s), (-s, c))) @ np.diag(TRANSFORM["scale"])
     uv: ref.Array = second(at) @ m.T + np.array(TRANSFORM["offset"])
@@ -138,7 +138,7 @@ def transformed(at: Point) -> ref.Array:
 
 
 def quantized() -> Builder:
-    """Positions as shorts of 1/1000 under a node that scales, normals as bytes, coordinates as normalised shorts."""
+    """Return positions as int16 under a node that scales, normals as int8, coordinates as normalised uint16."""
     return textured(
         document(
             base_texture(),
@@ -161,7 +161,7 @@ def basisu() -> Builder:
     return b
 
 
-def of_material(required: tuple[str, ...] = (), **material: Any) -> Builder:
+def material_document(required: tuple[str, ...] = (), **material: Any) -> Builder:
     return textured(document({"pbrMetallicRoughness": PLAIN, **material}, None, required))
 
 
@@ -169,7 +169,7 @@ COLORS = np.array([(255, 0, 0, 255), (0, 255, 0, 255), (0, 0, 255, 255), (255, 2
 
 
 def vertex_color(at: Point) -> ref.Array:
-    """Linear over each of the two triangles 0 1 2 and 0 2 3."""
+    """Return the vertex colour at each pixel, linear over the triangles 0 1 2 and 0 2 3."""
     u, v = at.uv[:, :1], 1.0 - at.uv[:, 1:]
     c = COLORS[:, :3] / 255.0
     first, second_half = c[0] + u * (c[1] - c[0]) + v * (c[2] - c[1]), c[0] + v * (c[3] - c[0]) + u * (c[2] - c[3])
@@ -223,7 +223,7 @@ FEATURES: dict[str, tuple[Builder, Expected]] = {
         lambda at: at.lit(FLAT, 0.9 * at.texel(second(at))[:, 2:3], 0.8 * at.texel(second(at))[:, 1:2]),
     ),
     "emissive_strength": (
-        of_material(
+        material_document(
             ("KHR_materials_emissive_strength",),
             emissiveFactor=[0.1, 0.05, 0.02],
             emissiveTexture={"index": 0},
@@ -232,7 +232,7 @@ FEATURES: dict[str, tuple[Builder, Expected]] = {
         lambda at: at.lit(FLAT) + 6.0 * np.array((0.1, 0.05, 0.02)) * ref.linear(at.texel()[:, :3]),
     ),
     "specular_and_ior": (
-        of_material(
+        material_document(
             ("KHR_materials_specular", "KHR_materials_ior"),
             extensions={
                 "KHR_materials_ior": {"ior": 1.9},
@@ -275,52 +275,52 @@ def renderer() -> Iterator[CpuRenderer]:
     renderer.close()
 
 
-def picture(renderer: CpuRenderer, b: Builder, rig: Rig) -> np.ndarray[Any, Any]:
+def render_document(renderer: CpuRenderer, b: Builder, rig: Rig) -> np.ndarray[Any, Any]:
     read = b.read()
     assert not read.warnings
-    return drawn(renderer, replace(flatten(read.root), lights=read.lights), CAMERA, rig)
+    return rendered(renderer, replace(flatten(read.root), lights=read.lights), CAMERA, rig)
 
 
-def seen() -> tuple[Point, np.ndarray[Any, Any]]:
-    """All pixels, and (n,) which of them lie on the sheet."""
+def sheet_pixels() -> tuple[Point, np.ndarray[Any, Any]]:
+    """Return all pixels, and which of them lie on the sheet, (n,)."""
     p = rays(CAMERA) * 3.0 * (1, -1, -1)  # from the optical frame to the file's
     uv = (p[:, :2] / (CORNERS[2, :2] - CORNERS[0, :2])) * (1, -1) + 0.5
     return Point(uv, p), ((uv > 0.01) & (uv < 0.99)).all(axis=1)
 
 
-def clear(uv: ref.Array) -> np.ndarray[Any, Any]:
-    """(n,): not within a hundredth of a texel of another one, where rounding decides."""
-    part = uv * SIDE % 1.0
-    return np.asarray(((part > 0.01) & (part < 0.99)).all(axis=1))
+def is_inside_texel(uv: ref.Array) -> np.ndarray[Any, Any]:
+    """Return which coordinates are not within a hundredth of another texel, where rounding decides, (n,)."""
+    position = uv * SIDE % 1.0
+    return np.asarray(((position > 0.01) & (position < 0.99)).all(axis=1))
 
 
 @pytest.mark.parametrize("name", FEATURES)
 def test_feature(renderer: CpuRenderer, name: str) -> None:
     b, expected = FEATURES[name]
-    at, inside = seen()
-    where = inside & clear(at.uv) & clear(second(at)) & clear(transformed(at))
+    at, inside = sheet_pixels()
+    where = inside & is_inside_texel(at.uv) & is_inside_texel(second(at)) & is_inside_texel(transformed(at))
     assert where.mean() > 0.5
-    shown = ref.srgb(expected(at))[where]
-    wrong = np.abs(picture(renderer, b, replace(DARK, tone="none")).reshape(-1, 3)[where] - shown)
-    assert shown.std() > 3.0
+    expected_color = ref.srgb(expected(at))[where]
+    wrong = np.abs(render_document(renderer, b, replace(DARK, tone="none")).reshape(-1, 3)[where] - expected_color)
+    assert expected_color.std() > 3.0
     assert wrong.max() <= 0.52, (wrong.max(), wrong.mean())  # half a level of rounding, and float32
 
 
 def test_occlusion_darkens_the_environment_but_not_lights(renderer: CpuRenderer) -> None:
     material = {"pbrMetallicRoughness": PLAIN}
     occluded = {**material, "occlusionTexture": {"index": 0, "strength": 0.7}}
-    at, inside = seen()
-    where = inside & clear(at.uv)
-    kept = 1.0 + 0.7 * (at.texel()[:, :1] - 1.0)
+    at, inside = sheet_pixels()
+    where = inside & is_inside_texel(at.uv)
+    unoccluded = 1.0 + 0.7 * (at.texel()[:, :1] - 1.0)
     rig = replace(DARK, tone="none", surroundings=GREY)
     direct = at.lit(FLAT)
-    both = ref.linear(picture(renderer, document(material), rig).reshape(-1, 3) / 255.0)
-    expected = ref.srgb(direct + kept * (both - direct))[where]
-    wrong = np.abs(picture(renderer, textured(document(occluded)), rig).reshape(-1, 3)[where] - expected)
-    assert wrong.max() <= 2.0  # ``both`` is rounded to a level
+    total = ref.linear(render_document(renderer, document(material), rig).reshape(-1, 3) / 255.0)
+    expected = ref.srgb(direct + unoccluded * (total - direct))[where]
+    wrong = np.abs(render_document(renderer, textured(document(occluded)), rig).reshape(-1, 3)[where] - expected)
+    assert wrong.max() <= 2.0  # ``total`` is rounded to a level
     assert wrong.mean() < 0.5
 
 
 def test_golden_images(renderer: CpuRenderer) -> None:
     rig = replace(DARK, surroundings=GREY)
-    same_as_golden("features", **{name: picture(renderer, b, rig) for name, (b, _) in FEATURES.items()})
+    same_as_golden("features", **{name: render_document(renderer, b, rig) for name, (b, _) in FEATURES.items()})

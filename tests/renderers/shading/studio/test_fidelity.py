@@ -42,15 +42,15 @@ def renderer() -> Iterator[CpuRenderer]:
 def test_distance_to_other_engines_is_within_their_spread(renderer: CpuRenderer, name: str) -> None:
     if not FOLDER:
         pytest.skip("SCENEGATE_FIDELITY names no checkout of KhronosGroup/glTF-Render-Fidelity")
-    found, without = scenarios(Path(FOLDER))
+    known, unavailable = scenarios(Path(FOLDER))
     full = f"khronos-{name}"
-    if full in without:
-        pytest.skip(f"{name}: {without[full]}")
-    lines, _, _ = measure(next(each for each in found if each.name == full), renderer)
+    if full in unavailable:
+        pytest.skip(f"{name}: {unavailable[full]}")
+    lines, _, _ = measure(next(each for each in known if each.name == full), renderer)
     assert len(lines) >= 5
     for line in lines:
         assert line.near, line
-        # Some engines leave out or blur what others draw: then they differ from one another, too.
+        # Some engines leave out or blur what others draw, so that they differ from one another, too.
         assert line.silhouette <= max(MAX_SILHOUETTE, line.others_silhouette[-1]), line
     (summary,) = summaries(lines)
     assert summary.silhouette <= MAX_SILHOUETTE
@@ -58,9 +58,9 @@ def test_distance_to_other_engines_is_within_their_spread(renderer: CpuRenderer,
 
 
 def square(value: float, shift: int = 0) -> np.ndarray:
-    picture = np.zeros((40, 40, 4))
-    picture[10:30, 10 + shift : 30 + shift] = (value, value, value, 255.0)
-    return picture
+    image = np.zeros((40, 40, 4))
+    image[10:30, 10 + shift : 30 + shift] = (value, value, value, 255.0)
+    return image
 
 
 def test_distances() -> None:
@@ -94,4 +94,4 @@ def test_camera() -> None:
     target = camera.X_camera_world @ (1.0, -3.0, 2.0, 1.0)
     np.testing.assert_allclose(target[:3], (0.0, 0.0, 2.0), atol=1e-12)
     above = camera.X_camera_world @ (1.0, -3.0, 2.5, 1.0)
-    assert above[1] < 0  # up in the world is up in the picture
+    assert above[1] < 0  # up in the world is up in the image

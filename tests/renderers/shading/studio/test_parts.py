@@ -1,4 +1,4 @@
-"""Unit tests of mip levels, tangents and sample positions."""
+"""Mip levels, tangents, sRGB encoding, sample positions and limits of the light rig."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.shading.mipmaps import halve, make_chain
 from renderers.shading.studio.layout import OUTPUT, channel_values
-from renderers.shading.studio.tone_mapping import SRGB_CELLS, finish_rows
+from renderers.shading.studio.tone_mapping import SRGB_CELLS, write_image_rows
 from renderers.shading.texture_table import TextureTable
 from tests.renderers.shading.reference import ball
 from tests.renderers.shading.studio import reference as ref
@@ -31,10 +31,10 @@ def test_levels_are_means(srgb: bool) -> None:
     exact = ref.levels(image, srgb)[1:]
     assert [level.shape for level in levels] == [level.shape for level in exact]
     for level, expected in zip(levels, exact, strict=True):
-        shown = np.concatenate(
+        encoded = np.concatenate(
             (ref.srgb(expected[..., :3]) if srgb else 255 * expected[..., :3], 255 * expected[..., 3:]), -1
         )
-        assert np.abs(level - shown).max() <= 1.1  # half a level of rounding, again at every level
+        assert np.abs(level - encoded).max() <= 1.1  # half a level of rounding, again at every level
 
 
 def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
@@ -43,9 +43,9 @@ def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
 
     for name in ("first", "second"):
         table = TextureTable(mipmaps=True)
-        table.row(Texture(Image(b"torn", broken), name=name), True)
+        table.index_of(Texture(Image(b"torn", broken), name=name), True)
         with pytest.raises(ImageError, match=f"^{name}: torn$"):
-            table.as_tables()
+            table.structs()
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 9), (12, 1), (3, 2), (2, 2)])
@@ -75,7 +75,7 @@ def test_every_level_of_srgb() -> None:
     color = np.zeros((1, len(values), 3), np.uint8)
     output = np.zeros(1, OUTPUT.dtype)
     output["srgb_cells"], output["color"] = address_of(SRGB_CELLS, np.int32), address_of(color, np.uint8)
-    finish_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
+    write_image_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
     assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 
@@ -86,7 +86,7 @@ def tangents_of(uv: np.ndarray) -> np.ndarray:
 
 
 def planar() -> np.ndarray:
-    """u along x, v against z (down the picture, if z is up)."""
+    """Return coordinates with u along x and v against z."""
     mesh = ball(12)
     return np.stack((mesh.positions[:, 0], -mesh.positions[:, 2]), -1).astype(np.float32)
 

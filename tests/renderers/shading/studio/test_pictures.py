@@ -1,4 +1,4 @@
-"""Golden pictures of the studio look, one per feature: exact on every run and any number of threads.
+"""Golden images of the studio look, one per feature: exact on every run and any number of threads.
 
 ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes them anew; look at them before committing them.
 """
@@ -20,12 +20,12 @@ from tests.renderers.pictures import same_as_golden
 from tests.renderers.shading.studio.scenes import (
     DARK,
     KINDS,
-    at,
-    drawn,
     from_above,
     noise,
-    shadowed,
+    rendered,
     sheet,
+    slab_over_floor,
+    translation,
     two_balls,
     view,
 )
@@ -50,9 +50,9 @@ def glass() -> DrawList:
     balls = two_balls().instances
     return DrawList(
         (
-            Instance(balls[0].mesh, green, at(-0.3, 0.0, 3.0)),
-            Instance(balls[0].mesh, red, at(0.4, 0.1, 3.4)),
-            replace(balls[1], X_world_mesh=at(0.0, -0.2, 4.6)),
+            Instance(balls[0].mesh, green, translation(-0.3, 0.0, 3.0)),
+            Instance(balls[0].mesh, red, translation(0.4, 0.1, 3.4)),
+            replace(balls[1], X_world_mesh=translation(0.0, -0.2, 4.6)),
         )
     )
 
@@ -78,26 +78,28 @@ SCENES: dict[str, tuple[DrawList, Rig, SampleCount]] = {
 
 def test_golden_images(renderer: CpuRenderer) -> None:
     camera = from_above()
-    pictures = {name: drawn(renderer, scene, view(72, 54, 60.0), rig, n) for name, (scene, rig, n) in SCENES.items()}
+    images = {name: rendered(renderer, scene, view(72, 54, 60.0), rig, n) for name, (scene, rig, n) in SCENES.items()}
     for kind in (LightKind.DIRECTIONAL, LightKind.SPOT):
-        pictures[f"shadow_{kind.value}"] = drawn(renderer, shadowed(kind), camera, replace(PLAIN, shadow_size=512))
-    same_as_golden("studio", **pictures)
+        images[f"shadow_{kind.value}"] = rendered(
+            renderer, slab_over_floor(kind), camera, replace(PLAIN, shadow_size=512)
+        )
+    same_as_golden("studio", **images)
 
 
 def test_geometry_outputs_do_not_depend_on_the_look(renderer: CpuRenderer) -> None:
-    """Depth, labels, instances and normals beside a studio picture with samples are those without one."""
+    """Depth, labels, instances and normals beside a studio image with samples are those without one."""
     geometry = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
     scene, camera = glass(), view()
     with (
-        renderer.render(scene, camera, geometry) as alone,
-        renderer.render(scene, camera, geometry | Output.COLOR, Look("studio", samples=8)) as both,
+        renderer.render(scene, camera, geometry) as geometry_only,
+        renderer.render(scene, camera, geometry | Output.COLOR, Look("studio", samples=8)) as with_color,
     ):
         for name in ("depth", "label", "instance", "normal"):
-            assert np.array_equal(getattr(alone, name), getattr(both, name))
+            assert np.array_equal(getattr(geometry_only, name), getattr(with_color, name))
 
 
 def test_empty_scene(renderer: CpuRenderer) -> None:
     counts: tuple[SampleCount, ...] = (1, 4)
     for samples in counts:
-        color = drawn(renderer, DrawList(), view(), STUDIO, samples, background=(1, 2, 3))
+        color = rendered(renderer, DrawList(), view(), STUDIO, samples, background=(1, 2, 3))
         assert (color == (1, 2, 3)).all()

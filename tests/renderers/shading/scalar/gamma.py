@@ -1,4 +1,4 @@
-"""Bytes from linear light, one value at a time."""
+"""Gamma of the headlight looks, one value at a time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from renderers.shading.gamma import THRESHOLDS
-from tests.renderers.shading.scalar.memory import load_f32, load_u8
 
 _STEPS = 4096
 
@@ -31,14 +30,14 @@ def gamma_byte(c, thresholds, guesses):
 
     Args:
         c: float32 linear value; below 0 or NaN is 0, above 1 is 1.
-        thresholds, guesses: addresses of ``THRESHOLDS`` and ``GUESSES``.
+        thresholds, guesses: pointers to ``THRESHOLDS`` and ``GUESSES``.
     """
     if not (c > np.float32(0.0)):
         return np.uint8(0)
     if c >= np.float32(1.0):
         return np.uint8(255)
-    level = np.int64(load_u8(guesses, np.int64(math.sqrt(c) * np.float32(_STEPS))))
-    if level < 255 and c >= load_f32(thresholds, level + 1):
+    level = np.int64(guesses[np.int64(math.sqrt(c) * np.float32(_STEPS))])
+    if level < 255 and c >= thresholds[level + 1]:
         level += 1
     return np.uint8(level)
 
@@ -54,11 +53,11 @@ def plain_byte(c):
 
 
 @njit(nogil=True, error_model="numpy")
-def decode_gamma(c, decoded):
-    """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
+def decode_gamma(c, linear_from_gamma):
+    """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), within 1e-7, by a pointer to ``LINEAR_FROM_GAMMA``."""
     if not (c > np.float32(0.0)):
         return np.float32(0.0)
-    at = min(c, np.float32(1.0)) * np.float32(_STEPS)
-    cell = np.int64(at)
-    low = load_f32(decoded, cell)
-    return low + (at - np.float32(cell)) * (load_f32(decoded, cell + 1) - low)
+    step = min(c, np.float32(1.0)) * np.float32(_STEPS)
+    cell = np.int64(step)
+    low = linear_from_gamma[cell]
+    return low + (step - np.float32(cell)) * (linear_from_gamma[cell + 1] - low)

@@ -1,4 +1,4 @@
-"""From a run of pixels that see one element to interpolated attributes along the run."""
+"""Attributes interpolated along a span of pixels that see one primitive."""
 
 from __future__ import annotations
 
@@ -7,24 +7,15 @@ import math
 import numpy as np
 from numba import njit
 
-from tests.renderers.shading.scalar.memory import load_f32, load_u32
-from tests.renderers.shading.scalar.tables import (
-    II_COLORS,
-    II_ELEMENTS,
-    II_NORMALS,
-    II_POSITIONS,
-    II_TANGENTS,
-    II_TOPOLOGY,
-    II_UV0,
-)
+from renderers.compiler.pointers import f32_at
 
 # Rows of the scratch array (A_ROWS, W) float32: one attribute each, one column per pixel.
-A_NORMAL = 0  # 3 rows: normal in the optical frame, turned to the side that is seen, any length
+A_NORMAL = 0  # 3 rows: normal in the optical frame, on the visible side, any length
 A_UV0 = 3  # 2 rows
 A_UV1 = 5  # 2 rows
 A_COLOR = 7  # 4 rows: linear RGBA
 A_TANGENT = 11  # 4 rows: tangent in the optical frame, any length; sign of the bitangent
-A_FACING = 15  # 1 row: -1 where a back face is seen
+A_FACING = 15  # -1 where a back face is visible
 A_BASE = 16  # 4 rows: base colour and alpha, filled by shading
 A_ROWS = 20
 
@@ -32,9 +23,9 @@ A_ROWS = 20
 @njit(nogil=True, error_model="numpy")
 def _vertex(positions, index, X):
     """A vertex in the optical frame, float64."""
-    x = np.float64(load_f32(positions, index * 3))
-    y = np.float64(load_f32(positions, index * 3 + 1))
-    z = np.float64(load_f32(positions, index * 3 + 2))
+    x = np.float64(positions[index * 3])
+    y = np.float64(positions[index * 3 + 1])
+    z = np.float64(positions[index * 3 + 2])
     return (
         X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3],
         X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3],
@@ -54,7 +45,7 @@ def _dot(a, b):
 
 @njit(nogil=True, error_model="numpy")
 def _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights):
-    """Perspective-correct barycentric coordinates along a run: >= 0, sum 1.
+    """Perspective-correct barycentric coordinates along a span: >= 0, sum 1.
 
     A pixel centre that coverage (exact in 1/256 pixel) counts in may lie a little outside of the unrounded triangle:
     negative coordinates become 0, so nothing is extrapolated. Anything not finite becomes the centroid.
@@ -85,11 +76,11 @@ def _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights):
 def _load3(address, stride, index):
     """The first three values of a vertex attribute of ``stride`` values, float32."""
     at = index * stride
-    return load_f32(address, at), load_f32(address, at + 1), load_f32(address, at + 2)
+    return f32_at(address)[at], f32_at(address)[at + 1], f32_at(address)[at + 2]
 
 
 @njit(nogil=True, error_model="numpy")
-def _mapped(R, sign, v):
+def _transformed(R, sign, v):
     """``sign R v`` with a (3, 3) or (4, 4) float64 matrix, rounded to float32."""
     x, y, z = np.float64(v[0]), np.float64(v[1]), np.float64(v[2])
     return (
@@ -100,8 +91,8 @@ def _mapped(R, sign, v):
 
 
 @njit(nogil=True, error_model="numpy")
-def _spread1(a, b, c, weights, begin, end, row, out):
-    """Interpolates one value along the run into a row of ``out``; equal corners stay exact."""
+def _interpolate1(a, b, c, weights, begin, end, row, out):
+    """Interpolate one value along the span into a row of ``out``; equal corners stay exact."""
     b -= a
     c -= a
     for x in range(begin, end):
@@ -109,8 +100,8 @@ def _spread1(a, b, c, weights, begin, end, row, out):
 
 
 @njit(nogil=True, error_model="numpy")
-def _spread3(a, b, c, weights, begin, end, row, out):
-    """As ``_spread1`` for three values, into three rows."""
+def _interpolate3(a, b, c, weights, begin, end, row, out):
+    """As ``_interpolate1`` for three values, into three rows."""
     b0, b1, b2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     c0, c1, c2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     for x in range(begin, end):
@@ -121,13 +112,13 @@ def _spread3(a, b, c, weights, begin, end, row, out):
 
 
 @njit(nogil=True, error_model="numpy")
-def _spread_values(address, stride, i0, i1, i2, weights, begin, end, row, out):
-    """Interpolates all values of an attribute."""
+def _interpolate_values(address, stride, i0, i1, i2, weights, begin, end, row, out):
+    """Interpolate all values of an attribute."""
     for k in range(stride):
-        _spread1(
-            load_f32(address, i0 * stride + k),
-            load_f32(address, i1 * stride + k),
-            load_f32(address, i2 * stride + k),
+        _interpolate1(
+            f32_at(address)[i0 * stride + k],
+            f32_at(address)[i1 * stride + k],
+            f32_at(address)[i2 * stride + k],
             weights,
             begin,
             end,
@@ -137,43 +128,41 @@ def _spread_values(address, stride, i0, i1, i2, weights, begin, end, row, out):
 
 
 @njit(nogil=True, error_model="numpy")
-def resolve_run(columns, element, mirrored, uv_used, X, N, intrinsics, y, begin, end, weights, out):
-    """Interpolates what the material needs over pixels ``begin .. end - 1`` of row ``y``.
+def interpolate_span(instance, primitive, mirrored, uv_sets, X, N, lens, y, begin, end, weights, out):
+    """Interpolate the attributes that the material reads over the pixels ``begin .. end - 1`` of row ``y``.
 
     Args:
-        columns: (II_COLUMNS,) int64, the instance's row of the table of ``ShadingScene``.
-        element: which of its elements the run sees.
-        mirrored: whether X mirrors.
-        uv_used: bit 0 / 1: uv0 / uv1 is wanted.
-        X: (4, 4) float64, mesh to optical frame. N: (3, 3) float64, map of normals.
-        intrinsics: (4,) float64: fx, fy, cx, cy.
+        instance: an INSTANCE.
+        primitive: index of the primitive that the span sees.
+        mirrored: True if X mirrors.
+        uv_sets: as in MATERIAL.
+        X: (4, 4) float64, mesh to optical frame. N: (3, 3) float64, matrix of normals.
+        lens: (4,) float64: fx, fy, cx, cy.
         weights: (3, W) float32: scratch.
         out: (A_ROWS, W) float32, see the A_ constants.
     """
-    topology = columns[II_TOPOLOGY]
-    elements = columns[II_ELEMENTS]
-    positions = columns[II_POSITIONS]
-    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    topology, indices, positions = instance.topology, instance.indices, instance.positions
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     dy = (y + 0.5 - cy) / fy
-    i0 = np.int64(load_u32(elements, element * topology))
+    i0 = np.int64(indices[primitive * topology])
     i1 = i2 = i0
     if topology == 3:
-        i1 = np.int64(load_u32(elements, element * 3 + 1))
-        i2 = np.int64(load_u32(elements, element * 3 + 2))
+        i1 = np.int64(indices[primitive * 3 + 1])
+        i2 = np.int64(indices[primitive * 3 + 2])
         p0, p1, p2 = _vertex(positions, i0, X), _vertex(positions, i1, X), _vertex(positions, i2, X)
         # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
-        # element is seen from its front. A mirroring X turns that round.
+        # triangle is seen from its front. A mirroring X turns that round.
         r0, r1, r2 = _cross(p1, p2), _cross(p2, p0), _cross(p0, p1)
         determinant = _dot(p0, r0)
         side = -1.0 if determinant < 0.0 else 1.0
         facing = -1.0 if (determinant > 0.0) != mirrored else 1.0
         _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights)
-        normals = columns[II_NORMALS]
+        normals = instance.normals
         if normals != 0:
-            _spread3(
-                _mapped(N, facing, _load3(normals, 3, i0)),
-                _mapped(N, facing, _load3(normals, 3, i1)),
-                _mapped(N, facing, _load3(normals, 3, i2)),
+            _interpolate3(
+                _transformed(N, facing, _load3(normals, 3, i0)),
+                _transformed(N, facing, _load3(normals, 3, i1)),
+                _transformed(N, facing, _load3(normals, 3, i2)),
                 weights,
                 begin,
                 end,
@@ -182,30 +171,30 @@ def resolve_run(columns, element, mirrored, uv_used, X, N, intrinsics, y, begin,
             )
         else:
             flat = _flat_normal(p0, p1, p2, -side)  # against the sign of the determinant: towards the camera
-            _spread3(flat, flat, flat, weights, begin, end, A_NORMAL, out)
+            _interpolate3(flat, flat, flat, weights, begin, end, A_NORMAL, out)
         for x in range(begin, end):
             out[A_FACING, x] = np.float32(facing)
     else:
         if topology == 2:
-            i1 = np.int64(load_u32(elements, element * 2 + 1))
+            i1 = np.int64(indices[primitive * 2 + 1])
         _line_weights(_vertex(positions, i0, X), _vertex(positions, i1, X), fx, cx, dy, begin, end, weights)
-    for which in range(2):
-        if uv_used & (1 << which):
-            uv = columns[II_UV0 + which]
-            row = A_UV0 + 2 * which
+    for uv_set in range(2):
+        if uv_sets & (1 << uv_set):
+            uv = instance.uv1 if uv_set else instance.uv0
+            row = A_UV0 + 2 * uv_set
             if uv != 0:
-                _spread_values(uv, 2, i0, i1, i2, weights, begin, end, row, out)
+                _interpolate_values(uv, 2, i0, i1, i2, weights, begin, end, row, out)
             else:
                 for x in range(begin, end):
                     out[row, x] = out[row + 1, x] = np.float32(0.0)
-    if columns[II_COLORS] != 0:
-        _spread_values(columns[II_COLORS], 4, i0, i1, i2, weights, begin, end, A_COLOR, out)
-    tangents = columns[II_TANGENTS]
+    if instance.colors != 0:
+        _interpolate_values(instance.colors, 4, i0, i1, i2, weights, begin, end, A_COLOR, out)
+    tangents = instance.tangents
     if tangents != 0:
-        _spread3(
-            _mapped(X, 1.0, _load3(tangents, 4, i0)),
-            _mapped(X, 1.0, _load3(tangents, 4, i1)),
-            _mapped(X, 1.0, _load3(tangents, 4, i2)),
+        _interpolate3(
+            _transformed(X, 1.0, _load3(tangents, 4, i0)),
+            _transformed(X, 1.0, _load3(tangents, 4, i1)),
+            _transformed(X, 1.0, _load3(tangents, 4, i2)),
             weights,
             begin,
             end,
@@ -213,10 +202,10 @@ def resolve_run(columns, element, mirrored, uv_used, X, N, intrinsics, y, begin,
             out,
         )
         hand = np.float32(-1.0 if mirrored else 1.0)  # the bitangent of a mirror image is the mirrored one
-        _spread1(
-            hand * load_f32(tangents, i0 * 4 + 3),
-            hand * load_f32(tangents, i1 * 4 + 3),
-            hand * load_f32(tangents, i2 * 4 + 3),
+        _interpolate1(
+            hand * f32_at(tangents)[i0 * 4 + 3],
+            hand * f32_at(tangents)[i1 * 4 + 3],
+            hand * f32_at(tangents)[i2 * 4 + 3],
             weights,
             begin,
             end,

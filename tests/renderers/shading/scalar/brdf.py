@@ -10,21 +10,21 @@ from numba import njit
 _PI = np.float32(math.pi)
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
-_SMALLEST_COSINE = np.float32(1e-5)
-"""VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
-_SMALLEST_ROUGHNESS = np.float32(0.05)
+_MIN_COSINE = np.float32(1e-5)
+"""VTK's lower limit of the cosines in its shader; keeps the visibility term finite."""
+_MIN_ROUGHNESS = np.float32(0.05)
 """RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 
 
 @njit(nogil=True, error_model="numpy")
-def _clamped(c):
-    return min(max(c, _SMALLEST_COSINE), _ONE)
+def _clamp_cosine(c):
+    return min(max(c, _MIN_COSINE), _ONE)
 
 
 @njit(nogil=True, error_model="numpy")
 def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness):
-    """Linear radiance towards the camera under one white head light of radiance 1 along the optical axis.
+    """Return the linear radiance towards the camera under one white headlight of radiance 1 along the optical axis.
 
     Metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it: D is GGX (Walter 2007), V the height-correlated
     Smith term (Heitz 2014), F Schlick's with F0 = 0.04 for dielectrics and F90 = clamp(16.5 (F0.r + F0.g + F0.b)),
@@ -40,11 +40,11 @@ def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness):
     hx, hy, hz = vx, vy, vz - _ONE
     scale = _ONE / math.sqrt(hx * hx + hy * hy + hz * hz)
     hx, hy, hz = hx * scale, hy * scale, hz * scale
-    n_h = _clamped(nx * hx + ny * hy + nz * hz)
-    n_v = _clamped(nx * vx + ny * vy + nz * vz)
-    h_l = _clamped(-hz)
-    n_l = _clamped(n_l)
-    rough = _SMALLEST_ROUGHNESS + (_ONE - _SMALLEST_ROUGHNESS) * roughness
+    n_h = _clamp_cosine(nx * hx + ny * hy + nz * hz)
+    n_v = _clamp_cosine(nx * vx + ny * vy + nz * vz)
+    h_l = _clamp_cosine(-hz)
+    n_l = _clamp_cosine(n_l)
+    rough = _MIN_ROUGHNESS + (_ONE - _MIN_ROUGHNESS) * roughness
     a2 = rough * rough * rough * rough
     d = (n_h * a2 - n_h) * n_h + _ONE
     distribution = a2 / (_PI * d * d)

@@ -1,0 +1,77 @@
+"""Encoding of linear colours as bytes by a table, for ``gamma`` and ``studio.tone_mapping``.
+
+The tables are exact for every float32, where ``pow`` would differ between machines. A cell is 2^16 neighbouring
+float32, 2^-7 of an octave, narrower than any level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler import simd as vec
+from renderers.compiler.device_function import inlined
+from renderers.compiler.pointers import address, i32_at
+
+CELL_BITS: Final = 16
+CELL_SIZE: Final = 1 << CELL_BITS
+_LOWEST: Final = np.float32(2.0**-20)
+"""First value of a table, below level 1, which begins at (0.5 / 255)^2.2 with gamma, at 0.5 / 255 / 12.92 in sRGB."""
+_FIRST_CELL: Final = int(_LOWEST.view(np.int32)) >> CELL_BITS
+
+
+def cell_starts(lowest: np.float32) -> NDArray[np.int32]:
+    """Return the bits of the first float32 of each cell from ``lowest`` to 1, and of the one after them."""
+    one_bits = int(np.float32(1.0).view(np.int32))
+    return np.arange(int(lowest.view(np.int32)), one_bits + 2 * CELL_SIZE, CELL_SIZE, dtype=np.int32)
+
+
+def level_thresholds(decode: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float32]:
+    """Return the least linear value of each level, (256,) float32; the first is 0.
+
+    Args:
+        decode: returns linear values of encoded ones, 0 .. 1.
+    """
+    return decode(np.maximum(np.arange(256) - 0.5, 0.0) / 255.0).astype(np.float32)
+
+
+def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return the table for ``encoded_pixels``, (2561,) int32, one for each cell from _LOWEST to 1.
+
+    Adding the bits of a value gives its level in the third byte: a cell holds the level of its first value times 2^16,
+    plus the number of its values at or above the next threshold, minus the bits of its first value, modulo 2^32.
+
+    Args:
+        thresholds: from ``level_thresholds``.
+    """
+    bits = cell_starts(_LOWEST)
+    levels = np.searchsorted(thresholds, bits.view(np.float32), side="right") - 1
+    assert np.diff(levels).max() <= 1  # a cell has at most one threshold
+    next_threshold_bits = thresholds[np.minimum(levels + 1, 255)].view(np.int32)
+    above = np.where(levels < 255, np.maximum(bits + CELL_SIZE - next_threshold_bits, 0), 0)
+    cells: NDArray[np.int32] = ((levels << CELL_BITS) + above - bits)[:-1].astype(np.int32)
+    return cells
+
+
+@inlined
+def _level(c, cells):
+    """Return the level of an f32x8 in the third byte of an i32x8; the lower bytes are undefined, the highest is 0."""
+    bits = vec.float_bits(vec.minimum(vec.maximum(c, vec.f32(_LOWEST)), vec.f32(1.0)))
+    cells_by_high_bits = i32_at(address(cells) - 4 * _FIRST_CELL)
+    return vec.gather(cells_by_high_bits, bits >> vec.i32(CELL_BITS)) + bits
+
+
+@inlined
+def encoded_pixels(r, g, b, cells):
+    """Return eight linear colours (f32x8 each) as packed pixels, red in the lowest byte.
+
+    Below 0 and NaN is 0, above 1 is 255.
+
+    Args:
+        cells: pointer to a table from ``level_cells``.
+    """
+    red, green = _level(r, cells) >> vec.i32(16), _level(g, cells) >> vec.i32(8)
+    return red | (green & vec.i32(0xFF00)) | (_level(b, cells) & vec.i32(0xFF0000))

@@ -1,0 +1,130 @@
+"""Interleaved vertex attributes of meshes: kernels load a vertex with one instruction."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.cache import Cache
+from renderers.compiler.pointers import address_of
+from renderers.drawlist import Mesh, used_vertices
+from renderers.shading.layout import (
+    E_COLOR,
+    E_COLUMNS,
+    E_TANGENT,
+    E_UV1,
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_TANGENTS,
+    HAS_UV0,
+    HAS_UV1,
+    V_COLUMNS,
+    V_NORMAL,
+    V_POSITION,
+    V_UV0,
+)
+from renderers.shading.mikktspace import with_tangents
+from renderers.stop import check_stop
+
+MAX_VERTEX_BYTES: Final = 512 << 20
+"""Maximum number of bytes of cached buffers: sixteen million vertices without colours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshBuffers:
+    """Indices and interleaved vertex attributes of a mesh."""
+
+    indices: NDArray[np.uint32]
+    """(M, 1 | 2 | 3) indices of vertices, whose order may differ from that of the mesh."""
+    vertices: NDArray[np.float32]
+    """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for those the mesh lacks."""
+    extras: NDArray[np.float32] | None
+    """(N, E_COLUMNS) colour, second texture coordinates and tangent; None if the mesh lacks all of them."""
+    attributes: int
+    """Sum of HAS_ constants."""
+
+    @property
+    def fields(self) -> tuple[int, int, int, int]:
+        """Fields of INSTANCE from ``indices`` on. Valid while this object is alive."""
+        return (
+            address_of(self.indices, np.uint32),
+            address_of(self.vertices, np.float32),
+            address_of(self.extras, np.float32),
+            self.attributes,
+        )
+
+    @property
+    def nbytes(self) -> int:
+        return self.indices.nbytes + self.vertices.nbytes + (0 if self.extras is None else self.extras.nbytes)
+
+
+_buffers: Cache[Mesh, dict[int, MeshBuffers]] = Cache(MAX_VERTEX_BYTES, weak=True)
+"""By mesh, then by the set of texture coordinates that its tangents follow (-1: no tangents)."""
+_lock = threading.Lock()
+
+
+def buffers_of(mesh: Mesh, tangent_set: int) -> MeshBuffers:
+    """Return the mesh's buffers, from the cache if possible.
+
+    Args:
+        tangent_set: 0 or 1: include tangents; a mesh without gets tangents that follow this set of texture coordinates.
+            -1: no tangents.
+
+    Raises:
+        ValueError, TypeError: an attribute's shape or dtype is not what ``Mesh`` says. Kernels would read beyond it.
+    """
+    buffers = (_buffers.get(mesh) or {}).get(tangent_set)
+    if buffers is not None:
+        return buffers
+    buffers = _interleave(mesh, tangent_set)
+    with _lock:
+        sets = {**(_buffers.get(mesh) or {}), tangent_set: buffers}
+        _buffers.put(mesh, sets, sum(each.nbytes for each in sets.values()))
+    return buffers
+
+
+def _check_attributes(mesh: Mesh) -> None:
+    count = len(mesh.positions)
+    for name, width in (("positions", 3), ("normals", 3), ("uv0", 2), ("uv1", 2), ("colors", 4), ("tangents", 4)):
+        array = getattr(mesh, name)
+        if array is not None and array.shape != (count, width):
+            raise ValueError(f"mesh with {count} vertices: {name} has shape {array.shape}, not {(count, width)}")
+        address_of(array, np.float32)
+
+
+def _interleave(mesh: Mesh, tangent_set: int) -> MeshBuffers:
+    check_stop()
+    _check_attributes(mesh)
+    if tangent_set >= 0:
+        mesh = with_tangents(mesh, tangent_set)
+    indices, count = mesh.elements, len(mesh.positions)
+    used: slice | NDArray[np.intp] = slice(None)
+    if count > max(64, indices.size):
+        # Many glTF primitives share one long vertex array: keep only the vertices in use.
+        used, indices = used_vertices(indices, count)
+        count = len(used)
+    attributes = 0
+
+    def interleave(rows: NDArray[np.float32], array: NDArray[np.float32] | None, column: int, bit: int) -> None:
+        nonlocal attributes
+        if array is not None:
+            check_stop()
+            attributes |= bit
+            rows[:, column : column + array.shape[1]] = array[used]
+
+    vertices = np.zeros((count, V_COLUMNS), np.float32)
+    vertices[:, V_POSITION : V_POSITION + 3] = mesh.positions[used]
+    interleave(vertices, mesh.normals, V_NORMAL, HAS_NORMALS)
+    interleave(vertices, mesh.uv0, V_UV0, HAS_UV0)
+    tangents = mesh.tangents if tangent_set >= 0 else None
+    if mesh.colors is None and mesh.uv1 is None and tangents is None:
+        return MeshBuffers(indices, vertices, None, attributes)
+    extras = np.zeros((count, E_COLUMNS), np.float32)
+    interleave(extras, mesh.colors, E_COLOR, HAS_COLORS)
+    interleave(extras, mesh.uv1, E_UV1, HAS_UV1)
+    interleave(extras, tangents, E_TANGENT, HAS_TANGENTS)
+    return MeshBuffers(indices, vertices, extras, attributes)
