@@ -215,7 +215,7 @@ async def test_liblcm_is_read_without_waiting(waiting: int, monkeypatch: pytest.
     lcm.waiting = waiting
     lcm.other_end.send(b"x")
     await until(lambda: received)
-    lcm.readable.recv(1)
+    lcm.readable.recv(len(b"x"))
     assert set(lcm.timeouts) == {0}
     await until(lambda: len(received) + lcm.waiting >= waiting)
     transport.publish("channel", b"message")

@@ -184,7 +184,7 @@ async def test_the_pipeline_of_a_request(start: Start) -> None:
             ("GET", "truth.npz"),
         ):
             response = await rest.request(method, f"/stereo/{path}?pipeline=2")
-            assert (response.status_code, response.json()) == (404, {"message": "there is no pipeline 2"})
+            assert (response.status_code, response.json()["message"]) == (404, "there is no pipeline 2")
             assert (await rest.request(method, f"/stereo/{path}?pipeline=-1")).status_code == 422
         assert (await rest.post("/stereo/faults/disconnect")).json() == {"streams": 0}
         paths: dict[str, Any] = (await rest.get("/openapi.json")).json()["paths"]

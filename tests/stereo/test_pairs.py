@@ -262,19 +262,19 @@ async def test_showing_other_images_is_a_change(camera: Camera) -> None:
 
 
 @pytest.mark.parametrize("name", ["left_out1_high", "right_out1_high"])
-async def test_images_of_the_projector_come_in_pairs(rest: httpx.AsyncClient, name: str) -> None:
+async def test_images_of_the_projector_come_in_pairs(rest_client: httpx.AsyncClient, name: str) -> None:
     image = png(np.zeros((64, 64), np.uint8))
     files = dict.fromkeys(("left_out1_low", "right_out1_low", name), image)
-    response = await rest.post(PATH, files=files)
+    response = await rest_client.post(PATH, files=files)
     assert response.status_code == 400
     assert "left_out1_high and right_out1_high need each other" in response.json()["message"]
 
 
 @pytest.mark.parametrize("missing", ["left_out1_low", "right_out1_low"])
-async def test_both_images_are_needed(rest: httpx.AsyncClient, missing: str) -> None:
+async def test_both_images_are_needed(rest_client: httpx.AsyncClient, missing: str) -> None:
     image = png(np.zeros((64, 64), np.uint8))
     files = {key: image for key in ("left_out1_low", "right_out1_low") if key != missing}
-    response = await rest.post(PATH, files=files)
+    response = await rest_client.post(PATH, files=files)
     assert (response.status_code, "needs the files" in response.json()["message"]) == (400, True)
 
 

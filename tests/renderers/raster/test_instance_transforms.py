@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.jit import kernel
 from renderers.interface import Output
 from renderers.raster import CpuRenderer, instance_transforms
 from renderers.raster.layout import DRAW, FRAME, INSTANCE, frame_at
@@ -19,12 +19,12 @@ from renderers.raster.scene import NOT_CONVEX
 from tests.renderers.scenes import camera, draw_list, mesh
 
 
-@kernel("boolean(int64)")
+@njit(error_model="numpy")
 def compute_camera_poses(frame_address):
     return instance_transforms.compute_camera_poses(frame_at(frame_address))
 
 
-@kernel("int64(int64)")
+@njit(error_model="numpy")
 def collect_draws(frame_address):
     return instance_transforms.collect_draws(frame_at(frame_address))
 
