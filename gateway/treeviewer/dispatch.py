@@ -20,6 +20,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, response_channel
 from gateway.treeviewer.responses import AnyResponse, Response
+from renderers.compiler.pending import is_pending
 
 _log = structlog.get_logger("gateway.treeviewer")
 
@@ -149,7 +150,12 @@ class Dispatcher:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _is_big(self, message: Message) -> bool:
-        """Return whether a request must be read in a worker thread: by its size, or because it may open a file."""
+        """Return whether a request must be read in a worker thread: by its size, or because it may have to wait.
+
+        Some open a file, and all may wait for kernels at a first start.
+        """
+        if is_pending("formats"):
+            return True
         limit = self._config.offload_bytes
         if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
             return True

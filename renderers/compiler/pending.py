@@ -52,6 +52,11 @@ def loading() -> Iterator[None]:
         _thread.is_loading = False
 
 
+def is_pending(part: str) -> bool:
+    """Return whether a call that needs a part would wait."""
+    return part in _pending
+
+
 def wait_until_compiled(part: str) -> None:
     """Return once a part is compiled, at once if it is not pending.
 

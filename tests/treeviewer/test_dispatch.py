@@ -16,6 +16,7 @@ from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST
+from renderers.compiler import pending
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
 
@@ -89,6 +90,17 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
     assert (counters.received, counters.received_bytes, counters.answered) == (1, len(ONE_BOX), 1)
     assert (counters.missing, counters.failed) == (0, 0)
     assert world.executor.calls == 0
+
+
+async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
+    world = World()
+    pending.begin(("formats",))
+    try:
+        assert world.receive(ONE_BOX) == size_of(ONE_BOX)
+        await until(lambda: world.statuses)
+    finally:
+        pending.finish("formats")
+    assert (world.statuses, world.executor.calls) == ([0], 1)
 
 
 @pytest.mark.parametrize(("limit", "offloaded"), [(0, 0), (1, 1)])
