@@ -22,6 +22,7 @@ from gateway.runtime.kernel_progress import Progress
 from gateway.settings import Settings
 from gateway.wiring import interfaces, startup, warmup
 from gateway.wiring.context import Context
+from renderers.compiler import pending
 from tests.support.waiting import SECONDS, until
 
 
@@ -49,7 +50,7 @@ class FakeService:
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: True)
     monkeypatch.setattr(warmup, "run", lambda: None)
-    monkeypatch.setattr(warmup, "run_background", lambda: None)
+    monkeypatch.setattr(warmup, "run_background", pending.finish)
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:

@@ -53,7 +53,7 @@ async def _load_kernels(context: Context) -> None:
     """Load the kernels that the default settings need; compile them first, in child processes, if not cached."""
     if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
         await _compile_kernels(context)
-    pending.begin(tuple(warmup.BACKGROUND))
+    context.exit_stack.enter_context(pending.announced(tuple(warmup.BACKGROUND)))
     await asyncio.to_thread(warmup.run)
     context.exit_stack.enter_context(kernel_cache.compiling_reported(_log_compiled_kernel))
     context.registry.ready(KERNELS)

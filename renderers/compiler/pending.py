@@ -21,10 +21,18 @@ _pending: Final[dict[str, Exception | None]] = {}
 """By part, None while it is being compiled, or the error of its compilation."""
 
 
-def begin(parts: tuple[str, ...]) -> None:
-    """Announce that parts are being compiled."""
+@contextmanager
+def announced(parts: tuple[str, ...]) -> Iterator[None]:
+    """Announce that parts are being compiled. At the end none of them is pending, compiled or not."""
     with _changed:
         _pending.update(dict.fromkeys(parts))
+    try:
+        yield
+    finally:
+        with _changed:
+            for part in parts:
+                _pending.pop(part, None)
+            _changed.notify_all()
 
 
 def finish(part: str) -> None:

@@ -94,12 +94,9 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
 
 async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
     world = World()
-    pending.begin(("formats",))
-    try:
+    with pending.announced(("formats",)):
         assert world.receive(ONE_BOX) == size_of(ONE_BOX)
         await until(lambda: world.statuses)
-    finally:
-        pending.finish("formats")
     assert (world.statuses, world.executor.calls) == ([0], 1)
 
 

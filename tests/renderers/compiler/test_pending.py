@@ -14,11 +14,8 @@ from tests.support.waiting import SECONDS
 
 @pytest.fixture(autouse=True)
 def two_parts() -> Iterator[None]:
-    pending.begin(("a", "b"))
-    yield
-    pending.begin(("a", "b"))
-    pending.finish("a")
-    pending.finish("b")
+    with pending.announced(("a", "b")):
+        yield
 
 
 def wait_in_thread(part: str) -> tuple[threading.Thread, list[object]]:
@@ -76,3 +73,14 @@ def test_a_call_that_waits_can_be_stopped() -> None:
     flag.set(TimeoutError("the deadline"))
     with pytest.raises(TimeoutError, match="the deadline"):
         flag.run(lambda: pending.wait_until_compiled("a"))
+
+
+def test_at_the_end_no_part_is_pending() -> None:
+    with pending.announced(("c", "d")):
+        thread, results = wait_in_thread("c")
+        pending.finish("d")
+        assert pending.is_pending("c")
+    thread.join(SECONDS)
+    assert results == ["compiled"]
+    assert not pending.is_pending("c")
+    assert pending.is_pending("a")
