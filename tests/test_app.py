@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import threading
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -23,6 +25,7 @@ from gateway.settings import Settings
 from gateway.wiring import interfaces, startup, warmup
 from gateway.wiring.context import Context
 from renderers.compiler import pending
+from tests.support.forms import gltf
 from tests.support.waiting import SECONDS, until
 
 
@@ -54,7 +57,13 @@ def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
-    monkeypatch.setattr(interfaces, "INTERFACES", setups)
+    def awaited(setup: Callable[[Context], None]) -> interfaces.Setup:
+        async def set_up(context: Context) -> None:
+            setup(context)
+
+        return set_up
+
+    monkeypatch.setattr(interfaces, "INTERFACES", {name: awaited(setup) for name, setup in setups.items()})
 
 
 @asynccontextmanager
@@ -115,7 +124,7 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
 
 
 async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    use_interfaces(monkeypatch, render=gateway.wiring.render.setup)
+    monkeypatch.setattr(interfaces, "INTERFACES", {"render": gateway.wiring.render.setup})
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
@@ -138,11 +147,11 @@ async def test_only_starts_the_named_interfaces(monkeypatch: pytest.MonkeyPatch)
 async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     contexts: list[Context] = []
 
-    def join(context: Context) -> None:
+    async def set_up(context: Context) -> None:
         contexts.append(context)
-        gateway.wiring.stereo.setup(context)
+        await gateway.wiring.stereo.setup(context)
 
-    use_interfaces(monkeypatch, stereo=join)
+    monkeypatch.setattr(interfaces, "INTERFACES", {"stereo": set_up})
     async with running(grpc_port=0, stereo_path='["hand"]') as client:
         assert (await client.get("/openapi.json")).status_code == 200
         states = (await client.get("/healthz")).json()["interfaces"]
@@ -276,6 +285,23 @@ def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.M
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing
+
+
+@pytest.mark.parametrize("settings", [{"backdrop": "FILE"}, {"stereo_scene": "FILE", "grpc_port": 0}])
+async def test_a_scene_file_of_the_settings_may_need_background_kernels(
+    settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    scene = tmp_path / "triangle.gltf"
+    scene.write_text(json.dumps(gltf()))  # without normals
+    name = "stereo" if "stereo_scene" in settings else "render"
+    setup = getattr(gateway.wiring, name).setup
+    monkeypatch.setattr(interfaces, "INTERFACES", {name: setup})
+    async with asyncio.timeout(SECONDS):
+        async with running(
+            **{key: str(scene) if value == "FILE" else value for key, value in settings.items()}
+        ) as client:
+            assert (await client.get("/openapi.json")).status_code == 200  # waits for the interface
+            assert (await client.get("/healthz")).json()["interfaces"][name]["state"] != "failed"
 
 
 async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: pytest.MonkeyPatch) -> None:

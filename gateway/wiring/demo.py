@@ -11,7 +11,7 @@ from gateway.scene.live import LiveTree
 from gateway.wiring.context import Context
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Run the demo scene's service."""
     context.run_service("demo", DemoService(context.tree))
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from importlib import import_module
 from typing import Final
 
 from gateway.settings import Settings
 from gateway.wiring.context import Context
 
-Setup = Callable[[Context], None]
+Setup = Callable[[Context], Awaitable[None]]
 
 
 def _setup_of(module: str) -> Setup:
@@ -19,8 +19,8 @@ def _setup_of(module: str) -> Setup:
     missing) stops this interface only.
     """
 
-    def setup(context: Context) -> None:
-        import_module(f"gateway.wiring.{module}").setup(context)
+    async def setup(context: Context) -> None:
+        await import_module(f"gateway.wiring.{module}").setup(context)
 
     return setup
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from gateway.wiring import metrics
 from gateway.wiring.context import Context
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Add the render endpoint."""
 
     def count_and_report(record: RenderRecord) -> None:
@@ -29,7 +30,7 @@ def setup(context: Context) -> None:
         context.renderer,
         context.workers,
         _config(context.settings),
-        backdrop=_backdrop(context),
+        backdrop=await _backdrop(context),
         on_finished=count_and_report,
     )
     context.app.include_router(router(service))
@@ -61,12 +62,12 @@ def _config(settings: Settings) -> RenderConfig:
     )
 
 
-def _backdrop(context: Context) -> Callable[[], Node] | None:
+async def _backdrop(context: Context) -> Callable[[], Node] | None:
     """Return a function that returns the root of ``--backdrop``, or None without that setting."""
     settings = context.settings
     if settings.backdrop is None:
         return None
     if settings.backdrop == "live":
         return lambda: context.tree.snapshot.root
-    scene = read_scene_file(Path(settings.backdrop), up=settings.up)
+    scene = await asyncio.to_thread(read_scene_file, Path(settings.backdrop), up=settings.up)
     return lambda: scene.root

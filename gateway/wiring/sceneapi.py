@@ -9,7 +9,7 @@ from gateway.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Add the scene's routes."""
     settings = context.settings
     config = SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=rig_of(settings.rig))

@@ -28,25 +28,25 @@ SETTLE_SECONDS: Final = 5.0
 async def start(context: Context) -> None:
     """Start everything; requests wait for ``context.started``, which is set in any case but an invalid state."""
     begin = time.perf_counter()
-    try:
-        await _load_kernels(context)
+    async with asyncio.TaskGroup() as tasks:
         try:
-            await restore_state(context)
-        except StateError as error:
-            # An empty scene must not be taken for the stored one, nor overwrite it.
-            context.fail(STATE, error)
-            context.on_fatal()
-            return
-        _start_interfaces(context)
+            await _load_kernels(context)
+            tasks.create_task(_load_background_kernels())  # threads in which interfaces read files may wait for them
+            try:
+                await restore_state(context)
+            except StateError as error:
+                # An empty scene must not be taken for the stored one, nor overwrite it.
+                context.fail(STATE, error)
+                context.on_fatal()
+                return
+            await _start_interfaces(context)
+            context.started.set()
+            context.app.openapi_schema = None  # may have been made before the routes were there
+            await asyncio.to_thread(context.app.openapi)  # cached; takes tens of milliseconds
+        except Exception as error:  # noqa: BLE001 - /healthz reports the problem
+            context.fail(KERNELS, error)
         context.started.set()
-        context.app.openapi_schema = None  # may have been made before the routes were there
-        await asyncio.to_thread(context.app.openapi)  # cached; takes tens of milliseconds
-    except Exception as error:  # noqa: BLE001 - /healthz reports the problem
-        context.fail(KERNELS, error)
-    context.started.set()
-    await _log_started(context, begin)
-    if context.registry.entries[KERNELS].state is State.READY:
-        await _load_background_kernels()
+        await _log_started(context, begin)
 
 
 async def _load_kernels(context: Context) -> None:
@@ -96,11 +96,11 @@ def _log_compiled_kernel(kernel: str) -> None:
     _log.error("A kernel is compiled in the serving process and blocks every interface", kernel=kernel)
 
 
-def _start_interfaces(context: Context) -> None:
+async def _start_interfaces(context: Context) -> None:
     """Start the enabled interfaces in order; one that fails is reported and skipped."""
     for name, setup in enabled_interfaces(context.settings).items():
         try:
-            setup(context)
+            await setup(context)
         except Exception as error:  # noqa: BLE001 - one interface must not stop the others
             context.fail(name, error)
         else:

@@ -48,12 +48,13 @@ _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 """Percentiles of the disparity for the range of depths in a caption."""
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_start_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    scene = await _scene(settings)
+    services = [_start_camera(context, number, mount, scene) for number, mount in enumerate(mounts)]
     watch_stereo(context.metrics, *services)
     apps = [context.app]
     if settings.rest_port is not None:
@@ -80,14 +81,21 @@ def _mount(text: str) -> Mount:
     return Mount(parse_mount_pose(text), None)
 
 
-def _start_camera(context: Context, number: int, mount: Mount) -> StereoService:
-    """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API."""
+def _start_camera(context: Context, number: int, mount: Mount, scene: Snapshot | None) -> StereoService:
+    """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
+
+    Args:
+        scene: the scene that all cameras see; None: the live tree.
+    """
     settings = context.settings
     config = replace(config_of(settings), tokens=context.security.grpc)
     if number > 0:
         port = settings.grpc_port + number if settings.grpc_port else 0
         config = replace(config, port=port, seed=config.seed + number)
-    view = _scene_view(context, mount)
+    if scene is None:
+        view = SceneView(lambda: context.tree.snapshot, context.flattener, mount)
+    else:
+        view = SceneView(lambda: scene, Flattener(LabelTable()), mount)
     clock = SimulatedClock() if settings.clock == "simulated" else None
     service = StereoService(config, view.scene, view.pose, context.renderer, context.workers, clock)
     if settings.stereo_images is not None:
@@ -102,20 +110,18 @@ def _start_camera(context: Context, number: int, mount: Mount) -> StereoService:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
         service.wait_until_stored = context.state.commits.stored
     if number == 0:
-        live = settings.stereo_scene == "live"
-        context.stereo_camera = lambda: view.camera(config) if live else None
-        context.stereo_sensor = StereoSensor(service, view.copy(), live=live)
+        context.stereo_camera = lambda: view.camera(config) if scene is None else None
+        context.stereo_sensor = StereoSensor(service, view.copy(), live=scene is None)
     context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service
 
 
-def _scene_view(context: Context, mount: Mount) -> SceneView:
-    """Return the view of the live tree or of the configured scene file."""
-    settings = context.settings
+async def _scene(settings: Settings) -> Snapshot | None:
+    """Return the scene of ``--stereo-scene``; None if that is the live tree."""
     if settings.stereo_scene == "live":
-        return SceneView(lambda: context.tree.snapshot, context.flattener, mount)
-    scene = Snapshot(read_scene_file(Path(settings.stereo_scene), up=settings.up).root, 0)
-    return SceneView(lambda: scene, Flattener(LabelTable()), mount)
+        return None
+    file = await asyncio.to_thread(read_scene_file, Path(settings.stereo_scene), up=settings.up)
+    return Snapshot(file.root, 0)
 
 
 def _pairs(folder: Path, service: StereoService) -> PairImaging:

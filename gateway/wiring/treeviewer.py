@@ -10,7 +10,7 @@ from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_treeviewer
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Run the tree viewer's service."""
     settings = context.settings
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)

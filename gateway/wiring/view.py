@@ -18,7 +18,7 @@ from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_view
 
 
-def setup(context: Context) -> None:
+async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor

@@ -57,7 +57,7 @@ class Recorded(Exception):
     """Raised in place of making an object."""
 
 
-def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, context: Context) -> Any:
+async def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, context: Context) -> Any:
     """Return the arguments with which a module's set-up makes an object of its class ``name``."""
     calls: list[SimpleNamespace] = []
 
@@ -67,7 +67,7 @@ def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, co
 
     monkeypatch.setattr(module, name, record)
     with pytest.raises(Recorded):
-        module.setup(context)
+        await module.setup(context)
     return calls[0]
 
 
@@ -88,7 +88,7 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
         scene_cache_mb=23,
         keep_failures=None,
     )
-    made = arguments(monkeypatch, render, "RenderService", context)
+    made = await arguments(monkeypatch, render, "RenderService", context)
     config = made.positional[2]
     assert (config.path, config.look, config.samples, config.background) == ("/draw", "pbr", 4, (1, 2, 3))
     assert (config.depth_format, config.max_pixels) == ("png16", 7777)
@@ -102,14 +102,14 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
 
 async def test_depth_is_tiff_and_the_readers_own_limit_stays(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     many = GltfLimits().max_elements + 1
-    config = arguments(monkeypatch, render, "RenderService", contexts(max_triangles=many)).positional[2]
+    config = (await arguments(monkeypatch, render, "RenderService", contexts(max_triangles=many))).positional[2]
     assert config.depth_format == "tiff32f"
     assert (config.gltf.max_elements, config.gltf.max_drawn_elements) == (many - 1, many)
 
 
 async def test_the_live_tree_as_backdrop(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     context = contexts(backdrop="live")
-    backdrop = arguments(monkeypatch, render, "RenderService", context).named["backdrop"]
+    backdrop = (await arguments(monkeypatch, render, "RenderService", context)).named["backdrop"]
     assert backdrop() is context.tree.snapshot.root
     with context.tree.edit() as edit:
         edit.set_visible(("a",), False)
@@ -118,7 +118,7 @@ async def test_the_live_tree_as_backdrop(contexts: Any, monkeypatch: pytest.Monk
 
 async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     context = contexts(background=(1, 2, 3), max_pixels=7777)
-    made = arguments(monkeypatch, sceneapi, "SceneApi", context)
+    made = await arguments(monkeypatch, sceneapi, "SceneApi", context)
     config = made.positional[3]
     assert (config.background, config.max_pixels) == ((1, 2, 3), 7777)
     camera: Any = object()
@@ -142,7 +142,7 @@ async def test_where_the_tree_viewer_is(
     context = contexts(lcm_url=lcm_url, tcpq_port=tcpq_port)
     shown: list[str] = []
     monkeypatch.setattr(Context, "run_service", lambda self, name, service, *, where: shown.append(f"{name} {where}"))
-    treeviewer.setup(context)
+    await treeviewer.setup(context)
     assert shown == [f"treeviewer {where}"]
 
 
@@ -225,7 +225,7 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
         return StereoService(config, scene, pose, *rest)
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
-    stereo.setup(context)
+    await stereo.setup(context)
     assert list(services) == ["stereo", "stereo 1", "stereo 2"]
     assert [service.config.port for service in services.values()] == ports
     assert [service.config.seed for service in services.values()] == [7, 8, 9]
