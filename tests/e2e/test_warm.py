@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import json, sys
 from gateway.wiring import warmup
+from renderers.compiler import pending
 from gateway.runtime import kernel_cache as kernels
 
 kernels.ensure_cached(warmup.PARTS)
@@ -36,7 +37,9 @@ class Note(event.Listener):
 
 event.register("numba:compile", Note())
 warmup.run()
-warmup.run_background()
+with pending.announced(tuple(warmup.BACKGROUND)):
+    for part in warmup.BACKGROUND:
+        warmup.run_background(part)
 from fastapi.testclient import TestClient
 from gateway.app import create_app
 from gateway.settings import Settings
@@ -69,11 +72,14 @@ ELSEWHERE = """
 import json
 import gateway
 from gateway.wiring import warmup
+from renderers.compiler import pending
 from gateway.runtime import kernel_cache as kernels
 
 cached = kernels.are_cached()
 warmup.run()
-warmup.run_background()
+with pending.announced(tuple(warmup.BACKGROUND)):
+    for part in warmup.BACKGROUND:
+        warmup.run_background(part)
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
