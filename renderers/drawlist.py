@@ -188,6 +188,8 @@ class Material:
     """Colour of a dielectric's reflection at normal incidence, linear; may exceed 1."""
     specular_color_texture: Texture | None = None
     """sRGB; multiplies ``specular_color``."""
+    decodes_vertex_colors: bool = True
+    """False: from a version of Drake whose VTK does not raise vertex colours to 2.2. Only the look ``pbr`` does."""
     point_size: float = 1.0
     """Width and height of a point, pixels."""
     line_width: float = 1.0

@@ -13,8 +13,10 @@ Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 """JSON text of extensions by name, not parsed."""
 
 
-DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
-"""``asset.generator`` of the documents from Drake's render client: without and with glTF meshes."""
+DRAKE_MERGER: Final = "Drake glTF merger"
+"""``asset.generator`` of the documents from Drake's render client with glTF meshes."""
+DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
+"""``asset.generator`` of all documents from Drake's render client: without and with glTF meshes."""
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
@@ -55,6 +57,7 @@ class Primitive(_Object):
 
 
 class Mesh(_Object):
+    name: str | None = None
     primitives: list[Primitive | None] | None = None
     weights: list[float] | None = None
 
@@ -194,6 +197,12 @@ class Document(_Object):
     def from_drake(self) -> bool:
         """True for documents from Drake's render client."""
         return self.generator in DRAKE_GENERATORS
+
+    @property
+    def from_old_drake(self) -> bool:
+        """True for documents from a Drake that numbers meshes (seen in 1.51.1), and does not name them (1.58.0)."""
+        first = self.meshes[0] if self.meshes else None
+        return self.from_drake and first is not None and first.name == "mesh0"
 
 
 class TextureTransform(_Object):

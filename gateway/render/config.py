@@ -17,11 +17,11 @@ class RenderConfig:
     path: str = "/render"
     """URL path. The default of Drake's client is ``render`` below its base URL."""
 
-    look: Literal["auto", "phong", "pbr"] = "auto"
+    look: Literal["auto", "phong", "pbr", "gltf"] = "auto"
     """Shading model. ``auto`` selects by ``asset.generator`` what RenderEngineVtk itself uses for the scene."""
     samples: SampleCount = 1
     """Samples per pixel of colour images (MSAA); more than one replaces FXAA."""
-    default_look: LookName = "pbr"
+    default_look: LookName = "gltf"
     """Shading model with ``auto`` for scenes from other generators than VTK and Drake's merger."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background of colour images; the default of Drake's engines."""

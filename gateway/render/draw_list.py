@@ -6,13 +6,14 @@ identity the renderer keeps its own tables.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import DEFAULT_MATERIAL, DocumentContent, GltfScene, label_from_material
+from gateway.gltf import DEFAULT_MATERIAL, DRAKE_MERGER, DocumentContent, GltfScene, label_from_material
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Surface
 from renderers.cache import Cache
@@ -64,11 +65,11 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
     for node, parent in enumerate(scene.nodes.parents):
         root_of_node.append(node if parent < 0 else root_of_node[parent])
     label_of_root = _labels_of_roots(scene, root_of_node)
-    for node, parts in enumerate(scene.parts):
+    for node in _drawing_order(scene):
         check_stop()
         if not drawable[node]:
             continue
-        for part in parts or ():
+        for part in scene.parts[node] or ():
             assert isinstance(part.shape, Surface)  # glTF has no other shapes
             if part.material is DEFAULT_MATERIAL:
                 label = label_of_root.get(root_of_node[node], LABEL_NONE)
@@ -80,6 +81,31 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
             nodes.append(node)
     instances = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
     return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
+
+
+def _drawing_order(scene: GltfScene) -> Sequence[int]:
+    """Return the nodes in the order in which RenderEngineVtk draws them, on which what it blends depends.
+
+    It draws geometries in the reverse order of their registration, and the nodes of a glTF file last child first. VTK's
+    exporter writes its nodes, below the first root, in the order of drawing; Drake's merger appends files in the order
+    of registration. How files and other geometries alternate is not in the document: files come first here.
+    """
+    parents = scene.nodes.parents
+    if scene.generator != DRAKE_MERGER:
+        return range(len(parents))
+    roots = [node for node, parent in enumerate(parents) if parent < 0]
+    children: list[list[int]] = [[] for _ in parents]
+    for node, parent in enumerate(parents):
+        if parent >= 0:
+            children[parent].append(node)
+    files: list[int] = []
+    stack = roots[1:]
+    while stack:
+        node = stack.pop()
+        files.append(node)
+        stack += children[node]
+    exported = set(range(len(parents))) - set(files)
+    return [*files, *sorted(exported)]
 
 
 def _labels_of_roots(scene: GltfScene, root_of_node: list[int]) -> dict[int, int]:

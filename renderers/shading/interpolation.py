@@ -99,9 +99,9 @@ def interpolate(segment, begin, end):
     for uv_set in range(2):
         if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
             _clear(pixels.uv, 2 * uv_set, 2, end - begin)
-            if segment.has_surface != 0:
+            if segment.material.has_surface != 0:
                 _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
-    if segment.has_surface != 0:
+    if segment.material.has_surface != 0:
         _interpolate_surface(segment, begin, end)
 
 

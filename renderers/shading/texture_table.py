@@ -39,6 +39,11 @@ class TextureTable:
         self.keep: list[NDArray[Any]] = []
         """Arrays that the addresses in ``structs`` point into."""
 
+    def minifies(self, texture: Texture) -> bool:
+        """Return True if sampling depends on the size of a pixel in the texture."""
+        sampler = texture.sampler
+        return self._mipmaps and (sampler.mipmaps or sampler.min_linear != sampler.mag_linear)
+
     def index_of(self, texture: Texture, srgb: bool) -> int:
         """Return the index of a texture, which is added if it is new.
 

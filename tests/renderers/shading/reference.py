@@ -64,6 +64,8 @@ class BruteForce:
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
         before: Visibility | None = None,
+        earlier: NDArray[np.int32] | None = None,
+        latest: bool = False,
     ) -> Visibility:
         direction = rays(camera)
         count = len(direction)
@@ -93,7 +95,9 @@ class BruteForce:
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
                     is_candidate &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
-                nearer = is_candidate & ((ids < 0) | (inv > best))
+                if earlier is not None:
+                    is_candidate &= primitive_id < earlier.reshape(-1)
+                nearer = is_candidate & ((ids < 0) | (inv > best) | latest)
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)

@@ -12,7 +12,7 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Material, Mesh, Sampler, Texture
 from renderers.interface import Look, LookName
 from renderers.shading import paint, prepare
-from renderers.shading.materials import COLORS_DECODE, COLORS_MULTIPLY, COLORS_REPLACE, look_material, vertex_color_rule
+from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE, look_material, vertex_color_rule
 from tests.renderers.shading.reference import (
     Array,
     BruteForce,
@@ -188,8 +188,10 @@ def test_look_material() -> None:
     plain = look_material(FULL, "phong")
     assert (plain.normal_texture, plain.occlusion_texture, plain.emissive) == (None, None, (0.0, 0.0, 0.0))
     assert plain.base_color_texture is FULL.base_color_texture
-    assert vertex_color_rule(FULL, "phong") == COLORS_MULTIPLY
-    assert vertex_color_rule(FULL, "pbr") == COLORS_REPLACE
+    assert vertex_color_rule(FULL, "phong") == 0
+    assert vertex_color_rule(FULL, "pbr") == COLORS_DECODE | COLORS_REPLACE
+    assert vertex_color_rule(replace(FULL, decodes_vertex_colors=False), "pbr") == COLORS_REPLACE
+    assert vertex_color_rule(FULL, "gltf") == 0
     assert vertex_color_rule(Material(unlit=True), "pbr") == COLORS_DECODE
 
 
