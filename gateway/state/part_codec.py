@@ -1,4 +1,4 @@
-"""Geometry and materials as bytes, without loss: MessagePack for the structure, large arrays and images as blobs.
+"""Geometry and materials as bytes, without loss: a MessagePack structure, and blobs for large arrays and images.
 
 Values of MessagePack's own types (None, bool, int, float, bytes, valid UTF-8 text) stand for themselves. Every other
 value is a list that starts with a tag::
@@ -33,7 +33,7 @@ from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 
 INLINE_BYTES: Final = 256
-"""Maximum size of arrays inside the structure; smaller blobs would cost more than their content."""
+"""Maximum bytes of an array inside the structure. As a blob, a small array would cost more than its content."""
 CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
     {
         kind.__name__: kind
@@ -52,8 +52,9 @@ _FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
 _SIMPLE_SHAPES: Final = frozenset(
     (geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule)
 )
-"""Shapes of a few numbers, of which clients send thousands."""
+"""Shapes that consist of a few numbers. Clients send thousands of them."""
 _SHARED: Final = (Material, Mesh)
+"""Classes of objects that many parts share (``once``)."""
 _ARRAY_KINDS: Final = frozenset("fiub")
 """Kinds of array elements: numbers and booleans, never objects."""
 _IDENTITY: Final = IDENTITY.tobytes()
@@ -64,11 +65,11 @@ _encoder: Final = msgspec.msgpack.Encoder()
 
 
 class DamagedError(ValueError):
-    """The bytes are not geometry as this module writes it."""
+    """Stored bytes differ from what this module writes."""
 
 
 def memo_key(parts: tuple[Part, ...]) -> Hashable:
-    """Return a key that is equal only for parts with equal bytes, while these parts and their materials exist.
+    """Return a key of parts. Equal keys mean equal bytes, as long as the parts and their materials exist.
 
     Simple shapes are compared by value, so that 1000 equal boxes are encoded once. Numbers are compared as they are
     stored: 1 and 1.0, 0.0 and -0.0 differ.
@@ -82,7 +83,8 @@ def memo_key(parts: tuple[Part, ...]) -> Hashable:
 
 
 class PartEncoder:
-    """Encodes the parts of one transaction. They must exist as long as the encoder."""
+    """Encodes the parts of one transaction. The parts must exist as long as the encoder, which identifies shared
+    objects by their ids."""
 
     def __init__(self) -> None:
         self._encoded: dict[int, tuple[bytes, Blobs]] = {}
@@ -144,10 +146,10 @@ class PartEncoder:
 
     def _image(self, image: Image, blobs: Blobs) -> list[Any]:
         data, max_pixels = getattr(image.decode, "data", None), getattr(image.decode, "max_pixels", None)
-        if data is None or max_pixels is None:  # not from a file: store its pixels
+        if data is None or max_pixels is None:  # the image is not from a file: store its pixels
             pixels = image.decode()
             data, max_pixels = png_rgba(pixels), max(1, pixels.shape[0] * pixels.shape[1])
-        return ["picture", None, max_pixels, _add_blob(blobs, data)]  # older files have a name in place of None
+        return ["picture", None, max_pixels, _add_blob(blobs, data)]  # older versions stored a name in place of None
 
 
 def _add_blob(blobs: Blobs, data: bytes | memoryview) -> bytes:

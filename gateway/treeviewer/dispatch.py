@@ -60,7 +60,7 @@ class DurableStore(Protocol):
     def full(self) -> bool:
         """True if so many responses wait that no new request should be applied."""
 
-    def after(self, done: Callable[[str], None], size: int) -> None:
+    def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         """Call ``done`` on the event loop when all edits so far are stored, with the reason if they could not be."""
 
 
@@ -213,7 +213,7 @@ class Dispatcher:
         response, paths = pending.response, 0
         if isinstance(response, Response):
             paths = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
-        self._durable.after(partial(self._stored, pending), OVERHEAD_BYTES + PATH_BYTES * paths)
+        self._durable.call_when_stored(partial(self._stored, pending), OVERHEAD_BYTES + PATH_BYTES * paths)
 
     def _stored(self, pending: PendingResponse, problem: str) -> None:
         response = pending.response

@@ -48,7 +48,7 @@ class Store:
     full: bool = False
     waiting: list[tuple[Callable[[str], None], int]] = field(default_factory=list)
 
-    def after(self, done: Callable[[str], None], size: int) -> None:
+    def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         self.waiting.append((done, size))
 
 
