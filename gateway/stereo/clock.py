@@ -14,7 +14,7 @@ class Clock(Protocol):
 
     @property
     def simulated(self) -> bool:
-        """True if timestamps depend on the frames alone; then no frame may be skipped for lack of time."""
+        """True if timestamps count frames instead of time; then no frame may be skipped for lack of time."""
 
     def next_timestamp(self, previous: int | None, period: int) -> int:
         """Return the timestamp of a frame, nanoseconds since the epoch.
@@ -32,7 +32,7 @@ class SystemClock:
 
     def next_timestamp(self, previous: int | None, period: int) -> int:
         now = time.time_ns()
-        # Timestamps identify frames, so they stay unique when the system clock is set back by up to a second.
+        # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
         return now if previous is None or not previous - NANOSECONDS < now <= previous else previous + 1
 
 
@@ -44,7 +44,7 @@ class SimulatedClock:
     def __init__(self, start: int = NANOSECONDS) -> None:
         """
         Args:
-            start: timestamp of the first frame, nanoseconds.
+            start: timestamp of the first frame, nanoseconds since the epoch.
         """
         self._start = start
 

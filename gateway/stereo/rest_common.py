@@ -1,4 +1,4 @@
-"""Parts that the REST routes of the stereo camera share: error responses, limited bodies and the pipeline parameter."""
+"""Helpers of the stereo camera's REST routes: error responses, bodies with a limit, and the pipeline parameter."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RestError(Exception):
 
 
 def error_response(status: int, message: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """Return an error response. Roboception's clients read ``return_code`` before the HTTP status."""
+    """Return an error response with a ``return_code``, which Roboception's clients read before the HTTP status."""
     content = {"message": message, "return_code": {"value": -1, "message": message}}
     return JSONResponse(content, status, headers)
 
@@ -93,7 +93,7 @@ async def read_body(request: Request, limit: int) -> bytes:
     """Return the body.
 
     Raises:
-        RestError: it has more than ``limit`` bytes.
+        RestError: the body has more than ``limit`` bytes.
     """
     body = bytearray()
     async for chunk in request.stream():
