@@ -40,7 +40,7 @@ class TreeStore:
         self._stored_root = Node()
         """The tree in the database."""
         self._seq = 0
-        """Highest ``seq`` in the database."""
+        """Highest ``seq``, the number that orders siblings, in the database."""
         self._written_seq = 0
         """Highest ``seq`` in the database after the current transaction."""
         self.restored_nodes = 0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
-NANOSECONDS = 1_000_000_000
-"""Nanoseconds per second."""
+NANOSECONDS_PER_SECOND = 1_000_000_000
 
 
 class Clock(Protocol):
@@ -33,7 +32,7 @@ class SystemClock:
     def next_timestamp(self, previous: int | None, period: int) -> int:
         now = time.time_ns()
         # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
-        return now if previous is None or not previous - NANOSECONDS < now <= previous else previous + 1
+        return now if previous is None or not previous - NANOSECONDS_PER_SECOND < now <= previous else previous + 1
 
 
 class SimulatedClock:
@@ -41,7 +40,7 @@ class SimulatedClock:
 
     simulated = True
 
-    def __init__(self, start: int = NANOSECONDS) -> None:
+    def __init__(self, start: int = NANOSECONDS_PER_SECOND) -> None:
         """
         Args:
             start: timestamp of the first frame, nanoseconds since the epoch.

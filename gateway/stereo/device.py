@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.messages import INPUT_MASK, OUTPUT_MASK
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameter_specs import NODES
@@ -159,7 +159,7 @@ def _io_status(service: StereoService) -> dict[str, object]:
 
 
 def _io_values(service: StereoService) -> dict[str, Any]:
-    sec, nsec = divmod(time.time_ns(), NANOSECONDS)
+    sec, nsec = divmod(time.time_ns(), NANOSECONDS_PER_SECOND)
     return {
         "timestamp": {"sec": sec, "nsec": nsec},
         "values": service.settings.gpio(depth=False),

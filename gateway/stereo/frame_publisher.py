@@ -12,7 +12,7 @@ from typing import Any, Final
 import structlog
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.config import Rate
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
@@ -110,9 +110,9 @@ class FramePublisher:
     async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
         """Wait for the last exposure of a depth frame, send the image event, then make and publish the sets."""
         # The timestamp of a depth frame is that of the first image in the average.
-        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
+        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._rate == "device":
-            await asyncio.sleep(duration / NANOSECONDS)
+            await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
         timestamp = frame.depth_capture.timestamp
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
         await self.publish_sets(frame, kinds)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import QueueFull, WorkerPool
-from gateway.stereo.clock import NANOSECONDS, Clock
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
@@ -110,7 +110,7 @@ class FrameScheduler:
                 await _wait(hub.changed, delay)
                 return
             clock.schedule_next_frame(now, period)
-        period_ns = round(period * NANOSECONDS)
+        period_ns = round(period * NANOSECONDS_PER_SECOND)
         depth_due = clock.depth_due(settings, period_ns, triggered=self.trigger_pending)
         depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
         camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
@@ -195,7 +195,7 @@ class FrameScheduler:
     ) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures."""
         if self.imaging.config.rate == "device":
-            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS)
+            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
         timestamp = camera.timestamp + ALTERNATE_GAP_NS
         depth = await self._capture_scene(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
         if depth is not None:
@@ -243,7 +243,7 @@ class FrameScheduler:
                 continue
             rate = settings.depth_rate if kind.has_depth else settings.camera_rate
             now = self._injector.timestamp(self._clock.next_timestamp(0))
-            if now - frame.depth_capture.timestamp < NANOSECONDS / rate:
+            if now - frame.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
                 publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
 
 

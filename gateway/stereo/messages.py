@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import wire
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.wire import Chunk
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
@@ -109,5 +109,5 @@ def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
 
 def time_message(nanoseconds: int) -> pb.Time:
     """Return a timestamp as a ``Time`` message."""
-    sec, nsec = divmod(nanoseconds, NANOSECONDS)
+    sec, nsec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
     return pb.Time(sec=sec, nsec=nsec)

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from numpy.typing import NDArray
 
 from gateway.server.openapi import Responses, example
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.depth import measurable_depths
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
@@ -108,12 +108,12 @@ def parse_timestamp(timestamp: str) -> int:
     digits = seconds + fraction
     if not (digits.isascii() and digits.isdigit() and seconds and len(seconds) <= 12 and len(fraction) <= 9):
         raise ValueError(f"timestamp {timestamp[:40]!r} is not like 1700000000.040000000")
-    return int(seconds) * NANOSECONDS + int(fraction.ljust(9, "0"))
+    return int(seconds) * NANOSECONDS_PER_SECOND + int(fraction.ljust(9, "0"))
 
 
 def timestamp_text(nanoseconds: int) -> str:
     """Return a timestamp as text; the inverse of ``parse_timestamp``."""
-    return f"{nanoseconds // NANOSECONDS}.{nanoseconds % NANOSECONDS:09d}"
+    return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
 
 
 def ground_truth_npz(record: FrameRecord) -> bytes:
