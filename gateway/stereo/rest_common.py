@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 
 from gateway.runtime.worker_pool import DeadlineExceeded
 from gateway.server.openapi import Responses, example
-from gateway.server.unavailable import PoolErrors
+from gateway.server.unavailable import UnavailableErrors, retry_after
 from gateway.stereo.service import StereoService
 
 P = ParamSpec("P")
@@ -70,10 +70,9 @@ def with_error_responses(handler: Callable[P, Awaitable[Any]]) -> Callable[P, Aw
             return await handler(*args, **kwargs)
         except RestError as error:
             return error_response(error.status, str(error))
-        except DeadlineExceeded as error:
-            return error_response(503, f"the work was stopped: {error}")
-        except PoolErrors as error:
-            return error_response(503, str(error), {"Retry-After": str(getattr(error, "retry_after", 1))})
+        except UnavailableErrors as error:
+            sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
+            return error_response(503, sentence, retry_after(error))
 
     return handle
 
