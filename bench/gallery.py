@@ -125,7 +125,7 @@ class Gallery:
         tree = LiveTree()
         demo = Demo(tree)
         demo.populate()
-        demo.edit(3.0)
+        demo.move_to(3.0)
         labels = LabelTable()
         self._demo = flatten(tree.snapshot.root, label_of=lambda path, _: labels.label_of(path))
 
@@ -306,7 +306,7 @@ class Gallery:
                     key = frame_key(1, 1, stream)
                     images.append(sensor_image(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
                     depths.append(frame.depth.copy())
-        matched = match_pair(images[0], images[1], model.disparity_count(divisor, 0.5), exposure.sigma(128.0))
+        matched = match_pair(images[0], images[1], model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0))
         ft = k.focal_length * model.baseline
         exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
         most = float(np.percentile(exact[exact > 0], 99.5))

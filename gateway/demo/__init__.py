@@ -17,7 +17,7 @@ __all__ = ["PERIOD", "RATE", "ROOT", "Demo", "poses", "scene_parts"]
 ROOT: Final = ("demo",)
 """Path of the demo in the live tree."""
 RATE: Final = 30.0
-"""Edits per second."""
+"""Recommended calls of ``Demo.move_to`` per second."""
 
 
 class Demo:
@@ -27,15 +27,15 @@ class Demo:
         self._tree = tree
 
     def populate(self) -> None:
-        """Add the scene at time 0, in place of an earlier one."""
+        """Add the scene with its poses at time 0; replace an existing one."""
         with self._tree.edit() as edit:
             edit.delete(ROOT)
             for path, parts in scene_parts().items():
                 edit.set_parts((*ROOT, *path), parts)
             _set_poses(edit, 0.0)
 
-    def edit(self, t: float) -> None:
-        """Move the scene to time ``t`` in seconds, as one revision that changes transforms only."""
+    def move_to(self, t: float) -> None:
+        """Move the scene to its poses at time ``t`` in seconds, in one revision that changes transforms only."""
         with self._tree.edit() as edit:
             _set_poses(edit, t)
 

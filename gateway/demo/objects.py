@@ -30,7 +30,7 @@ from renderers.drawlist import AlphaMode, Image, Material, Texture
 
 @cache
 def scene_parts() -> dict[Path, tuple[Part, ...]]:
-    """Return the parts by path below the demo's root; the same objects in every call."""
+    """Return the parts of each node by its path below the demo's root. Every call returns the same objects."""
     return {
         ("floor",): (Part(Surface(tile(3.0, 6)), _textured(checker())),),
         ("table",): _table(),
@@ -73,12 +73,12 @@ def _robot() -> dict[Path, tuple[Part, ...]]:
     metal = _material("dfe6ec", roughness=0.3, metallic=0.5)
     sideways = from_pose((0.0, 0.0, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
 
-    def hub(radius: float, length: float) -> Part:
+    def joint_hub(radius: float, length: float) -> Part:
         return Part(Cylinder(radius, length), joint, sideways)
 
     turret: Path = ("robot", "turret")
-    upper: Path = (*turret, "upper arm")
-    forearm: Path = (*upper, "forearm")
+    upper_arm: Path = (*turret, "upper arm")
+    forearm: Path = (*upper_arm, "forearm")
     wrist: Path = (*forearm, "wrist")
     finger = (_at(0.0, 0.0, 0.04, Box((0.03, 0.012, 0.09)), joint),)
     return {
@@ -87,10 +87,10 @@ def _robot() -> dict[Path, tuple[Part, ...]]:
             _at(0.0, 0.0, 0.07, Cylinder(0.11, 0.1), shell),
         ),
         turret: (_at(0.0, 0.0, 0.05, Cylinder(0.10, 0.1), shell),),
-        upper: (hub(0.085, 0.18), _at(0.0, 0.0, 0.20, Capsule(0.06, 0.34), shell)),
-        forearm: (hub(0.07, 0.15), _at(0.0, 0.0, 0.18, Capsule(0.045, 0.30), shell)),
+        upper_arm: (joint_hub(0.085, 0.18), _at(0.0, 0.0, 0.20, Capsule(0.06, 0.34), shell)),
+        forearm: (joint_hub(0.07, 0.15), _at(0.0, 0.0, 0.18, Capsule(0.045, 0.30), shell)),
         wrist: (
-            hub(0.05, 0.11),
+            joint_hub(0.05, 0.11),
             _at(0.0, 0.0, 0.06, Cylinder(0.035, 0.06), metal),
             _at(0.0, 0.0, 0.095, Box((0.06, 0.14, 0.02)), joint),
         ),
@@ -137,7 +137,7 @@ def _tabletop_objects() -> dict[Path, tuple[Part, ...]]:
 
 def _drone() -> dict[Path, tuple[Part, ...]]:
     body, blade = _material("e9edf2", roughness=0.3), _material("4b5563", alpha=0.6)
-    arms = [Part(Capsule(0.008, 0.2), body, _along((0.11 * i, 0.11 * j, 0.0))) for i, j in ((1, 1), (1, -1))]
+    arms = [Part(Capsule(0.008, 0.2), body, _rotation_to(0.11 * x, 0.11 * y)) for x, y in ((1, 1), (1, -1))]
     status_light = Material(base_color=(0.0, 0.0, 0.0, 1.0), emissive=(0.1, 0.9, 0.3), metallic=0.0)
     parts: dict[Path, tuple[Part, ...]] = {
         ("drone",): (
@@ -151,9 +151,8 @@ def _drone() -> dict[Path, tuple[Part, ...]]:
     return parts
 
 
-def _along(direction: tuple[float, float, float]) -> Matrix:
-    """Return the rotation of the z axis into a horizontal direction, (4, 4)."""
-    x, y, _ = direction
+def _rotation_to(x: float, y: float) -> Matrix:
+    """Return the rotation of the z axis into the horizontal direction (x, y), (4, 4)."""
     length = math.hypot(x, y)
     return from_pose((0.0, 0.0, 0.0), (math.sqrt(0.5), -math.sqrt(0.5) * y / length, math.sqrt(0.5) * x / length, 0.0))
 
@@ -164,8 +163,8 @@ def _scanner() -> dict[Path, tuple[Part, ...]]:
     u, v = random.uniform(-1.0, 1.0, 6000), random.uniform(0.0, 1.0, 6000)
     waves = relief(u, v)
     points = np.stack((-0.25 - waves, u, 1.3 * v), axis=1).astype(np.float32)
-    hue = np.stack((v, 0.5 + 0.5 * np.sin(4.0 * waves / 0.1), 1.0 - v), axis=1).astype(np.float32)
-    cloud = PointCloud(points, {"rgb": np.clip(hue, 0.0, 1.0)})
+    colors = np.stack((v, 0.5 + 0.5 * np.sin(4.0 * waves / 0.1), 1.0 - v), axis=1).astype(np.float32)
+    cloud = PointCloud(points, {"rgb": np.clip(colors, 0.0, 1.0)})
     return {
         ("scanner",): (Part(cloud, Material(metallic=0.0, point_size=3.0)),),
         ("scanner", "wall"): (Part(Surface(wall()), _material("8b95a1", roughness=0.9)),),

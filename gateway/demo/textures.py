@@ -9,7 +9,7 @@ from renderers.drawlist import Image
 
 
 def _image(name: str, rgb: NDArray[np.floating]) -> Image:
-    """Return an image with sRGB values in 0..1, (H, W, 3)."""
+    """Return an opaque image of sRGB values from 0 to 1, (H, W, 3)."""
     pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
     pixels[:, :, :3] = np.clip(rgb * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
     pixels.flags.writeable = False

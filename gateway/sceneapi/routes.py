@@ -19,7 +19,7 @@ from gateway.sceneapi.query import (
 )
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import CLIENT_GONE, while_connected
-from gateway.server.unavailable import PoolErrors, unavailable
+from gateway.server.unavailable import UnavailableErrors, unavailable
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
@@ -157,7 +157,7 @@ async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResp
         return _text_response(413, str(error))
     except ImageError as error:
         return _text_response(500, f"a texture of the scene cannot be decoded: {error}")
-    except PoolErrors as error:
+    except UnavailableErrors as error:
         return unavailable(error)
 
 

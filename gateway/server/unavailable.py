@@ -1,17 +1,24 @@
-"""503 responses for work that the worker pool did not do."""
+"""503 responses for work that was not done: no worker was free, it took too long, or its kernels cannot be used."""
 
 from __future__ import annotations
 
 from fastapi.responses import PlainTextResponse
 
+from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 
-PoolErrors = (QueueFull, PoolClosed, DeadlineExceeded)
-"""What ``WorkerPool.run`` raises for calls that it rejects or stops."""
+UnavailableErrors = (QueueFull, PoolClosed, DeadlineExceeded, KernelError)
+"""What ``WorkerPool.run`` raises for calls that it rejects or stops, and for kernels that could not be compiled."""
 
 
-def unavailable(error: QueueFull | PoolClosed | DeadlineExceeded) -> PlainTextResponse:
-    """Return a 503 response; without Retry-After if the same request would take too long again."""
-    if isinstance(error, DeadlineExceeded):
-        return PlainTextResponse(f"rendering was stopped: {error}", 503)
-    return PlainTextResponse(str(error), 503, {"Retry-After": str(getattr(error, "retry_after", 1))})
+def retry_after(error: Exception) -> dict[str, str]:
+    """Return the Retry-After header for one of ``UnavailableErrors``; none if the same request would fail again."""
+    if isinstance(error, (DeadlineExceeded, KernelError)):
+        return {}
+    return {"Retry-After": str(getattr(error, "retry_after", 1))}
+
+
+def unavailable(error: Exception) -> PlainTextResponse:
+    """Return a 503 response for one of ``UnavailableErrors``."""
+    sentence = f"rendering was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
+    return PlainTextResponse(sentence, 503, retry_after(error))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 MIB: Final = 1 << 20
+"""Bytes per mebibyte."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +17,9 @@ class StateConfig:
     path: Path
     """The SQLite file."""
     max_waiting_bytes: int = 64 * MIB
-    """Maximum size of responses that wait until their requests are stored. Beyond it requests are rejected before they
+    """Maximum bytes of responses that wait until their requests are stored. Further requests are rejected before they
     change the tree."""
     idle_commit_seconds: float = 1.0
-    """Delay until edits are stored for which no client waits."""
+    """Maximum seconds until an edit is stored that no client waits for."""
     checkpoint_bytes: int = 16 * MIB
     """Size of the write-ahead log at which a commit copies it into the database file."""

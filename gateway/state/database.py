@@ -21,8 +21,8 @@ from gateway.state.errors import StateError
 from gateway.state.schema import APPLICATION_ID, MIGRATIONS
 
 LOCK_SECONDS: Final = 2.0
-"""Maximum time to wait for another gateway to release the file, so that a supervisor can restart a killed one at
-once."""
+"""Maximum seconds to wait until another gateway releases the file, so that a supervisor can restart a killed gateway
+without a delay."""
 _MAGIC: Final = b"SQLite format 3\0"
 _HEADER_BYTES: Final = 100
 _APPLICATION_ID_OFFSET: Final = 68
@@ -35,6 +35,7 @@ _REASONS: Final = {
     "SQLITE_NOTADB": "it is damaged",
     "SQLITE_BUSY": "another program has locked it",
 }
+"""Causes by the beginning of SQLite's name of the error."""
 
 
 class Database:
@@ -67,7 +68,7 @@ class Database:
         """Copy the write-ahead log into the file and close it; the log is removed."""
         with contextlib.suppress(sqlite3.Error):
             self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        # Closing any descriptor of the file releases SQLite's locks, so our own comes last.
+        # Closing any descriptor of the file releases SQLite's locks, so the descriptor of our lock is closed last.
         self.connection.close()
         os.close(self._lock)
 
@@ -81,7 +82,7 @@ class Database:
 
 
 def reason_of(error: sqlite3.Error) -> str:
-    """Return the cause of an error as the end of a sentence."""
+    """Return the cause of a database error, worded as the end of a sentence."""
     name = getattr(error, "sqlite_errorname", "")
     for prefix, reason in _REASONS.items():
         if name.startswith(prefix):
@@ -91,6 +92,7 @@ def reason_of(error: sqlite3.Error) -> str:
 
 @contextlib.contextmanager
 def _state_errors(path: Path) -> Iterator[None]:
+    """Turn SQLite's errors into ``StateError``."""
     try:
         yield
     except sqlite3.Error as error:
@@ -120,7 +122,10 @@ def _lock_file(path: Path) -> int:
 
 
 def _check_header(path: Path, descriptor: int) -> bool:
-    """Return True if the file is new. Runs before SQLite, which would create a log beside any file that it opens."""
+    """Return True if the file is new.
+
+    Runs before SQLite opens the file, because SQLite would create a log even beside the file of another program.
+    """
     header = os.pread(descriptor, _HEADER_BYTES, 0)
     if not header:
         return True
@@ -138,7 +143,7 @@ def _connect(path: Path, checkpoint_bytes: int) -> sqlite3.Connection:
     for pragma in (
         "synchronous = NORMAL",
         f"wal_autocheckpoint = {max(1, checkpoint_bytes // page_bytes)}",
-        f"journal_size_limit = {checkpoint_bytes}",  # else the log keeps its largest size
+        f"journal_size_limit = {checkpoint_bytes}",  # otherwise the log never shrinks
         "temp_store = MEMORY",
         "busy_timeout = 5000",
     ):
@@ -153,7 +158,7 @@ def _check_integrity(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _migrate(path: Path, connection: sqlite3.Connection) -> None:
-    """Run the missing migrations, each in one transaction with its version number."""
+    """Run the migrations that the file lacks, each in one transaction with the update of its version number."""
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if version > len(MIGRATIONS):
         raise StateError(

@@ -1,7 +1,7 @@
-"""Group commit: all changes since the last transaction are one transaction, on a thread of its own.
+"""Group commit: one transaction stores all changes since the last one, on a thread for commits only.
 
-Changes during a transaction are stored by the next one. Each transaction stores the newest state, so its cost depends
-on the differences to the stored state, not on the number of edits.
+Changes during a transaction are stored by the next one. A transaction writes the differences between the newest state
+and the stored state, so its cost does not depend on the number of edits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gateway.state.database import Database, reason_of
 _log = structlog.get_logger("gateway.state")
 
 OnStored = Callable[[str], None]
-"""Called on the event loop with an empty string, or with the reason why the changes could not be stored."""
+"""Callback on the event loop. Its argument is the reason why the changes could not be stored, empty if they are."""
 
 
 class Store(Protocol):
@@ -32,15 +32,18 @@ class Store(Protocol):
         """Return the current state. Called on the event loop; must be fast."""
 
     def write(self, connection: sqlite3.Connection, captured: Any) -> bool:
-        """Write a captured state within a transaction; return False if it is already stored. Called on the thread."""
+        """Write a captured state within a transaction; return False if it is already stored.
+
+        Called on the commit thread.
+        """
 
     def committed(self, captured: Any) -> None:
-        """Note that the transaction succeeded. Called on the thread."""
+        """Note that the transaction with this state succeeded. Called on the commit thread."""
 
 
 @dataclass(slots=True)
 class CommitStats:
-    """Transactions since start."""
+    """Counters and durations of transactions since start."""
 
     commits: int = 0
     """Number of transactions that wrote something."""
@@ -51,7 +54,7 @@ class CommitStats:
 
 
 class GroupCommit:
-    """Commits the states of all stores. Belongs to the event loop; only ``_commit`` runs on the thread."""
+    """Commits the states of all stores. Runs on the event loop, except ``_commit``, which runs on the commit thread."""
 
     def __init__(self, database: Database, config: StateConfig) -> None:
         self._database = database
@@ -70,7 +73,7 @@ class GroupCommit:
         self.stats = CommitStats()
 
     def add(self, store: Store) -> None:
-        """Commit this store as well from now on."""
+        """Include this store in all further transactions."""
         self._stores.append(store)
 
     def start(self) -> None:
@@ -79,30 +82,30 @@ class GroupCommit:
 
     @property
     def full(self) -> bool:
-        """True while so many bytes wait that new requests should be rejected."""
+        """True while more than ``max_waiting_bytes`` wait, so that new requests should be rejected."""
         return self.waiting_bytes > self._config.max_waiting_bytes
 
-    def after(self, on_stored: OnStored, nbytes: int = 0) -> None:
-        """Call ``on_stored`` when all changes so far are stored or failed to be; calls keep their order.
+    def call_when_stored(self, on_stored: OnStored, nbytes: int = 0) -> None:
+        """Commit all changes so far, then call ``on_stored``. Callbacks run in the order of these calls.
 
         Args:
-            nbytes: Bytes that the caller holds until then.
+            nbytes: Bytes that the caller holds until the callback.
         """
         self._waiting.append((on_stored, nbytes))
         self.waiting_bytes += nbytes
         self._requested.set()
 
-    async def stored(self) -> str:
-        """Wait until all changes so far are stored; return an empty string, or the reason why they are not."""
+    async def wait_until_stored(self) -> str:
+        """Commit all changes so far; return an empty string, or the reason why they could not be stored."""
         future: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        self.after(lambda problem: None if future.done() else future.set_result(problem))
+        self.call_when_stored(lambda problem: None if future.done() else future.set_result(problem))
         return await future
 
     async def close(self) -> str:
-        """Store what is left and end the thread; return an empty string, or the reason why it could not be stored."""
+        """Commit the last changes and end the thread; return an empty string, or the reason why they are not stored."""
         if self._task is None:
             return ""
-        problem = await self.stored()
+        problem = await self.wait_until_stored()
         self._task.cancel()
         self._thread.shutdown()
         return problem
@@ -115,9 +118,10 @@ class GroupCommit:
             waiting, self._waiting = self._waiting, []
             captured = [(store, store.capture()) for store in self._stores]
             problem = await loop.run_in_executor(self._thread, self._commit, captured)
-            self._release(waiting, problem)
+            self._report(waiting, problem)
 
     def _commit(self, captured: list[tuple[Store, Any]]) -> str:
+        """Write the captured states in one transaction; return an empty string, or the reason of a failure."""
         start_time = time.perf_counter()
         connection = self._database.connection
         try:
@@ -130,7 +134,7 @@ class GroupCommit:
                 connection.execute("ROLLBACK")
             for store, state in captured:
                 store.committed(state)
-        except Exception as error:  # noqa: BLE001 - a defect must not end the commits
+        except Exception as error:  # noqa: BLE001 - later transactions must still run
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             self.stats.failed += 1
@@ -144,7 +148,8 @@ class GroupCommit:
         self.stats.longest_commit_seconds = max(self.stats.longest_commit_seconds, seconds)
         return ""
 
-    def _release(self, waiting: list[tuple[OnStored, int]], problem: str) -> None:
+    def _report(self, waiting: list[tuple[OnStored, int]], problem: str) -> None:
+        """Report the result of a transaction to the log, to ``on_problem`` and to the waiting callbacks."""
         if problem != self.problem:
             if problem:
                 _log.error("state cannot be written", reason=problem, path=str(self._database.path))

@@ -26,13 +26,19 @@ class Parameters(Protocol):
         """Return the values of a node by name."""
 
     def set(self, node: str, values: list[tuple[str, object]]) -> object:
-        """Validate and set values. Raises LookupError or ValueError."""
+        """Validate and set a node's values, as pairs of name and value. Raises LookupError or ValueError."""
 
 
 class ParameterStore:
     """Stores the parameters of one camera; see ``group_commit.Store``."""
 
     def __init__(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
+        """
+        Args:
+            camera: Name of the camera in the database.
+            nodes: Returns the names of the nodes whose parameters are stored.
+            parameters: The parameters.
+        """
         self._camera = camera
         self._nodes = nodes
         self._parameters = parameters
@@ -65,7 +71,7 @@ class ParameterStore:
         self._stored = captured
 
     def restore(self, connection: sqlite3.Connection) -> int:
-        """Set the stored values; log and skip those that this version does not have or accept.
+        """Set the stored values. Values that this version does not know or accept are logged and skipped.
 
         Returns:
             The number of values that were set.

@@ -1,4 +1,4 @@
-"""Geometry and materials as bytes, without loss: MessagePack for the structure, large arrays and images as blobs.
+"""Geometry and materials as bytes, without loss: a MessagePack structure, and blobs for large arrays and images.
 
 Values of MessagePack's own types (None, bool, int, float, bytes, valid UTF-8 text) stand for themselves. Every other
 value is a list that starts with a tag::
@@ -33,27 +33,28 @@ from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 
 INLINE_BYTES: Final = 256
-"""Maximum size of arrays inside the structure; smaller blobs would cost more than their content."""
+"""Maximum bytes of an array inside the structure. As a blob, a small array would cost more than its content."""
 CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
     {
-        kind.__name__: kind
-        for kind in (
+        cls.__name__: cls
+        for cls in (
             *(geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule),
             *(geometry.Surface, geometry.PointCloud, geometry.Triad, geometry.Line, Part),
             *(Material, Mesh, Sampler, Texture),
         )
     }
 )
-_ENUMS: Final[Mapping[str, type[Enum]]] = MappingProxyType({kind.__name__: kind for kind in (AlphaMode, Wrap)})
+_ENUMS: Final[Mapping[str, type[Enum]]] = MappingProxyType({cls.__name__: cls for cls in (AlphaMode, Wrap)})
 _FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
-    kind: kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else tuple(field.name for field in fields(kind))
-    for kind in CLASSES.values()
+    cls: cls.__struct_fields__ if issubclass(cls, msgspec.Struct) else tuple(field.name for field in fields(cls))
+    for cls in CLASSES.values()
 }
 _SIMPLE_SHAPES: Final = frozenset(
     (geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule)
 )
-"""Shapes of a few numbers, of which clients send thousands."""
+"""Shapes that consist of a few numbers. Clients send thousands of them."""
 _SHARED: Final = (Material, Mesh)
+"""Classes of objects that many parts share (``once``)."""
 _ARRAY_KINDS: Final = frozenset("fiub")
 """Kinds of array elements: numbers and booleans, never objects."""
 _IDENTITY: Final = IDENTITY.tobytes()
@@ -64,11 +65,11 @@ _encoder: Final = msgspec.msgpack.Encoder()
 
 
 class DamagedError(ValueError):
-    """The bytes are not geometry as this module writes it."""
+    """Stored bytes differ from what this module writes."""
 
 
 def memo_key(parts: tuple[Part, ...]) -> Hashable:
-    """Return a key that is equal only for parts with equal bytes, while these parts and their materials exist.
+    """Return a key of parts. Equal keys mean equal bytes, as long as the parts and their materials exist.
 
     Simple shapes are compared by value, so that 1000 equal boxes are encoded once. Numbers are compared as they are
     stored: 1 and 1.0, 0.0 and -0.0 differ.
@@ -82,7 +83,8 @@ def memo_key(parts: tuple[Part, ...]) -> Hashable:
 
 
 class PartEncoder:
-    """Encodes the parts of one transaction. They must exist as long as the encoder."""
+    """Encodes the parts of one transaction. The parts must exist as long as the encoder, which identifies shared
+    objects by their ids."""
 
     def __init__(self) -> None:
         self._encoded: dict[int, tuple[bytes, Blobs]] = {}
@@ -94,36 +96,40 @@ class PartEncoder:
         return _encoder.encode([self._value(part, blobs) for part in parts]), blobs
 
     def _value(self, value: Any, blobs: Blobs) -> Any:
-        kind = type(value)
-        if value is None or kind in (bool, int, float, bytes):
+        value_type = type(value)
+        if value is None or value_type in (bool, int, float, bytes):
             return value
-        if kind is str:
+        if value_type is str:
             try:
                 value.encode()
             except UnicodeEncodeError:
                 return ["text", value.encode("utf-8", "surrogatepass")]
             return value
-        if kind in _SHARED:
+        if value_type in _SHARED:
             return ["once", self._shared(value, blobs)]
-        if kind in _FIELDS:
+        if value_type in _FIELDS:
             return self._fields(value, blobs)
         if isinstance(value, np.ndarray):
             return self._array(value, blobs)
         if isinstance(value, np.generic):
             return value.item()
         if isinstance(value, Enum):
-            return ["enum", kind.__name__, value.value]
+            return ["enum", value_type.__name__, value.value]
         if isinstance(value, tuple):
             return ["tuple", [self._value(entry, blobs) for entry in value]]
         if isinstance(value, Mapping):
             return ["map", [[self._value(k, blobs), self._value(v, blobs)] for k, v in value.items()]]
         if isinstance(value, Image):
             return self._image(value, blobs)
-        raise TypeError(f"geometry with a {kind.__name__} cannot be stored")
+        raise TypeError(f"geometry with a {value_type.__name__} cannot be stored")
 
     def _fields(self, value: Any, blobs: Blobs) -> list[Any]:
-        kind = type(value)
-        return ["value", kind.__name__, {name: self._value(getattr(value, name), blobs) for name in _FIELDS[kind]}]
+        value_type = type(value)
+        return [
+            "value",
+            value_type.__name__,
+            {name: self._value(getattr(value, name), blobs) for name in _FIELDS[value_type]},
+        ]
 
     def _shared(self, value: Any, blobs: Blobs) -> bytes:
         encoded = self._encoded.get(id(value))
@@ -144,10 +150,10 @@ class PartEncoder:
 
     def _image(self, image: Image, blobs: Blobs) -> list[Any]:
         data, max_pixels = getattr(image.decode, "data", None), getattr(image.decode, "max_pixels", None)
-        if data is None or max_pixels is None:  # not from a file: store its pixels
+        if data is None or max_pixels is None:  # the image is not from a file: store its pixels
             pixels = image.decode()
             data, max_pixels = png_rgba(pixels), max(1, pixels.shape[0] * pixels.shape[1])
-        return ["picture", None, max_pixels, _add_blob(blobs, data)]  # older files have a name in place of None
+        return ["picture", None, max_pixels, _add_blob(blobs, data)]  # older versions stored a name in place of None
 
 
 def _add_blob(blobs: Blobs, data: bytes | memoryview) -> bytes:
@@ -225,10 +231,10 @@ class PartDecoder:
     def _inline_array(self, dtype: str, shape: list[int], data: bytes) -> NDArray[Any]:
         if dtype == "<f8" and data == _IDENTITY and shape == [4, 4]:
             return IDENTITY
-        kind = np.dtype(dtype)
-        if kind.kind not in _ARRAY_KINDS or kind.itemsize * math.prod(shape) != len(data):
+        element_type = np.dtype(dtype)
+        if element_type.kind not in _ARRAY_KINDS or element_type.itemsize * math.prod(shape) != len(data):
             raise DamagedError(f"an array of {dtype} with the shape {shape} has {len(data)} bytes")
-        return np.ndarray(shape, kind, data)
+        return np.ndarray(shape, element_type, data)
 
     def _blob_array(self, dtype: str, shape: list[int], digest: bytes) -> NDArray[Any]:
         key = (dtype, tuple(shape), digest)

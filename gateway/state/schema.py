@@ -1,4 +1,4 @@
-"""The tables as a list of migrations: a file of an earlier version runs those that it lacks."""
+"""The tables as a list of migrations. A file of an earlier version is upgraded by the migrations that it lacks."""
 
 from __future__ import annotations
 
@@ -28,4 +28,4 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
         ) WITHOUT ROWID""",
     ),
 )
-"""Statements of each migration; the first leads to version 1."""
+"""Statements of each migration. Migration number N, counted from 1, leads to schema version N."""

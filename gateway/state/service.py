@@ -19,7 +19,7 @@ _log = structlog.get_logger("gateway.state")
 
 
 class PersistentState:
-    """The open state file. It is opened before all interfaces and closed after them."""
+    """The open state file. It is opened before all interfaces start and closed after they have stopped."""
 
     def __init__(self, config: StateConfig) -> None:
         """Open the file.
@@ -32,7 +32,7 @@ class PersistentState:
         self.commits = GroupCommit(self.database, config)
         self._restored_nodes = 0
         self._timer: asyncio.TimerHandle | None = None
-        """Set while edits wait for a commit that no client requested."""
+        """Timer until ``idle_commit_seconds`` have passed; None if no edit waits for it."""
         self._stop_listening: Callable[[], None] = lambda: None
 
     def start(self) -> None:
@@ -40,9 +40,12 @@ class PersistentState:
         self.commits.start()
 
     def restore_tree(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
-        """Put the stored tree into ``live`` and store its changes from now on. May take seconds, in any thread.
+        """Put the stored tree into ``live`` and store the changes of ``live`` from now on.
+
+        Takes up to seconds; may be called in any thread.
 
         Args:
+            live: Empty tree.
             excluded: Children of the root that are neither stored nor restored.
 
         Raises:
@@ -63,18 +66,18 @@ class PersistentState:
             _log.info("tree restored", nodes=self._restored_nodes, path=str(self._config.path))
 
     def store_idle_edits(self, live: LiveTree) -> None:
-        """Store edits for which no client waits as well, after ``idle_commit_seconds``."""
+        """Store edits that no client waits for, too, ``idle_commit_seconds`` after the first of them."""
         loop = asyncio.get_running_loop()
         self._stop_listening = live.listen(lambda snapshot: self._on_edit(loop, snapshot))
 
     def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
-        """Set a camera's stored parameters, and store changes of ``nodes`` from now on."""
+        """Set a camera's stored parameters, and store the parameters of ``nodes()`` from now on."""
         store = ParameterStore(camera, nodes, parameters)
         store.restore(self.database.connection)
         self.commits.add(store)
 
     def status(self) -> dict[str, Any]:
-        """Return the figures for health and metrics, plain JSON values."""
+        """Return figures for health and metrics as plain JSON values."""
         stats = self.commits.stats
         return {
             "restored_nodes": self._restored_nodes,
@@ -88,7 +91,7 @@ class PersistentState:
         }
 
     async def close(self) -> None:
-        """Store what is left and close the file."""
+        """Store the last changes and close the file."""
         self._stop_listening()
         if self._timer is not None:
             self._timer.cancel()
@@ -98,7 +101,7 @@ class PersistentState:
         await asyncio.to_thread(self.database.close)
 
     def _on_edit(self, loop: asyncio.AbstractEventLoop, _: Snapshot) -> None:
-        if self._timer is None:  # a race costs one call
+        if self._timer is None:  # unlocked: a race causes one superfluous call
             loop.call_soon_threadsafe(self._start_timer, loop)
 
     def _start_timer(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -107,4 +110,4 @@ class PersistentState:
 
     def _commit_idle_edits(self) -> None:
         self._timer = None
-        self.commits.after(lambda problem: None)
+        self.commits.call_when_stored(lambda problem: None)

@@ -1,4 +1,7 @@
-"""The live tree in the database. Each commit writes the differences to the stored tree; all rows are read at start."""
+"""The live tree in the database.
+
+Each transaction writes the differences between the live tree and the stored tree. All rows are read at start.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,14 @@ from gateway.state.keys import SUBTREE_END, key_of, path_of
 from gateway.state.part_codec import DamagedError, PartDecoder, PartEncoder, memo_key
 
 MAX_KEYS: Final = 500
-"""Maximum number of keys in one SELECT."""
+"""Maximum number of keys in one SELECT statement."""
 _POSE: Final = struct.Struct("<7d")
+"""Position and quaternion."""
 _MATRIX_BYTES: Final = 16 * 8
 
 
 class TreeStore:
-    """Stores a live tree; see ``group_commit.Store``. ``restore`` comes first."""
+    """Stores a live tree; see ``group_commit.Store``. Call ``restore`` before all other methods."""
 
     def __init__(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
         """
@@ -36,9 +40,9 @@ class TreeStore:
         self._stored_root = Node()
         """The tree in the database."""
         self._seq = 0
-        """Highest ``seq`` in the database."""
+        """Highest ``seq``, the number that orders siblings, in the database."""
         self._written_seq = 0
-        """Highest ``seq`` with the current transaction."""
+        """Highest ``seq`` in the database after the current transaction."""
         self.restored_nodes = 0
         """Number of nodes read at start."""
 
@@ -48,13 +52,13 @@ class TreeStore:
 
     def write(self, connection: sqlite3.Connection, captured: Snapshot) -> bool:
         """Write the differences between the stored tree and a snapshot; return False if there are none."""
-        changes = _TreeChanges(connection, self._seq)
-        changes.collect(self._stored_root, captured.root, self._excluded)
-        self._written_seq = changes.seq
-        return changes.write()
+        tree_changes = _TreeChanges(connection, self._seq)
+        tree_changes.collect(self._stored_root, captured.root, self._excluded)
+        self._written_seq = tree_changes.seq
+        return tree_changes.write()
 
     def committed(self, captured: Snapshot) -> None:
-        """Note that this snapshot is stored."""
+        """Note that the transaction with this snapshot succeeded."""
         self._stored_root = captured.root
         self._seq = self._written_seq
 
@@ -73,7 +77,7 @@ class TreeStore:
             if not path or path[0] not in self._excluded:
                 rows.append((len(path), seq, path, digest, transform, visible))
         rows.sort(key=lambda row: row[:2])  # parents first, siblings in order
-        if len(rows) <= 1 and rows[0][3:] == (None, None, 1):
+        if len(rows) <= 1 and rows[0][3:] == (None, None, 1):  # a root without content
             return
         decoder = PartDecoder(lambda digest: _read_data(connection, "tree_blob", digest))
         decoded: dict[bytes, tuple[Part, ...]] = {}
@@ -94,7 +98,7 @@ class _TreeChanges:
 
     def __init__(self, connection: sqlite3.Connection, seq: int) -> None:
         self.seq = seq
-        """Highest ``seq`` of any node; added and reordered nodes get the following ones."""
+        """Highest ``seq`` of any node; added and reordered nodes get the numbers after it."""
         self._connection = connection
         self._encoder = PartEncoder()
         self._removed: list[bytes] = []
@@ -148,7 +152,10 @@ class _TreeChanges:
             self._replace_parts(self._geometry[begin : begin + MAX_KEYS])
         execute_many(
             "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
-            [(key, seq, self._store_parts(n.parts), _encode_transform(n), n.visible) for key, seq, n in self._added],
+            [
+                (key, seq, self._store_parts(node.parts), _encode_transform(node), node.visible)
+                for key, seq, node in self._added
+            ],
         )
         execute_many("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
         execute_many("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
@@ -158,7 +165,7 @@ class _TreeChanges:
         return True
 
     def _replace_parts(self, nodes: list[tuple[bytes, Node]]) -> None:
-        """Update the geometry of stored nodes; geometry that is sent again unchanged is not written."""
+        """Update the geometry of stored nodes. Geometry that a client sent again unchanged is not written."""
         placeholders = ",".join("?" * len(nodes))
         old_digests = dict(
             self._connection.execute(
@@ -208,6 +215,7 @@ class _TreeChanges:
 
 
 def _encode_transform(node: Node) -> bytes | None:
+    """Return a pose or matrix as little-endian doubles; None for the identity."""
     pose = node.pose
     if pose is not None:
         return _POSE.pack(*pose)

@@ -1,13 +1,14 @@
 """A synthetic rc_visard: image sets over gRPC, parameters over REST.
 
-A frame's way, in the order of the files:
+Modules, in the order in which a frame passes them:
 
-* ``service`` owns everything below; ``config`` is fixed at start, ``parameters`` change over REST.
-* ``frame_scheduler`` captures frames while clients stream, at the times and timestamps of ``frame_clock``.
-* ``frame`` makes each image of a frame once: ``images`` renders and exposes, ``depth`` measures, ``messages`` and
+* ``service`` owns all objects of a camera. ``config`` is fixed at start, ``parameters`` change over REST.
+* ``frame_scheduler`` captures frames while clients stream. ``frame_clock`` gives their due times and timestamps.
+* ``frame`` makes each image of a frame once. ``images`` renders and exposes, ``depth`` measures depth, ``messages`` and
   ``wire`` serialise.
-* ``hub`` delivers image sets to clients, ``events`` image events; ``server`` is the gRPC server.
+* ``frame_publisher`` passes the image sets to ``hub`` and the image events to ``events``. ``server`` sends both over
+  gRPC.
 
-REST: ``node_routes``, ``system_routes``, ``upload``, ``truth`` and ``fault_routes``, on the base of ``rest_common``.
-``pairs`` replaces the scene by recorded images.
+The REST routes are in ``node_routes``, ``system_routes``, ``upload``, ``truth`` and ``fault_routes``; ``rest_common``
+has what they share. ``pairs`` replaces the scene by recorded images.
 """

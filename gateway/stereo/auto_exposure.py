@@ -1,9 +1,10 @@
-"""Modes of automatic exposure, which has settled in every frame.
+"""Modes of automatic exposure. Unlike the device's, it does not take several frames to adapt.
 
-* ``Normal``: every image is metered by itself; in alternate exposure, the image with Out1 high determines both.
-* ``Out1High``: only images with Out1 high are metered; those with Out1 low get the exposure of the last one.
+* ``Normal``: every image is metered by itself. In alternate exposure, the image with Out1 high determines both
+  exposures.
+* ``Out1High``: only images with Out1 high are metered. Images with Out1 low get the exposure of the last one metered.
 * ``AdaptiveOut1``: images with Out1 low are exposed less, so that nothing is over-exposed when Out1 goes high.
-  ``out1_reduction`` is the share by which they are exposed less.
+  ``out1_reduction`` is the share by which they are exposed less, 0 to 1.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 from gateway.stereo.settings import StreamSettings
 from renderers.stereo.exposure import Exposure, auto_exposure
 
-DIVISOR: Final = 8
-"""Resolution of the camera images divided by that of the metered image."""
+METERING_DIVISOR: Final = 8
+"""Width of the camera images divided by that of the metered image."""
 
 
 @dataclass(slots=True)
@@ -40,20 +41,20 @@ def choose_exposure(
     """Return the exposure of an image and ``out1_reduction``.
 
     Args:
-        unlit: (h, w) float32, ``brightness_of`` the left image at 1/``DIVISOR`` of the resolution, without the light of
-            the projector on Out1.
-        lit: (h, w) float32, the same with that light.
+        unlit: (h, w) float32, ``brightness_of`` the left image at 1/``METERING_DIVISOR`` of the resolution, without the
+            projector's light.
+        lit: (h, w) float32, the same with the projector's light.
         out1_high: True if Out1 is high in this image.
         settings: parameters of the frame.
-        memory: state, changed.
+        memory: state between frames; updated.
     """
     limits, manual = settings.auto_exposure, settings.manual_exposure
     if limits is None:
         return manual, 0.0
     unlit, lit = _metered_region(unlit, settings), _metered_region(lit, settings)
     if settings.auto_exposure_mode == "AdaptiveOut1":
-        low, high = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
-        return high, min(max(1.0 - high.light / low.light, 0.0), 1.0)
+        unlit_exposure, lit_exposure = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
+        return lit_exposure, min(max(1.0 - lit_exposure.light / unlit_exposure.light, 0.0), 1.0)
     if settings.auto_exposure_mode == "Out1High":
         if out1_high or memory.out1_high is None:
             memory.out1_high = auto_exposure(lit, limits, manual)
@@ -66,5 +67,5 @@ def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> ND
     region = settings.exposure_region
     if region is None:
         return values
-    inside = values[region.slices(DIVISOR)]
+    inside = values[region.slices(METERING_DIVISOR)]
     return inside if inside.size else values

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
-NANOSECONDS = 1_000_000_000
-"""Nanoseconds per second."""
+NANOSECONDS_PER_SECOND = 1_000_000_000
 
 
 class Clock(Protocol):
@@ -14,7 +13,7 @@ class Clock(Protocol):
 
     @property
     def simulated(self) -> bool:
-        """True if timestamps depend on the frames alone; then no frame may be skipped for lack of time."""
+        """True if timestamps count frames instead of time; then no frame may be skipped for lack of time."""
 
     def next_timestamp(self, previous: int | None, period: int) -> int:
         """Return the timestamp of a frame, nanoseconds since the epoch.
@@ -32,8 +31,8 @@ class SystemClock:
 
     def next_timestamp(self, previous: int | None, period: int) -> int:
         now = time.time_ns()
-        # Timestamps identify frames, so they stay unique when the system clock is set back by up to a second.
-        return now if previous is None or not previous - NANOSECONDS < now <= previous else previous + 1
+        # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
+        return now if previous is None or not previous - NANOSECONDS_PER_SECOND < now <= previous else previous + 1
 
 
 class SimulatedClock:
@@ -41,10 +40,10 @@ class SimulatedClock:
 
     simulated = True
 
-    def __init__(self, start: int = NANOSECONDS) -> None:
+    def __init__(self, start: int = NANOSECONDS_PER_SECOND) -> None:
         """
         Args:
-            start: timestamp of the first frame, nanoseconds.
+            start: timestamp of the first frame, nanoseconds since the epoch.
         """
         self._start = start
 

@@ -19,9 +19,11 @@ class Tls:
     """TLS files in PEM format."""
 
     certificate: Path
+    """Certificate of the server."""
     key: Path
+    """Private key of the server."""
     client_ca: Path | None = None
-    """Authority that client certificates must be signed by; None: clients need no certificate."""
+    """Certificate of the authority that must have signed clients' certificates; None: clients need no certificate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +45,11 @@ class StereoConfig:
     rate: Rate = "device"
     """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
     seed: int = 0
-    """Seed of all noise: seed, scene and frame number determine every byte except timestamps."""
+    """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """Noise of images and disparity; False: disparity is exact up to its rounding, confidence is 1."""
+    """Add noise to images and disparity; False: disparity is exact up to its rounding, confidence is 1."""
     image_noise: float = 1.0
-    """Factor of the image noise."""
+    """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
     """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
     look: LookName = "gltf"
@@ -63,21 +65,22 @@ class StereoConfig:
     dot_light: float = 2.0
     """Light of a projected dot, relative to the scene's own."""
     mesh_rgb: bool = False
-    """Write vertex colours a second time as red, green, blue: trimesh and Open3D ignore the device's diffuse_*."""
+    """Write vertex colours a second time as red, green, blue: trimesh and Open3D ignore the device's names,
+    diffuse_red and so on."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"
     """Host name in the system information."""
     max_clients: int = 64
-    """Maximum number of streams. Each holds one set (up to 70 MB with a full mesh) in its mailbox, and more in its
-    socket."""
+    """Maximum number of streams. Each stream holds one set (up to 70 MB with a full mesh) in its mailbox, and unsent
+    bytes in its socket."""
     max_pairs: int = 10_000
     """Maximum number of recorded stereo pairs in a folder: 400 s at the camera's rate."""
     max_pair_pixels: int = 20_000_000
-    """Maximum number of pixels of a recorded image: 16 times the device's. Decoded 60 MB, and eight images are
-    cached."""
+    """Maximum number of pixels of a recorded image: 16 times the device's. Such an image takes 60 MB when decoded, and
+    eight are cached."""
     max_upload: int = 64 << 20
-    """Maximum number of bytes of an uploaded pair: four such images, compressed."""
+    """Maximum number of bytes of an uploaded pair: four compressed images of ``max_pair_pixels``."""
     faults: bool = False
     """Permit fault injection over REST."""
     max_late_bytes: int = 256 << 20
@@ -87,12 +90,12 @@ class StereoConfig:
     max_kinds: int = 16
     """Maximum number of different requests: each is serialised separately, and meshes take up to 0.1 s each."""
     history: int = 100
-    """Number of frames for ``/stereo/truth.npz``: 4 s at the camera's rate. A frame keeps its draw list, whose meshes
-    are shared, and is rendered again on request."""
+    """Number of frames for ``/stereo/truth.npz``: 4 s at the camera's rate. A frame is rendered again on request, from
+    its draw list, which shares meshes with other frames."""
     frames_in_flight: int = 2
-    """Maximum number of frames in flight: one renders while the other is filtered and serialised."""
+    """Maximum number of frames in flight: one is rendered while the other is filtered and serialised."""
 
     @property
     def noise_factor(self) -> float:
-        """Factor of the image noise; 0 disables it."""
+        """``image_noise``, or 0 if noise is disabled."""
         return self.image_noise if self.noise else 0.0

@@ -27,7 +27,7 @@ from renderers.stereo.truth import DepthRange, true_disparity
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatcherPair:
-    """Images to match, at the depth images' resolution."""
+    """Grey images to match, at the depth images' resolution."""
 
     left: SensorImage
     right: SensorImage
@@ -44,32 +44,32 @@ def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRang
 
 def ground_truth_depth(
     config: StereoConfig,
-    left: NDArray[np.float32],
-    right: NDArray[np.float32],
+    left_depth: NDArray[np.float32],
+    right_depth: NDArray[np.float32],
     settings: StreamSettings,
     frame_number: int,
 ) -> DepthImages:
     """Return depth images from rendered depth, with modelled errors.
 
-    ``double_shot`` has no effect, because there are no reflections that make holes.
+    ``double_shot`` has no effect: it fills holes where matching fails, which rendered depth does not have.
 
     Args:
         config: model, noise and seed.
-        left: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
-        right: (H, W) float32 depth from the right camera.
+        left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
+        right_depth: (H, W) float32 depth from the right camera.
         settings: parameters of the frame.
         frame_number: selects the random numbers.
     """
     model, divisor, filters = config.model, settings.quality.divisor, settings.filters
     focal_times_baseline = model.focal_times_baseline(divisor)
-    disparity = true_disparity(left, right, focal_times_baseline, measurable_depths(model, settings))
+    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, measurable_depths(model, settings))
     _clear_outside_region(disparity, settings)
     sigma = config.disparity_error / divisor / settings.averaged_images**0.5 if config.noise else 0.0
     error_scale = choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth))
     key = frame_key(config.seed, frame_number, NoiseStream.DISPARITY)
     images = add_errors(disparity, sigma, key, error_scale)
     if not config.noise:
-        # Holes come from the geometry alone, so small segments and holes stay.
+        # Without noise all holes and segments are true, so they are kept.
         filters = replace(filters, minconf=0.0, seg=0, fill=0)
     apply_filters(images, filters, focal_times_baseline, divisor)
     return images
@@ -84,7 +84,8 @@ def matched_depth(
         config: model and noise.
         pair: images to match.
         settings: parameters of the frame.
-        dark_pair: images without the projector's light, for ``double_shot``; None: ``pair`` at half the resolution.
+        dark_pair: images without the projector's light for ``double_shot``; None: ``double_shot`` matches ``pair`` a
+            second time, at half the resolution.
     """
     model, divisor = config.model, settings.quality.divisor
     nearest = measurable_depths(model, settings).min_depth
@@ -114,11 +115,11 @@ def matched_depth(
 
 def _noise_sigma(pair: MatcherPair, config: StereoConfig, settings: StreamSettings) -> float:
     """Return the standard deviation of the images' noise at mid grey, grey levels."""
-    return pair.exposure.sigma(128.0) * config.noise_factor / math.sqrt(settings.averaged_images)
+    return pair.exposure.noise_sigma(128.0) * config.noise_factor / math.sqrt(settings.averaged_images)
 
 
 def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, settings: StreamSettings) -> DepthImages:
-    """Match the rows and columns of the depth region only, to save time."""
+    """Match a pair within the depth region only, to save time; return images of the full size."""
     left, right, region = pair.left.image, pair.right.image, settings.depth_region
     if region is None:
         return match_pair(left, right, disparity_count, noise_sigma)
@@ -144,21 +145,22 @@ def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, s
 
 
 def _match_half_resolution(pair: MatcherPair, disparity_count: int, noise_sigma: float) -> DepthImages:
-    """Match at half the resolution, where windows cover four times the area, and enlarge the result."""
+    """Match at half the resolution, where matching windows cover four times the area, and enlarge the result."""
     height, width = pair.left.image.shape
     half_size = (-(-width // 2), -(-height // 2))
     left, right = (
-        np.asarray(cv2.resize(view.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
-        for view in (pair.left, pair.right)
+        np.asarray(cv2.resize(sensor_image.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
+        for sensor_image in (pair.left, pair.right)
     )
-    half = match_pair(left, right, -(-disparity_count // 2), noise_sigma / 2)
+    half_images = match_pair(left, right, -(-disparity_count // 2), noise_sigma / 2)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
+        """Return the values times ``factor``, each repeated in 2 x 2 pixels."""
         enlarged = np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)[:height, :width]
         return np.ascontiguousarray(enlarged.astype(np.uint16) * factor)
 
-    error = np.minimum(enlarge(half.error, 2), 255).astype(np.uint8)
-    return DepthImages(enlarge(half.disparity, 2), error, enlarge(half.confidence, 1).astype(np.uint8))
+    error = np.minimum(enlarge(half_images.error, 2), 255).astype(np.uint8)
+    return DepthImages(enlarge(half_images.disparity, 2), error, enlarge(half_images.confidence, 1).astype(np.uint8))
 
 
 def _clear_outside_region(disparity: NDArray[np.float32] | NDArray[np.uint16], settings: StreamSettings) -> None:

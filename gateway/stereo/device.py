@@ -1,4 +1,4 @@
-"""Content of the device's REST interface: nodes, status values, services, system. Plain values, no I/O."""
+"""Content of the device's REST interface as plain values: nodes, status values, services and system information."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.messages import INPUT_MASK, OUTPUT_MASK
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.service import StereoService
 
 IMAGE_VERSION: Final = "26.04.0"
-"""Emulated firmware version; clients parse three components."""
+"""Emulated firmware version. Clients parse its three components."""
 SERVICES: Final[Mapping[str, Mapping[str, str]]] = {
     "rc_camera": {"reset_defaults": "Restores the default values of the parameters"},
     "rc_stereomatching": {
@@ -56,7 +56,7 @@ def call_service(service: StereoService, node: str, name: str) -> dict[str, Any]
 
 
 def system_info(services: Sequence[StereoService]) -> dict[str, Any]:
-    """Return the device's SysInfo, with the values of the first pipeline where there can be only one."""
+    """Return the device's SysInfo. Values that exist only once are those of the first pipeline."""
     service = services[0]
     config = service.config
     now = time.time()
@@ -117,7 +117,7 @@ def _camera_status(service: StereoService) -> dict[str, object]:
         "gain": metered.exposure.gain,
         "gamma": metered.exposure.gamma,
         "brightness": round(metered.brightness, 2),
-        "noise": metered.exposure.sigma(128.0) * service.config.noise_factor,
+        "noise": metered.exposure.noise_sigma(128.0) * service.config.noise_factor,
         "out1_reduction": metered.out1_reduction,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
         "time": time.time(),
@@ -159,7 +159,7 @@ def _io_status(service: StereoService) -> dict[str, object]:
 
 
 def _io_values(service: StereoService) -> dict[str, Any]:
-    sec, nsec = divmod(time.time_ns(), NANOSECONDS)
+    sec, nsec = divmod(time.time_ns(), NANOSECONDS_PER_SECOND)
     return {
         "timestamp": {"sec": sec, "nsec": nsec},
         "values": service.settings.gpio(depth=False),

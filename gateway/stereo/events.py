@@ -1,4 +1,4 @@
-"""Image events: sent when the images of a depth frame are captured, before depth is computed."""
+"""Image events: messages that the images of a depth frame are captured, sent before depth is computed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gateway.stereo.messages import time_message
 
 
 class EventHub:
-    """Event queues of all clients. A client that does not read misses the oldest events."""
+    """Event queues of all clients. If a client does not read, the oldest events in its queue are dropped."""
 
     def __init__(self, max_clients: int, max_events: int) -> None:
         """
@@ -23,7 +23,7 @@ class EventHub:
         self._max_clients = max_clients
         self._max_events = max_events
         self._queues: dict[asyncio.Queue[bytes], bool] = {}
-        """By client's queue: True if the client has requested the event."""
+        """Queues of all clients; True if the client has requested the event ``depth_acquisition_done``."""
 
     def __len__(self) -> int:
         return len(self._queues)
@@ -31,6 +31,9 @@ class EventHub:
     @contextmanager
     def subscribe(self, *, depth_acquisition_done: bool) -> Iterator[asyncio.Queue[bytes]]:
         """Return a queue of serialised ``ImageEvents`` for the duration of the block.
+
+        Args:
+            depth_acquisition_done: True if the client has requested this event.
 
         Raises:
             LimitError: too many clients.
@@ -45,11 +48,11 @@ class EventHub:
             del self._queues[queue]
 
     def depth_acquisition_done(self, imageset_timestamp: int, event_timestamp: int) -> None:
-        """Send the event to every client that has requested it.
+        """Send the event that all images for a depth image are captured to every client that has requested it.
 
         Args:
-            imageset_timestamp: nanoseconds.
-            event_timestamp: nanoseconds.
+            imageset_timestamp: timestamp of the image set, nanoseconds.
+            event_timestamp: end of the capture, nanoseconds.
         """
         if not self._queues:
             return

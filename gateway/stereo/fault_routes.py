@@ -1,4 +1,4 @@
-"""REST routes of fault injection, disabled unless the operator allows it."""
+"""REST routes of fault injection. They respond with 403 unless the gateway was started with ``--stereo-faults``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gateway.stereo.rest_common import (
 from gateway.stereo.service import StereoService
 
 MAX_BODY: Final = 4096
-"""Maximum size of a body, bytes. All fields together take two hundred."""
+"""Maximum size of a body, bytes. All fields together take about 200."""
 FAULTS_OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
 _EXAMPLE_STATUS: Final = {**msgspec.to_builtins(Faults(drop=0.1, delay=0.5)), "dropped": 12}
@@ -44,8 +44,8 @@ _INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the r
 
 
 def fault_router(*services: StereoService) -> APIRouter:
-    """Return the routes: GET, PUT and DELETE of ``/stereo/faults``, and ``POST …/disconnect``, which cuts every
-    stream."""
+    """Return the routes: GET, PUT and DELETE ``/stereo/faults``, and POST ``/stereo/faults/disconnect``, which cuts all
+    streams."""
     api = APIRouter(tags=["Stereo camera"], responses=_NOT_AVAILABLE)
 
     def find_service(pipeline: int) -> StereoService:

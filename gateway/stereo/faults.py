@@ -34,7 +34,7 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class FaultInjector:
-    """Applies the current faults to timestamps and sets."""
+    """Applies the current faults to timestamps and image sets."""
 
     def __init__(self, seed: int, max_late_bytes: int) -> None:
         """
@@ -47,11 +47,13 @@ class FaultInjector:
         self.changes = 0
         """Number of times that faults were set."""
         self.dropped = 0
-        """Number of sets dropped on purpose or beyond ``max_late_bytes``."""
+        """Number of sets dropped, either by the fault ``drop`` or because of ``max_late_bytes``."""
         self._seed = seed
         self._max_late_bytes = max_late_bytes
         self._late_bytes = 0
+        """Bytes of the delayed sets that are not delivered yet."""
         self._last_due = 0.0
+        """Time at which the last delayed set is delivered, seconds of the event loop's clock."""
         self._frozen_timestamp: int | None = None
 
     def set(self, faults: Faults) -> None:
@@ -73,8 +75,8 @@ class FaultInjector:
         """Deliver a set now, later or never.
 
         Args:
-            frame_number: determines with the seed whether the set is dropped.
-            data: serialised set, for its size.
+            frame_number: number of the frame; with the seed, it determines whether the set is dropped.
+            data: serialised set.
             publish: delivers the set to the clients.
         """
         if self._is_dropped(frame_number):

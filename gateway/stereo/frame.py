@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """Inputs of a past frame, sufficient to render it again."""
+    """Inputs of a past frame, from which it can be rendered again."""
 
     number: int
     settings: StreamSettings
@@ -56,12 +56,12 @@ class Frame:
         """
         Args:
             imaging: source of the images.
-            workers: threads for everything that takes long.
+            workers: threads for rendering, exposure, depth and serialisation.
             settings: parameters of the frame.
-            camera_capture: instant of left and right.
-            depth_capture: instant of the depth images; 40 ms later if they are exposed with other outputs.
-            kinds: expected requests; grey and colour images of one camera are made from one rendering.
-            generation: generation of the hub at capture.
+            camera_capture: scene and pose of the left and right images.
+            depth_capture: scene and pose of the depth images, 40 ms later if they are exposed with other outputs.
+            kinds: kinds of set that clients stream, so that one rendering serves grey and colour images of one camera.
+            generation: generation of the hub (``ImageSetHub.generation``) at capture.
         """
         self.number = camera_capture.frame_number
         self.generation = generation
@@ -69,21 +69,23 @@ class Frame:
         self.camera_capture = camera_capture
         self.depth_capture = depth_capture
         self.left_metered: MeteredExposure | None = None
-        """Exposure of the left image, once it is made."""
+        """Exposure of the left image; None until the image is made."""
         self._imaging = imaging
         self._workers = workers
         self._colors = {
             NoiseStream.LEFT: frozenset(kind.color for kind in kinds if kind.needs_left),
             NoiseStream.RIGHT: frozenset(kind.color for kind in kinds if kind.right),
         }
+        """Images to make of each camera: True for colour, False for grey."""
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
+        """Tasks of ``_make_once`` by key."""
 
     async def serialised(self, kind: SetKind) -> bytes:
         """Return the bytes of an ``ImageSet``."""
         return await self._make_once(kind, lambda: self._serialise(kind))
 
     async def depth_images(self) -> DepthImages:
-        """Return disparity, error and confidence."""
+        """Return the disparity, error and confidence images."""
         make = self._match if self._imaging.config.depth_mode == "matched" else self._measure
         return await self._make_once("depth", make)
 
@@ -151,13 +153,13 @@ class Frame:
         return messages.image(pixels, k, self._metadata(self.depth_capture, metered, brightness))
 
     async def _depth_brightness(self, kind: SetKind) -> float:
-        """Return the brightness of the left image of the depth exposure, at any resolution."""
+        """Return the mean brightness of the left image of the depth exposure; its resolution does not matter."""
         colors = self._colors[NoiseStream.LEFT]
         try:
             if colors and self.depth_capture.timestamp == self.camera_capture.timestamp:
                 return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
             return (await self._depth_image(self.depth_capture, NoiseStream.LEFT_DEPTH)).brightness
-        except ImageError:  # a broken texture affects the left image, not depth
+        except ImageError:  # a broken texture breaks the left image, but not depth
             return 0.0
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
@@ -173,7 +175,7 @@ class Frame:
         return ImageMetadata(
             capture.timestamp,
             metered.exposure,
-            noise=metered.exposure.sigma(128.0) * self._imaging.config.noise_factor,
+            noise=metered.exposure.noise_sigma(128.0) * self._imaging.config.noise_factor,
             brightness=brightness,
             gpio=capture.gpio,
             out1_reduction=metered.out1_reduction,
@@ -187,7 +189,7 @@ class Frame:
         return await self._workers.run(self._imaging.expose, capture, request)
 
     async def _measure(self) -> DepthImages:
-        """Return depth from rendered depth."""
+        """Return depth images from rendered depth."""
         divisor, baseline = self.settings.quality.divisor, self._imaging.config.model.baseline
         left, right = await _gather(
             [
@@ -198,7 +200,7 @@ class Frame:
         return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number)
 
     async def _match(self) -> DepthImages:
-        """Return depth by matching images."""
+        """Return depth images by matching."""
         settings, capture, config = self.settings, self.depth_capture, self._imaging.config
         pair = await self._matcher_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         dark_pair = None
@@ -208,13 +210,13 @@ class Frame:
         return await self._workers.run(matched_depth, config, pair, settings, dark_pair)
 
     async def _matcher_pair(self, capture: Capture, *streams: NoiseStream) -> MatcherPair:
-        """Return an image pair for the matcher."""
+        """Return the images of two streams, left and right, for the matcher."""
         exposure = (await self.metered(capture)).exposure
         left, right = await _gather([self._depth_image(capture, stream) for stream in streams])
         return MatcherPair(left, right, exposure)
 
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
-        """Return a grey image at the depth images' resolution."""
+        """Return a grey image at the depth images' resolution, averaged if the settings say so."""
         settings, grey = self.settings, frozenset((False,))
         images = await self._make_once(
             stream, lambda: self._expose(capture, stream, settings.quality.divisor, grey, settings.averaged_images)
@@ -222,7 +224,7 @@ class Frame:
         return images[False]
 
     async def _make_once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Return the result of ``make``, called once per key. Cancelling a caller does not cancel it."""
+        """Return the result of ``make``, called once per key. Cancelling one caller does not affect the others."""
         task = self._tasks.get(key)
         if task is None:
             task = self._tasks[key] = asyncio.get_running_loop().create_task(make())
@@ -238,7 +240,7 @@ def _mark_exception_retrieved(task: asyncio.Task[Any]) -> None:
 
 
 async def _gather(coroutines: list[Coroutine[Any, Any, T]]) -> list[T]:
-    """Return all results. The first failure is raised after everything has ended."""
+    """Return all results. If any coroutine fails, wait until all have ended, then raise the first failure."""
     results = await asyncio.gather(*coroutines, return_exceptions=True)
     for result in results:
         if isinstance(result, BaseException):

@@ -1,4 +1,4 @@
-"""Due times and timestamps of camera and depth frames. Pure computation, without tasks and clients."""
+"""Due times and timestamps of camera and depth frames: computation only, no waiting."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings
 
 
 class FrameClock:
-    """Schedule of the next frame: its due time, its timestamp, and depth."""
+    """Schedule of the next frame: when it is due, its timestamp, and whether it includes depth."""
 
     def __init__(self, clock: Clock, rate: Rate) -> None:
         """
@@ -17,15 +17,15 @@ class FrameClock:
             rate: see ``StereoConfig.rate``.
         """
         self.simulated = clock.simulated
-        """True if time advances with frames only."""
+        """True if timestamps count frames instead of time."""
         self.timestamp: int | None = None
         """Timestamp of the last frame, nanoseconds; None before the first."""
         self._clock = clock
         self._rate = rate
         self._next_frame_due = 0.0
-        """Seconds of the event loop's clock."""
+        """Due time of the next frame, seconds of the event loop's clock."""
         self._next_depth_due: float | None = None
-        """Timestamp of the next depth frame; None: due now."""
+        """Timestamp from which depth is due, nanoseconds; None: due now."""
 
     def next_timestamp(self, period: int) -> int:
         """Return the timestamp of a frame captured now.
@@ -44,9 +44,17 @@ class FrameClock:
         return self._next_frame_due - now
 
     def schedule_next_frame(self, now: float, period: float) -> None:
-        """Schedule the frame after the one that is due. Frames later than ``period`` seconds are not made up for."""
-        late = now - self._next_frame_due
-        self._next_frame_due = self._next_frame_due + period if late < period else now + period
+        """Schedule the frame after the one that is due.
+
+        A frame that is late by less than a period does not shift the schedule. A frame that is later restarts it, so
+        missed frames are not made up for.
+
+        Args:
+            now: seconds of the event loop's clock.
+            period: seconds between frames.
+        """
+        lateness = now - self._next_frame_due
+        self._next_frame_due = self._next_frame_due + period if lateness < period else now + period
 
     def depth_due(self, settings: StreamSettings, period: int, *, triggered: bool) -> bool:
         """Return True if a frame captured now includes depth.
@@ -61,23 +69,27 @@ class FrameClock:
         if self._rate == "max" or self._next_depth_due is None:
             return True
         remaining = self._next_depth_due - self.next_timestamp(period)
-        # If it is far in the future, the system clock was set back.
+        # A due time far in the future means that the system clock was set back.
         return remaining <= period / 2 or remaining > 2e9 / settings.depth_rate
 
     def schedule_next_depth(self, timestamp: int, depth_rate: float) -> None:
         """Schedule the depth frame after the one with this timestamp.
 
         Args:
-            timestamp: nanoseconds.
-            depth_rate: Hz.
+            timestamp: timestamp of the depth frame, nanoseconds.
+            depth_rate: depth images per second.
         """
         due, interval = self._next_depth_due, 1e9 / depth_rate
         on_time = due is not None and timestamp - due <= interval
         self._next_depth_due = (due if on_time and due is not None else timestamp) + interval
 
     def delay_for_alternate_exposure(self, period: int) -> None:
-        """Delay the next camera frame until 40 ms after the depth exposure, which is 40 ms after the last camera
-        frame."""
+        """Delay the next camera frame until 40 ms after the depth exposure, which follows 40 ms after the last camera
+        frame.
+
+        Args:
+            period: nanoseconds between camera frames.
+        """
         delay = max(2 * ALTERNATE_GAP_NS - period, 0)
         self._next_frame_due += delay / 1e9
         if self.simulated and self.timestamp is not None:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import structlog
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.config import Rate
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
@@ -37,19 +37,21 @@ class FrameCounts:
     skipped: int = 0
     """Number of frames that were due while too many were in flight."""
     busy: int = 0
-    """Number of frames dropped because the worker queue was full."""
+    """Number of sets and captures dropped because the worker queue was full."""
     problem: str = ""
-    """Error of the last frame; empty if it was made."""
+    """Error of the last frame; empty if the frame was made."""
     depth_seconds: float = 0.0
-    """Duration of the last depth frame, from capture to publication."""
+    """Seconds from capture to publication of the last depth frame."""
 
 
 @dataclass(slots=True, eq=False)
 class FramesInFlight:
-    """Frames in flight, and the last frame."""
+    """Camera or depth frames that are being made."""
 
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    """One task per frame."""
     last: Frame | None = None
+    """Newest frame, finished or not."""
 
     def __len__(self) -> int:
         return len(self.tasks)
@@ -61,7 +63,7 @@ class FramesInFlight:
 
 
 class FramePublisher:
-    """Image sets of captured frames, made once for each kind of set."""
+    """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
     def __init__(
         self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
@@ -83,11 +85,11 @@ class FramePublisher:
         self._rate = rate
         self._simulated = simulated
 
-    def spawn(self, group: FramesInFlight, work: Coroutine[Any, Any, None]) -> None:
-        """Run ``work`` as a frame in flight."""
-        task = asyncio.get_running_loop().create_task(work)
-        group.tasks.add(task)
-        task.add_done_callback(group.tasks.discard)
+    def spawn(self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None]) -> None:
+        """Run ``make_frame`` in a task that is one of ``frames``."""
+        task = asyncio.get_running_loop().create_task(make_frame)
+        frames.tasks.add(task)
+        task.add_done_callback(frames.tasks.discard)
         task.add_done_callback(self._ended)
 
     async def publish_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
@@ -106,11 +108,11 @@ class FramePublisher:
             self.last_metered = frame.left_metered
 
     async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
-        """Wait for the last exposure of a depth frame, send the image event, and make the sets."""
-        # The timestamp is that of the first averaged image.
-        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS)
+        """Wait for the last exposure of a depth frame, send the image event, then make and publish the sets."""
+        # The timestamp of a depth frame is that of the first image in the average.
+        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._rate == "device":
-            await asyncio.sleep(duration / NANOSECONDS)
+            await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
         timestamp = frame.depth_capture.timestamp
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
         await self.publish_sets(frame, kinds)
@@ -131,8 +133,8 @@ class FramePublisher:
             self.fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
-            put = partial(self._hub.publish, kind, frame.number, data, frame.generation)
-            self._injector.deliver(frame.number, data, put)
+            publish = partial(self._hub.publish, kind, frame.number, data, frame.generation)
+            self._injector.deliver(frame.number, data, publish)
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled() and (error := task.exception()) is not None:

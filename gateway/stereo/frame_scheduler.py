@@ -1,4 +1,4 @@
-"""Frame scheduler: captures the scene while clients stream, when a frame is due and not too many are in flight."""
+"""Frame scheduler: captures the scene while clients stream, whenever a frame is due and not too many are in flight."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import QueueFull, WorkerPool
-from gateway.stereo.clock import NANOSECONDS, Clock
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
@@ -26,7 +26,8 @@ from renderers.drawlist import DrawList
 SceneSource = Callable[[], tuple[DrawList, int]]
 """Returns the current scene and its revision. Called in a worker thread, one call at a time."""
 PoseSource = Callable[[], NDArray[np.float64]]
-"""Returns X_world_left, (4, 4) float64, the left optical frame. Called right after the scene, in the same thread."""
+"""Returns X_world_left, the pose of the left optical frame, (4, 4) float64. Called right after the scene source, in the
+same thread."""
 
 
 class FrameScheduler:
@@ -48,7 +49,7 @@ class FrameScheduler:
         self.imaging = imaging
         """Image source of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=config.history)
-        """Newest frames, oldest first, for ground truth."""
+        """The last frames, oldest first, for ground truth."""
         self.trigger_pending = False
         """True from a call of ``acquisition_trigger`` until its depth image is captured."""
         self._workers = workers
@@ -90,7 +91,7 @@ class FrameScheduler:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _step(self) -> None:
-        """Wait for the next event, and capture a frame if one is due."""
+        """Wait until a frame is due or a client changes, and capture a frame if one is due."""
         hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
         hub.changed.clear()
         if len(hub) == 0:
@@ -109,14 +110,14 @@ class FrameScheduler:
                 await _wait(hub.changed, delay)
                 return
             clock.schedule_next_frame(now, period)
-        period_ns = round(period * NANOSECONDS)
+        period_ns = round(period * NANOSECONDS_PER_SECOND)
         depth_due = clock.depth_due(settings, period_ns, triggered=self.trigger_pending)
-        depth = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
-        camera = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
-        if depth or camera:
-            # Read again: parameters may have changed while frames in flight ended, and act on every later timestamp.
-            await self._capture(self.settings, camera, depth, period_ns)
-        elif unlimited_rate:  # depth waits for its trigger
+        depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
+        camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
+        if depth_kinds or camera_kinds:
+            # Read the settings again: they may have changed while ``_admit`` waited.
+            await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
+        elif unlimited_rate:  # only depth is requested, and it waits for its trigger
             await _wait(hub.changed, period)
         else:
             clock.skip_frame(period_ns)
@@ -124,24 +125,24 @@ class FrameScheduler:
     def _urgent_kinds(self) -> set[SetKind]:
         """Return the kinds to make at rate ``max``.
 
-        While a frame is in flight, another one would only help clients that have sent everything.
+        While a frame is in flight, a further frame is useful only to clients that wait for a set.
         """
         if self._camera_frames or self._depth_frames:
             return self._hub.kinds_with_mailbox(MailboxState.WAITING)
         return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
 
-    async def _admit(self, group: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
-        """Return the kinds, or none if too many frames are in flight. Waits if frames must not be skipped."""
+    async def _admit(self, frames: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
+        """Return the kinds, or none if too many frames are in flight. If frames must not be skipped, wait instead."""
         config = self.imaging.config
-        matching = config.depth_mode == "matched" and group is self._depth_frames
+        matching = config.depth_mode == "matched" and frames is self._depth_frames
         limit = 1 if matching or self._clock.simulated else config.frames_in_flight
-        while kinds and len(group) >= limit:
+        while kinds and len(frames) >= limit:
             if config.rate == "device" and not self._clock.simulated:
                 self.counts.skipped += 1
                 return set()
             self._hub.changed.clear()
             changed = asyncio.ensure_future(self._hub.changed.wait())
-            await asyncio.wait((*group.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((*frames.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
             changed.cancel()
             if len(self._hub) == 0:
                 self._cancel_frames()
@@ -155,7 +156,7 @@ class FrameScheduler:
     async def _capture(
         self, settings: StreamSettings, camera_kinds: set[SetKind], depth_kinds: set[SetKind], period_ns: int
     ) -> None:
-        """Capture the scene and start to make the sets.
+        """Capture the scene and start the tasks that make the sets.
 
         Args:
             settings: parameters of the frame.
@@ -192,9 +193,9 @@ class FrameScheduler:
     async def _expose_depth(
         self, settings: StreamSettings, camera: Capture, kinds: set[SetKind], generation: int
     ) -> None:
-        """Capture the depth images 40 ms after the camera images, with the outputs of depth exposures."""
+        """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures."""
         if self.imaging.config.rate == "device":
-            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS)
+            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
         timestamp = camera.timestamp + ALTERNATE_GAP_NS
         depth = await self._capture_scene(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
         if depth is not None:
@@ -213,13 +214,16 @@ class FrameScheduler:
         return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
 
     async def _capture_scene(self, frame_number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
-        """Return the current scene and pose; None if they cannot be read, which also ends the streams of ``kinds``."""
+        """Return the current scene and pose, or None if they cannot be read.
+
+        An error ends the streams of ``kinds``; a full worker queue does not.
+        """
         try:
             async with self._scene_lock:
                 scene, revision, pose = await self._workers.run(self._scene_and_pose)
         except QueueFull:
             self.counts.busy += 1
-        except Exception as error:  # noqa: BLE001 - the camera outlives a broken scene
+        except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
@@ -231,7 +235,7 @@ class FrameScheduler:
         return scene, revision, self._pose()
 
     def _repeat_last_frames(self) -> None:
-        """Send the last frame to new clients if it is still current, so that they need not wait for the next one."""
+        """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
         settings, publisher = self.settings, self._publisher
         for kind in self._hub.take_new_kinds():
             frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
@@ -239,11 +243,12 @@ class FrameScheduler:
                 continue
             rate = settings.depth_rate if kind.has_depth else settings.camera_rate
             now = self._injector.timestamp(self._clock.next_timestamp(0))
-            if now - frame.depth_capture.timestamp < NANOSECONDS / rate:
+            if now - frame.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
                 publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
+    """Wait for an event, at most ``seconds``."""
     try:
         async with asyncio.timeout(seconds):
             await event.wait()

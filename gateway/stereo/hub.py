@@ -1,4 +1,4 @@
-"""Subscriptions of streaming clients. Each has a mailbox for the newest image set, so slow clients delay no others."""
+"""Subscriptions of streaming clients. Each has a mailbox for the newest image set: slow clients delay no others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gateway.stereo.request import SetKind
 
 
 class LimitError(RuntimeError):
-    """A new client is refused; the message names the limit."""
+    """A new client is refused because of a limit, which the message names."""
 
 
 class StreamError(RuntimeError):
@@ -22,11 +22,11 @@ class MailboxState(Enum):
     """State of a client's mailbox."""
 
     EMPTY = "empty"
-    """The client is sending the previous set."""
+    """No set is stored, and the previous set is being sent."""
     WAITING = "waiting"
-    """The client has sent everything and waits for a set."""
+    """The previous set has been sent, and the stream waits for the next one."""
     FULL = "full"
-    """A set is ready."""
+    """A set is stored."""
     CLOSED = "closed"
     """The stream has ended."""
 
@@ -38,7 +38,7 @@ class Subscription:
         """
         Args:
             kind: contents of the sets.
-            changed: set when the client takes a set or waits for one.
+            changed: event that is set when the client takes a set or starts to wait for one.
             generation: generation of the hub at subscription.
         """
         self.kind = kind
@@ -56,7 +56,7 @@ class Subscription:
         self._ready = asyncio.Event()
 
     def put(self, frame_number: int, data: bytes) -> None:
-        """Store the set of frame ``frame_number`` unless a set of this frame or a later one was stored before."""
+        """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
         if frame_number <= self._frame_number or self.state is MailboxState.CLOSED:
             return
         self.skipped += self.state is MailboxState.FULL
@@ -69,7 +69,7 @@ class Subscription:
         self._ready.set()
 
     async def get(self) -> bytes:
-        """Return the newest set that was not taken yet. Cancelling is safe: no set is lost.
+        """Wait for a set that was not taken yet, and return it. Cancelling is safe: no set is lost.
 
         Raises:
             StreamError: the stream has ended.
@@ -104,7 +104,7 @@ class ImageSetHub:
         """
         self.generation = generation
         self.changed = asyncio.Event()
-        """Set when a client subscribes, disconnects, takes a set or waits for one."""
+        """Set when a client subscribes, disconnects, takes a set or starts to wait for one."""
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
@@ -177,10 +177,10 @@ class ImageSetHub:
 
         Args:
             kind: contents of the set.
-            frame_number: later sets replace earlier ones.
+            frame_number: number of the frame; sets of later frames replace those of earlier ones.
             data: serialised set.
-            generation: generation of the hub when the frame was captured. Later subscriptions do not get the set: a
-                client that sets a parameter and then opens a stream expects sets with that parameter.
+            generation: generation of the hub when the frame was captured. Subscriptions of a later generation do not
+                get the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
         """
         for subscription in self._subscriptions:
             if subscription.kind == kind and subscription.generation <= generation:

@@ -1,4 +1,4 @@
-"""Makes the images, depth and meshes of a frame. Called in worker threads; independent of the event loop."""
+"""Make the images, depth and meshes of a frame, in worker threads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo import depth
-from gateway.stereo.auto_exposure import DIVISOR, ExposureMemory, choose_exposure
+from gateway.stereo.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
@@ -24,17 +24,17 @@ from renderers.stereo.sensor import SensorImage, sensor_image
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """Scene, camera pose and outputs at one instant."""
+    """Scene, camera pose and digital outputs at one instant."""
 
     timestamp: int
-    """Nanoseconds."""
+    """Nanoseconds since the epoch."""
     scene: DrawList
     revision: int
     """Revision of the scene."""
     X_world_left: NDArray[np.float64]
-    """(4, 4) float64: pose of the left optical frame."""
+    """(4, 4) float64, pose of the left optical frame in the world."""
     gpio: int
-    """Values of the inputs and outputs, a bit each; Out1 is bit 0."""
+    """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
     frame_number: int = 0
 
     @property
@@ -43,23 +43,23 @@ class Capture:
         return bool(self.gpio & 1)
 
     def has_projection(self, config: StereoConfig) -> bool:
-        """Return True if the projector, which is connected to Out1, is on."""
+        """Return True if there is a projector and it is on. It is connected to Out1."""
         return config.projector and self.out1_high
 
 
 @dataclass(frozen=True, slots=True)
 class ImageRequest:
-    """Images to make of one camera, from one rendering."""
+    """Images to make from one rendering of one camera."""
 
     exposure: Exposure
     stream: NoiseStream
-    """Sequence of random numbers; also tells left from right."""
+    """Random numbers of the noise; also selects the left or right camera."""
     divisor: int
-    """Full resolution divided by that of the image."""
+    """Width of the camera images divided by that of these images."""
     colors: frozenset[bool]
-    """True: an image in colour, False: one in grey."""
+    """Images to make: True for one in colour, False for one in grey."""
     averaged_images: int = 1
-    """Number of images that are averaged, which reduces the noise."""
+    """Number of images to average, which reduces the noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,14 @@ class Imaging:
     """State of automatic exposure."""
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """Render the view ``offset`` metres to the right of the left camera. The caller closes the frame."""
+        """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
+
+        Args:
+            capture: scene and pose.
+            offset: metres along the left camera's x axis.
+            divisor: width of the camera images divided by that of the rendered images.
+            outputs: images to render.
+        """
         config = self.config
         camera = config.model.camera(
             capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far
@@ -91,45 +98,51 @@ class Imaging:
         return self.renderer.render(capture.scene, camera, outputs, Look(config.look, config.background))
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
-        """Return the exposure of a capture's images, and the brightness of the left one.
+        """Return the exposure of a capture's images, and the mean brightness of the left image.
 
         If a texture is broken, the exposure is the manual one.
         """
-        with_out1 = replace(capture, gpio=capture.gpio | 1)
+        lit_capture = replace(capture, gpio=capture.gpio | 1)
         try:
-            frame = self.render(capture, 0.0, DIVISOR, self._outputs(with_out1))
+            frame = self.render(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
-            dots = self._projected_dots(frame, capture, 0.0, DIVISOR)
+            dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR)
             assert frame.color is not None
-            dot_light, channels = self.config.dot_light, settings.manual_exposure.channels
-            unlit = brightness_of(frame.color, None, dot_light, channels)
-            lit = brightness_of(frame.color, dots, dot_light, channels) if dots is not None else unlit
-        exposure, reduction = choose_exposure(
+            dot_light, white_balance = self.config.dot_light, settings.manual_exposure.channel_factors
+            unlit = brightness_of(frame.color, None, dot_light, white_balance)
+            lit = brightness_of(frame.color, dots, dot_light, white_balance) if dots is not None else unlit
+        exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
-        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.factor).mean()
-        return MeteredExposure(exposure, float(brightness), reduction)
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.display_factor).mean()
+        return MeteredExposure(exposure, float(brightness), out1_reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        """Return images of one camera; True: in colour, False: in grey."""
+        """Return the requested images of one camera: in colour by the key True, in grey by the key False."""
         config, exposure = self.config, request.exposure
         offset = config.model.baseline if request.stream.is_right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)
-        noise = config.noise_factor / request.averaged_images**0.5
+        noise_factor = config.noise_factor / request.averaged_images**0.5
         with self.render(capture, offset, request.divisor, self._outputs(capture)) as frame:
             dots = self._projected_dots(frame, capture, offset, request.divisor)
             assert frame.color is not None
             return {
                 color: sensor_image(
-                    frame.color, exposure, key, color=color, dots=dots, dot_light=config.dot_light, noise=noise
+                    frame.color,
+                    exposure,
+                    key,
+                    color=color,
+                    dots=dots,
+                    dot_light=config.dot_light,
+                    noise_factor=noise_factor,
                 )
                 for color in request.colors
             }
 
     def measure(self, left: Frame, right: Frame, settings: StreamSettings, frame_number: int) -> DepthImages:
-        """Return depth with modelled errors from rendered depth; closes the frames."""
+        """Return depth images with modelled errors from two frames with depth, and close the frames."""
         with left, right:
             assert left.depth is not None
             assert right.depth is not None
@@ -138,20 +151,29 @@ class Imaging:
     def mesh(
         self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None
     ) -> tuple[Chunk, ...]:
-        """Return the parts of a PLY file."""
+        """Return a mesh as the parts of a PLY file.
+
+        Args:
+            images: depth images.
+            divisor: width of the camera images divided by that of the depth images.
+            options: mesh options of the request.
+            left: left image, for a textured mesh.
+        """
         model = self.config.model
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
     def _outputs(self, capture: Capture) -> Output:
-        """Return what to render for a camera image: depth only for the projector's light."""
+        """Return the outputs to render for a camera image. Depth is needed if the projector is on."""
         return Output.COLOR | Output.DEPTH if capture.has_projection(self.config) else Output.COLOR
 
     def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint8] | None:
-        """Return the projector's light on a frame with depth; None without."""
+        """Return the projector's light at each pixel of a frame; None for a frame without depth."""
         if frame.depth is None:
             return None
         model = self.config.model
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
-        with self.render(capture, projector_offset, divisor, Output.DEPTH) as shadows:
-            assert shadows.depth is not None
-            return projected_dots(frame.depth, k.focal_length, k.cx, k.cy, offset - projector_offset, shadows.depth)
+        with self.render(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
+            assert projector_view.depth is not None
+            return projected_dots(
+                frame.depth, k.focal_length, k.cx, k.cy, offset - projector_offset, projector_view.depth
+            )

@@ -1,4 +1,4 @@
-"""Messages of the image stream: ``Image``, ``DisparityImage`` and ``Mesh`` as chunks of wire format."""
+"""Messages of the image stream, ``Image``, ``DisparityImage`` and ``Mesh``, as chunks of protobuf wire format."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import wire
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.wire import Chunk
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 OUTPUT_MASK = 0b0011
-"""Out1 and Out2 in the bit order of the GPIOs."""
+"""GPIO bits of Out1 and Out2."""
 INPUT_MASK = 0b1100
-"""In1 and In2."""
+"""GPIO bits of In1 and In2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class ImageMetadata:
     """Middle of the exposure, nanoseconds since the epoch."""
     exposure: Exposure
     noise: float
-    """Standard deviation, grey levels."""
+    """Standard deviation of the noise, grey levels."""
     brightness: float
     """Mean of the image, 0 to 1; rounded to 0.01 in the message, as on the device."""
     gpio: int
@@ -39,12 +39,12 @@ class ImageMetadata:
 
 
 def timestamp_field(nanoseconds: int) -> bytes:
-    """Return field 1 of a set, a disparity image or a mesh."""
+    """Return a timestamp as field 1 of an ``ImageSet``."""
     return b"".join(wire.field(1, [time_message(nanoseconds).SerializeToString()]))
 
 
 def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadata: ImageMetadata) -> list[Chunk]:
-    """Return an ``Image``. The chunks refer to the array.
+    """Return an ``Image``. The chunks share memory with ``pixels``.
 
     Args:
         pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8.
@@ -85,8 +85,8 @@ def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float 
     """Return a ``DisparityImage``.
 
     Args:
-        image: its ``Image``.
-        timestamp: nanoseconds.
+        image: chunks of the ``Image`` that holds the disparities.
+        timestamp: nanoseconds since the epoch.
         baseline: metres.
         scale: pixels per unit of the disparity and error images.
     """
@@ -102,12 +102,12 @@ def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float 
 
 
 def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
-    """Return a ``Mesh``."""
+    """Return a ``Mesh`` of the parts of a PLY file. The timestamp is in nanoseconds since the epoch."""
     header = pb.Mesh(timestamp=time_message(timestamp), format="ply")
     return [header.SerializeToString(), *wire.field(3, list(ply))]
 
 
 def time_message(nanoseconds: int) -> pb.Time:
-    """Return a timestamp as a message."""
-    sec, nsec = divmod(nanoseconds, NANOSECONDS)
+    """Return a timestamp as a ``Time`` message."""
+    sec, nsec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
     return pb.Time(sec=sec, nsec=nsec)

@@ -10,9 +10,9 @@ from fastapi import Request
 from gateway.stereo.rest_common import RestError, read_body
 
 MAX_BODY: Final = 64 << 10
-"""Maximum size of a body, bytes. All parameters of a node take about two thousand."""
+"""Maximum size of a body, bytes. All parameters of a node take about 2000."""
 MAX_NUMBER: Final = 64
-"""Maximum number of characters of a number in a query."""
+"""Number of characters from which a query value is text, not a number."""
 
 
 class _ValueBody(msgspec.Struct, forbid_unknown_fields=False):
@@ -40,10 +40,10 @@ _ASSIGNMENTS_DECODER: Final = msgspec.json.Decoder(list[_Assignment])
 
 
 async def read_assignments(request: Request) -> list[tuple[str, object]]:
-    """Return names and values of the query, then those of the body; both are optional.
+    """Return the parameter names and values in the query, followed by those in the body. Either may be empty.
 
     Raises:
-        RestError: malformed or too large body.
+        RestError: the body is malformed or too large.
     """
     body = await read_body(request, MAX_BODY)
     values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
@@ -57,7 +57,7 @@ async def read_value(request: Request) -> object:
     """Return the value in the body, or in the query if there is no body.
 
     Raises:
-        RestError: malformed or too large body, or no value.
+        RestError: the body is malformed or too large, or there is no value.
     """
     body = await read_body(request, MAX_BODY)
     if not body and "value" in request.query_params:
@@ -67,17 +67,17 @@ async def read_value(request: Request) -> object:
 
 
 async def check_call(request: Request) -> None:
-    """Check the body of a service call, which has no arguments.
+    """Check the body of a service call. Its arguments are ignored, because no service has any.
 
     Raises:
-        RestError: malformed or too large body.
+        RestError: the body is malformed or too large.
     """
     if body := await read_body(request, MAX_BODY):
         _decode(_CALL_DECODER, body, '{"args": {}}')
 
 
 def _query_value(text: str) -> object:
-    """Return the boolean or number that a query value spells, else the text itself."""
+    """Return a query value as a boolean or number if it is one, else as text."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     try:

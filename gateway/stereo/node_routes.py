@@ -63,7 +63,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         responses=schemas.ASSIGNED_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.ASSIGNMENTS_BODY,
     )
-    # Misspelled in the manual's examples, which users copy.
+    # The manual's examples, which users copy, have these wrong paths.
     @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
     @api.put(base + "/{node}/services/parameters", include_in_schema=False)
     @with_error_responses
@@ -124,7 +124,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
 
 
 def _current_name(node: str) -> str:
-    """Return the current name of a node.
+    """Return the name of a node in current firmware for a current or older name.
 
     Raises:
         RestError: unknown node.
@@ -148,7 +148,7 @@ def _find_service(node: str, name: str) -> tuple[str, str]:
 
 
 def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[str, Any]]:
-    """Return the named parameters, all if there are no names."""
+    """Return descriptions of the named parameters, or of all parameters if ``names`` is empty."""
     try:
         return [service.parameters.describe(node, name) for name in names or NODES[node]]
     except UnknownParameterError as error:
@@ -156,7 +156,7 @@ def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[
 
 
 async def _set_parameters(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
-    """Set and store parameters, and return them."""
+    """Set and store parameters, and return their descriptions."""
     try:
         names = service.set_parameters(node, values)
     except UnknownParameterError as error:

@@ -14,10 +14,11 @@ from gateway.stereo.parameters import Parameters
 from gateway.stereo.rest_common import error_responses
 
 _SPECS: Final[dict[str, Spec]] = {name: spec for specs in NODES.values() for name, spec in specs.items()}
-"""Parameters of all nodes by name; no name is in two nodes."""
+"""Parameters of all nodes by name. No two nodes have a parameter of the same name."""
 _SERVICE_NAMES: Final = list(dict.fromkeys(name for services in device.SERVICES.values() for name in services))
 
-# The enums are descriptions only: for unknown names the handlers give the device's 404, FastAPI would give 422.
+# The enums describe the names, but do not validate them. For unknown names, the handlers return 404 as the device does;
+# FastAPI would return 422.
 NodeName = Annotated[
     str,
     Path(
@@ -36,7 +37,11 @@ ParameterName = Annotated[
 ]
 ParameterNames = Annotated[
     list[Annotated[str, Field(json_schema_extra={"enum": list(_SPECS)})]],
-    Query(alias="name", description="Parameters to show; none: all of the node", openapi_examples=example(["quality"])),
+    Query(
+        alias="name",
+        description="Names of the parameters to return; by default all of the node",
+        openapi_examples=example(["quality"]),
+    ),
 ]
 ServiceName = Annotated[
     str,

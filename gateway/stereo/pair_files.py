@@ -20,7 +20,7 @@ def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
     Out1 low, ``…left_out1_high….png`` with Out1 high.
 
     Raises:
-        ValueError: no pairs, or more than ``max_pairs``; one sentence.
+        ValueError: there are no pairs, or more than ``max_pairs``; one sentence.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder")
@@ -33,13 +33,13 @@ def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
         name = str(left.relative_to(folder))
         if "left" not in name or "out1_high" in name:
             continue
-        low = (left, folder / _right_name(name))
-        if low[1] not in existing:
+        right = folder / _right_name(name)
+        if right not in existing:
             continue
         high_name = name.replace("out1_low", "out1_high")
-        high = (folder / high_name, folder / _right_name(high_name))
-        has_high = "out1_low" in name and existing.issuperset(high)
-        pairs.append(Pair(low, high if has_high else None))
+        high_images = (folder / high_name, folder / _right_name(high_name))
+        has_high = "out1_low" in name and existing.issuperset(high_images)
+        pairs.append(Pair((left, right), high_images if has_high else None))
     if not pairs:
         raise ValueError(f"{folder} holds no stereo pairs: none of its {len(images)} images is a …left… with a …right…")
     if len(pairs) > max_pairs:
@@ -48,21 +48,22 @@ def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
 
 
 def _right_name(left_name: str) -> str:
+    """Return the name of the right image: the last ``left`` becomes ``right``."""
     before, _, after = left_name.rpartition("left")
     return f"{before}right{after}"
 
 
 def read_geometry(folder: Path) -> tuple[float, float] | None:
-    """Return the camera geometry from files below a folder; None: no such file.
+    """Return the camera geometry from files below a folder; None if there are no such files.
 
     The files are ``*.npz`` of ``scenegate stream``, or ``*param.txt`` of the vendor's tools (``camera.A``,
-    ``camera.width``, ``t``). The latter describe the disparity image, whose width at Low is rounded.
+    ``camera.width``, ``t``). The vendor's files describe the disparity image, whose width in quality Low is rounded.
 
     Returns:
         Focal length divided by the image width, and baseline in metres.
 
     Raises:
-        ValueError: such a file cannot be read; one sentence.
+        ValueError: a file cannot be read; one sentence.
     """
     for path in sorted(folder.rglob("*.npz")):
         try:

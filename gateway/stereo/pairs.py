@@ -18,18 +18,19 @@ from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output
+from renderers.stereo.downscale import block_means
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor import SensorImage
 
 MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""
 FACTOR_LIMIT: Final = 20.0
-"""Smaller focal lengths are factors of the image width, others are pixels."""
+"""Focal lengths below this are divided by the image width; others are in pixels."""
 _CACHED_IMAGES: Final = 8
-"""Number of decoded images in the cache: a pair with Out1 low and high, and the next one."""
+"""Number of decoded images in the cache: two pairs, each with Out1 low and high."""
 
 ImageSource = Path | bytes
-"""File, or encoded image."""
+"""Path or content of an image file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class Pairs:
         """Return (H, W, 3) uint8 RGB.
 
         Raises:
-            ImageError: unreadable, undecodable, or of another size than the first.
+            ImageError: the image is unreadable, undecodable, or of another size than the first.
         """
         return self._decode(index % len(self._pairs), high, right)
 
@@ -90,12 +91,15 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PairImaging(Imaging):
-    """Source of recorded images, with recorded exposure, noise and projector. Depth is matched."""
+    """Source of recorded images. Depth is matched.
+
+    Exposure, noise and the projector's light are as recorded: the settings do not change them.
+    """
 
     pairs: Pairs
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """Raise an error: there is no scene.
+        """Refuse to render: there is no scene.
 
         Raises:
             LookupError: always.
@@ -109,8 +113,7 @@ class PairImaging(Imaging):
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
         k = self.config.model.intrinsics(request.divisor)
-        if request.divisor > 1:
-            rgb = _downscale(rgb, request.divisor, k.width, k.height)
+        rgb = block_means(rgb, request.divisor, k.height, k.width)
         images = {}
         for color in request.colors:
             image = rgb if color else np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -118,21 +121,11 @@ class PairImaging(Imaging):
         return images
 
 
-def _downscale(image: NDArray[np.uint8], divisor: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Return means over ``divisor`` x ``divisor`` blocks; blocks partly outside repeat the last column and row."""
-    padding_right, padding_below = width * divisor - image.shape[1], height * divisor - image.shape[0]
-    if padding_right or padding_below:
-        image = np.asarray(
-            cv2.copyMakeBorder(image, 0, padding_below, 0, padding_right, cv2.BORDER_REPLICATE), np.uint8
-        )
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
 def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) -> PairImaging:
     """Return a source of recorded pairs. Decodes the first pair: call this in a worker thread.
 
     Args:
-        imaging: source of the scene, whose configuration is adapted.
+        imaging: source of the scene; its configuration applies, but for the camera model and the depth mode.
         pairs: recorded pairs.
         focal: focal length in pixels, or divided by the image width if below ``FACTOR_LIMIT``.
         baseline: metres.
@@ -143,7 +136,7 @@ def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) 
     """
     left = pairs.image(0, high=False, right=False)
     for high, right in ((False, True), (True, False), (True, True)):
-        pairs.image(0, high=high, right=right)  # raises ImageError
+        pairs.image(0, high=high, right=right)  # raises ImageError if the image is broken
     height, width = left.shape[:2]
     focal_factor = focal if focal < FACTOR_LIMIT else focal / width
     model = StereoModel(MODEL_NAME, width, height, focal_factor, baseline)

@@ -8,7 +8,9 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 Value = float | int | bool | str
+"""Value of a parameter."""
 NO_EFFECT: Final = " (kept, but without effect on this synthetic camera)"
+"""Suffix of the descriptions of parameters without effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +26,11 @@ class Spec:
     """Maximum; "" for strings."""
     description: str
     has_effect: bool = True
-    """True if the stream depends on it."""
+    """True if the stream depends on the parameter."""
     choices: tuple[str, ...] = ()
     """Allowed strings."""
     aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Other accepted spellings of choices."""
+    """Other accepted spellings, and the choices that they mean."""
 
 
 def _float(name: str, minimum: float, maximum: float, default: float, text: str, *, has_effect: bool = True) -> Spec:
@@ -48,7 +50,7 @@ def _bool(name: str, default: bool, text: str, *, has_effect: bool = True) -> Sp
 def _enum(
     name: str, choices: str, default: str, text: str, *, aliases: Mapping[str, str] = MappingProxyType({})
 ) -> Spec:
-    """``choices`` are separated by ``|``."""
+    """Return a specification of a string. ``choices`` are its allowed values, separated by ``|``."""
     names = tuple(choices.split("|"))
     description = f"{text}: {', '.join(names)}"
     return Spec(name, "string", default, "", "", description, choices=names, aliases=aliases)
@@ -64,7 +66,7 @@ def _by_name(*specs: Spec) -> Mapping[str, Spec]:
 
 _OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
 _OUT_ALIASES: Final = MappingProxyType({"AlternateExposureActive": "ExposureAlternateActive"})
-"""Spelling in the protocol document of the image stream."""
+"""The spelling in the protocol document of the image stream, and the device's own."""
 
 NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
     {
@@ -73,9 +75,11 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             _enum("exp_control", "Auto|Manual|HDR", "Auto", "Exposure control"),
             _bool("exp_auto", True, "Automatic exposure (older name; false is exp_control Manual)"),
             _enum("exp_auto_mode", "Normal|Out1High|AdaptiveOut1", "Normal", "Automatic exposure mode"),
-            _float("exp_max", 6.6e-5, 0.018, 0.018, "Longest exposure time of the automatic, seconds"),
-            _float("exp_auto_average_max", 0, 1, 0.75, "Mean brightness that the automatic aims at"),
-            _float("exp_auto_average_min", 0, 1, 0.25, "Mean brightness that the automatic keeps despite saturation"),
+            _float("exp_max", 6.6e-5, 0.018, 0.018, "Longest exposure time of automatic exposure, seconds"),
+            _float("exp_auto_average_max", 0, 1, 0.75, "Mean brightness that automatic exposure aims at"),
+            _float(
+                "exp_auto_average_min", 0, 1, 0.25, "Mean brightness that automatic exposure keeps despite saturation"
+            ),
             _float("exp_value", 6.6e-5, 0.018, 0.005, "Exposure time in manual mode, seconds"),
             _float("gain_value", 0, 18, 0, "Gain in manual mode, decibel"),
             _float("gamma", 0.1, 10, 1, "Gamma of the images"),
@@ -106,7 +110,9 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             _int("roi_height", 0, 8191, 0, "Height of the depth region, 0 is all"),
         ),
         "rc_iocontrol": _by_name(
-            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", aliases=_OUT_ALIASES),
+            _enum(
+                "out1_mode", _OUT_MODES, "Low", "Output 1, which the projector is connected to", aliases=_OUT_ALIASES
+            ),
             _enum("out2_mode", _OUT_MODES, "Low", "Output 2", aliases=_OUT_ALIASES),
         ),
     }
@@ -114,4 +120,4 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
 """Specifications by node and name."""
 
 NODE_ALIASES: Final[Mapping[str, str]] = MappingProxyType({"rc_stereocamera": "rc_camera"})
-"""The camera node's name up to firmware 20."""
+"""Names of nodes up to firmware 20, and their current names."""

@@ -21,7 +21,7 @@ class UnknownParameterError(LookupError):
 
 
 class Parameters:
-    """Values of all nodes."""
+    """Values of the parameters of all nodes."""
 
     def __init__(self) -> None:
         self._values: dict[str, dict[str, Value]] = {
@@ -58,10 +58,14 @@ class Parameters:
         return spec
 
     def set(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
-        """Set all values, or none if one is invalid.
+        """Set parameters of a node: all values, or none if one is invalid.
+
+        Args:
+            node: name of the node.
+            values: names and values of parameters.
 
         Returns:
-            The names, in the order given.
+            The names, in the given order.
 
         Raises:
             UnknownParameterError: unknown node or parameter.
@@ -70,7 +74,7 @@ class Parameters:
         checked = [(name, check_value(self.spec(node, name), value)) for name, value in values]
         for name, value in checked:
             self._values[node][name] = value
-            # The older switch exp_auto and the newer choice exp_control have one meaning.
+            # The older switch exp_auto and the newer choice exp_control mean the same.
             if name == "exp_auto":
                 self._values[node]["exp_control"] = "Auto" if value else "Manual"
             elif name == "exp_control":
@@ -86,7 +90,7 @@ class Parameters:
         self.version += 1
 
     def describe(self, node: str, name: str) -> dict[str, Any]:
-        """Return a parameter as in the device's REST interface."""
+        """Return the device's REST representation of a parameter."""
         spec = self.spec(node, name)
         return {
             "name": spec.name,
@@ -131,6 +135,7 @@ def check_value(spec: Spec, value: object) -> Value:
 
 
 def _number(spec: Spec, value: object) -> int | float:
+    """Return a finite number of the parameter's type. Raises ParameterError for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(f"{spec.name}: {_shown_value(value)} is not a number")
     try:

@@ -11,8 +11,8 @@ from google.protobuf.descriptor import FileDescriptor
 class ReflectionPool:
     """Protobuf's default pool, which also finds methods by their full names.
 
-    ``grpcurl describe ImageInterface.StreamImageSets`` requests one, and the pool of protobuf's C implementation finds
-    all symbols but methods.
+    ``grpcurl describe ImageInterface.StreamImageSets`` looks up a method. The pool of protobuf's C implementation finds
+    all other symbols, but no methods.
     """
 
     def __init__(self) -> None:

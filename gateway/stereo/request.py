@@ -8,7 +8,7 @@ from gateway.generated import image_interface_pb2 as pb
 from renderers.stereo.mesh import MeshOptions
 
 MIN_POINTS = 1000
-"""Minimum of ``max_points`` other than 0 (protocol document)."""
+"""Minimum of ``max_points``, unless it is 0 for no limit (protocol document)."""
 
 
 class RequestError(ValueError):
@@ -35,7 +35,7 @@ class SetKind:
 
     @property
     def has_depth(self) -> bool:
-        """True if the set needs a depth image, and is sent at the rate of depth images."""
+        """True if the set needs a depth image. Such sets are sent at the rate of depth images."""
         return self.disparity or self.error or self.confidence or self.mesh is not None
 
     @property

@@ -1,4 +1,4 @@
-"""Parts that the REST routes of the stereo camera share: error responses, limited bodies and the pipeline parameter."""
+"""Helpers of the stereo camera's REST routes: error responses, bodies with a limit, and the pipeline parameter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 
 from gateway.runtime.worker_pool import DeadlineExceeded
 from gateway.server.openapi import Responses, example
-from gateway.server.unavailable import PoolErrors
+from gateway.server.unavailable import UnavailableErrors, retry_after
 from gateway.stereo.service import StereoService
 
 P = ParamSpec("P")
@@ -48,7 +48,7 @@ class RestError(Exception):
 
 
 def error_response(status: int, message: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """Return an error response. Roboception's clients read ``return_code`` before the HTTP status."""
+    """Return an error response with a ``return_code``, which Roboception's clients read before the HTTP status."""
     content = {"message": message, "return_code": {"value": -1, "message": message}}
     return JSONResponse(content, status, headers)
 
@@ -70,10 +70,9 @@ def with_error_responses(handler: Callable[P, Awaitable[Any]]) -> Callable[P, Aw
             return await handler(*args, **kwargs)
         except RestError as error:
             return error_response(error.status, str(error))
-        except DeadlineExceeded as error:
-            return error_response(503, f"the work was stopped: {error}")
-        except PoolErrors as error:
-            return error_response(503, str(error), {"Retry-After": str(getattr(error, "retry_after", 1))})
+        except UnavailableErrors as error:
+            sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
+            return error_response(503, sentence, retry_after(error))
 
     return handle
 
@@ -93,7 +92,7 @@ async def read_body(request: Request, limit: int) -> bytes:
     """Return the body.
 
     Raises:
-        RestError: it has more than ``limit`` bytes.
+        RestError: the body has more than ``limit`` bytes.
     """
     body = bytearray()
     async for chunk in request.stream():

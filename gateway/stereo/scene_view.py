@@ -16,7 +16,7 @@ from renderers.drawlist import DrawList
 
 
 class SceneView:
-    """Scene and camera pose of one snapshot at a time."""
+    """Scene and camera pose, both of the snapshot that ``scene`` took last."""
 
     def __init__(self, snapshot: Callable[[], Snapshot], flattener: Flattener, mount: Mount) -> None:
         """
@@ -40,7 +40,7 @@ class SceneView:
         return self._flattener.flatten(self._snapshot), self._snapshot.revision
 
     def pose(self) -> NDArray[np.float64]:
-        """Return X_world_left, (4, 4) float64, in the scene returned last."""
+        """Return X_world_left, (4, 4) float64, in the snapshot of the last ``scene`` call."""
         return self.pose_in(self._snapshot)
 
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:

@@ -27,9 +27,9 @@ EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_nam
 MAX_CALLS = 1024
 """Maximum number of concurrent calls, health checks and reflection included; further ones get RESOURCE_EXHAUSTED."""
 CLIENT_MESSAGE_LIMIT = 4 << 20
-"""Default of a gRPC client's maximum message size, bytes."""
+"""Default of gRPC clients for the maximum message size, bytes."""
 STOP_SECONDS = 1.0
-"""Seconds for clients to receive the end of their streams; only clients that do not read take that long."""
+"""Maximum seconds for clients to receive the end of their streams. Only clients that do not read take that long."""
 RETURN_BYTES = 64 << 20
 """Number of bytes of unsent messages after which freed memory is returned to the system."""
 RETURN_SECONDS = 2.0
@@ -52,8 +52,8 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 class UnsentMessages:
     """Returns the memory of unsent messages to the system.
 
-    grpc copies each message for each client. Many clients that do not read hold a lot of memory at the same time, which
-    the allocator would keep after it is freed (see ``process_tuning.tune``).
+    grpc copies each message for each client. Many clients that do not read hold a lot of memory at the same time. The
+    allocator would keep that memory after it is freed (see ``process_tuning.tune``).
     """
 
     def __init__(self, return_memory: Callable[[], object] = process_tuning.return_memory) -> None:
@@ -66,7 +66,7 @@ class UnsentMessages:
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, nbytes: int) -> None:
-        """Count a message of ``nbytes`` bytes whose stream ended while it was written."""
+        """Count a message of ``nbytes`` bytes whose stream ended before all of it was sent."""
         self._nbytes += nbytes
         if self._nbytes >= RETURN_BYTES and self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(RETURN_SECONDS, self._return)
@@ -126,7 +126,7 @@ class StreamServicer:
 
 
 def _decode_requests(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
-    """Return a gRPC handler that decodes the bytes of a request and calls ``method``."""
+    """Return a gRPC handler that decodes the bytes of a request as ``message`` and calls ``method``."""
 
     async def handle(data: bytes, context: Context) -> None:
         try:
@@ -144,9 +144,9 @@ def _decode_requests(message: type[Message], method: Callable[[Any, Context], Aw
     return handle
 
 
-def _log_stream(peer: str, kind: str, size: int) -> None:
-    note = "more than the default limit of gRPC clients" if size > CLIENT_MESSAGE_LIMIT else None
-    _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
+def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
+    note = {"note": "more than the default limit of gRPC clients"} if set_bytes > CLIENT_MESSAGE_LIMIT else {}
+    _log.info(f"streaming {kind} to {peer}", bytes_per_set=set_bytes, **note)
 
 
 async def start(
@@ -167,7 +167,7 @@ async def start(
         (SERVICE, "StreamImageSets", servicer.stream, pb.ImageSetRequest),
         (EVENTS_SERVICE, "StreamImageEvents", servicer.events, pb.ImageEventsRequest),
     ):
-        handler = grpc.unary_stream_rpc_method_handler(_decode_requests(message, method))  # bytes in and out
+        handler = grpc.unary_stream_rpc_method_handler(_decode_requests(message, method))  # without (de)serialisers
         server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {name: handler}),))
     health_servicer = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(health_servicer, server)
@@ -200,7 +200,7 @@ def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
 
 
 async def stop(server: grpc.aio.Server, shut_down_health: Callable[[], Any]) -> None:
-    """End all streams and close the port, also if the caller is cancelled."""
+    """End all streams and close the port, even if the caller is cancelled."""
 
     async def finish() -> None:
         await shut_down_health()

@@ -1,4 +1,4 @@
-"""The stereo camera as a long-running service: parameters, frames and their stream."""
+"""A stereo camera as a long-running service: parameters, frames and the stream of image sets."""
 
 from __future__ import annotations
 
@@ -45,12 +45,13 @@ class StereoService:
             scene: returns the current scene and its revision; called in a worker thread.
             pose: returns X_world_left, (4, 4) float64; called right after ``scene`` in the same thread.
             renderer: thread-safe renderer.
-            workers: threads for rendering and everything else that takes long.
+            workers: threads for rendering, depth, serialisation and ground truth.
             clock: source of timestamps; None: the system clock.
         """
         self.parameters = Parameters()
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
-        """Waits until the parameters are on disk (--state) and returns an error message, empty on success."""
+        """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
+        file."""
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
@@ -58,7 +59,7 @@ class StereoService:
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
-        """Seconds since the epoch."""
+        """Time of the start, seconds since the epoch."""
         self._scheduler = FrameScheduler(
             self.scene_imaging,
             workers,
@@ -71,7 +72,9 @@ class StereoService:
             clock or SystemClock(),
         )
         self._image_changes = 0
+        """Number of changes between the scene and recorded pairs."""
         self._port: int | None = None
+        """Port of the image stream; None while it is closed."""
 
     def _generation(self) -> int:
         """Return a number that grows with every change of parameters, faults or image source."""
@@ -84,7 +87,7 @@ class StereoService:
 
     @property
     def config(self) -> StereoConfig:
-        """Fixed configuration; while recorded pairs are shown, with their model and depth mode."""
+        """Fixed configuration. While recorded pairs are shown, it has their camera model and depth mode."""
         return self.imaging.config
 
     def show_pairs(self, pairs: PairImaging | None) -> None:
@@ -105,7 +108,7 @@ class StereoService:
 
     @property
     def settings(self) -> StreamSettings:
-        """Current parameters that act on the stream."""
+        """Current values of the parameters that affect the stream."""
         return self._scheduler.settings
 
     @property
@@ -120,7 +123,7 @@ class StereoService:
 
     @property
     def history(self) -> list[FrameRecord]:
-        """Newest frames, oldest first."""
+        """The last frames, oldest first."""
         return list(self._scheduler.history)
 
     async def run(self) -> None:
@@ -146,13 +149,13 @@ class StereoService:
 
         When an automatic mode is switched off, its last result becomes the manual value, as on the device.
         """
-        auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
-        auto_balance = self.parameters.values("rc_camera")["wb_auto"]
+        had_auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
+        had_auto_white_balance = self.parameters.values("rc_camera")["wb_auto"]
         names = self.parameters.set(node, values)
         manual: dict[str, float] = {}
-        if auto_exposure and self.settings.auto_exposure is None:
+        if had_auto_exposure and self.settings.auto_exposure is None:
             manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
-        if auto_balance and not self.parameters.values("rc_camera")["wb_auto"]:
+        if had_auto_white_balance and not self.parameters.values("rc_camera")["wb_auto"]:
             manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
         self.parameters.set("rc_camera", [(name, value) for name, value in manual.items() if name not in names])
         return names
@@ -170,7 +173,7 @@ class StereoService:
         return 0, ""
 
     def status(self) -> dict[str, Any]:
-        """Return plain values for health pages."""
+        """Return plain values for the health endpoint."""
         counts = self.counts
         return {
             "model": self.config.model.name,

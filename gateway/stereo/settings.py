@@ -1,4 +1,4 @@
-"""The parameters that act on the stream, as one immutable value per frame."""
+"""Values of the parameters that affect the stream, as one immutable object per frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ALTERNATE_GAP_NS = 40_000_000
 STATIC_IMAGES: Final = 8
 """Number of images that ``static_scene`` averages (manual)."""
 HDR_IMAGES: Final = 3
-"""Number of exposures of a high dynamic range image, which divides the rate."""
+"""Number of exposures of a high dynamic range image; divides the rate of camera images."""
 NEUTRAL_RED: Final = 1.2
 """White balance ratio at which colours are as rendered: the device's default and the result of automatic white
 balance."""
@@ -27,7 +27,7 @@ NEUTRAL_BLUE: Final = 2.4
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Region of the left image, pixels."""
+    """Rectangle in the left image at full resolution, pixels."""
 
     x: int
     """Left column."""
@@ -44,7 +44,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class StreamSettings:
-    """Consistent values of the parameters."""
+    """Values of all parameters at one time."""
 
     fps: float
     """Camera images per second."""
@@ -59,11 +59,13 @@ class StreamSettings:
     depth_region: Region | None
     """Region of depth; None: the whole image."""
     static_scene: bool
-    """Average eight images for depth."""
+    """Average ``STATIC_IMAGES`` images for depth."""
     double_shot: bool
     """Fill holes of depth images from a second measurement."""
     quality: Quality
+    """Resolution of the depth images."""
     filters: Filters
+    """Post-processing of the depth images."""
     single_frame: bool
     """Make depth images on demand only."""
     single_frame_out1: bool
@@ -80,7 +82,8 @@ class StreamSettings:
 
     @property
     def separate_depth(self) -> bool:
-        """True if depth needs its own exposure, because an output differs from that of the camera images."""
+        """True if depth needs its own exposure, because an output is high for depth and low for camera images or vice
+        versa."""
         return self.gpio(depth=False) != self.gpio(depth=True)
 
     @property
@@ -91,7 +94,7 @@ class StreamSettings:
 
     @property
     def averaged_images(self) -> int:
-        """Number of images averaged for depth. ``static_scene`` acts in full and high quality only (manual)."""
+        """Number of images averaged for depth. ``static_scene`` applies to full and high quality only (manual)."""
         return STATIC_IMAGES if self.static_scene and self.quality in (Quality.FULL, Quality.HIGH) else 1
 
     @property
@@ -102,12 +105,13 @@ class StreamSettings:
     def gpio(self, *, depth: bool) -> int:
         """Return the GPIO values during an exposure; Out1 is bit 0, Out2 bit 1.
 
-        In SingleFrameOut1 the acquisition controls Out1: high for depth exposures, low for the others.
+        In acquisition mode SingleFrameOut1, Out1 is high for depth exposures and low for all others.
+
+        Args:
+            depth: True for an exposure for depth, False for one for camera images.
         """
-        high = [_is_high(mode, depth=depth) for mode in (self.out1_mode, self.out2_mode)]
-        if self.single_frame_out1:
-            high[0] = depth
-        return high[0] | high[1] << 1
+        out1_high = depth if self.single_frame_out1 else _is_high(self.out1_mode, depth=depth)
+        return out1_high | _is_high(self.out2_mode, depth=depth) << 1
 
 
 def _is_high(mode: str, *, depth: bool) -> bool:

@@ -1,4 +1,4 @@
-"""REST routes of the device other than the camera nodes: system, time, logs, pipelines, data streams, global nodes."""
+"""The device's REST routes outside of camera nodes: system, time, logs, pipelines, data streams and global nodes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gateway.stereo.service import StereoService
 LOG_FILE: Final = "stereo.log"
 """Name of the only log."""
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR", "critical": "FATAL"}
-"""The device's names of log levels."""
+"""The device's names of log levels, by ours."""
 _LOG_INFO: Final = {"date": 1700000000.04, "name": LOG_FILE, "size": 4711}
 _LOG_LINE: Final = {
     "component": "gateway.stereo",
@@ -59,7 +59,7 @@ def system_router(*services: StereoService) -> APIRouter:
     async def nodes() -> list[Any]:
         return []
 
-    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # always the device's 404
+    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # responds with 404, as the device does
     async def unknown_node(node: str) -> Response:
         message = f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes"
         return error_response(404, message)

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from numpy.typing import NDArray
 
 from gateway.server.openapi import Responses, example
-from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.depth import measurable_depths
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
@@ -51,7 +51,7 @@ def truth_router(*services: StereoService) -> APIRouter:
         timestamp: Annotated[
             str,
             Query(
-                description="Of any image of the set, as seconds.nanoseconds; none: the newest frame",
+                description="Timestamp of any image of the set, as seconds.nanoseconds; empty: the newest frame",
                 json_schema_extra={"pattern": _TIMESTAMP},
                 openapi_examples=example("", "newest frame") | example("1700000000.040000000", "frame of a timestamp"),
             ),
@@ -73,11 +73,11 @@ def truth_router(*services: StereoService) -> APIRouter:
 
 
 def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameRecord:
-    """Return the frame with an image of this timestamp; None: the newest frame.
+    """Return the frame with an image of a timestamp.
 
     Args:
         history: frames, oldest first.
-        nanoseconds: timestamp.
+        nanoseconds: timestamp, since the epoch; None: the newest frame.
 
     Raises:
         LookupError: no such frame in the history.
@@ -108,27 +108,29 @@ def parse_timestamp(timestamp: str) -> int:
     digits = seconds + fraction
     if not (digits.isascii() and digits.isdigit() and seconds and len(seconds) <= 12 and len(fraction) <= 9):
         raise ValueError(f"timestamp {timestamp[:40]!r} is not like 1700000000.040000000")
-    return int(seconds) * NANOSECONDS + int(fraction.ljust(9, "0"))
+    return int(seconds) * NANOSECONDS_PER_SECOND + int(fraction.ljust(9, "0"))
 
 
 def timestamp_text(nanoseconds: int) -> str:
     """Return a timestamp as text; the inverse of ``parse_timestamp``."""
-    return f"{nanoseconds // NANOSECONDS}.{nanoseconds % NANOSECONDS:09d}"
+    return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
 
 
 def ground_truth_npz(record: FrameRecord) -> bytes:
     """Return the ground truth of a frame as an npz file.
 
-    Arrays without a prefix have the resolution and the instant of the depth images, those with ``left_`` and ``right_``
-    of the camera images:
+    Arrays whose names start with ``left_`` or ``right_`` have the resolution and the time of the camera images. The
+    others have those of the depth images:
 
     * ``depth`` (h, w) float32: metres along the optical axis, inf: background; ``label`` (h, w) uint32.
-    * ``disparity`` (h, w) float32: exact, pixels, 0 where the device cannot measure (occluded, out of range or view).
-    * ``left_depth``, ``left_label``, ``right_depth``, ``right_label``: the same for the camera images.
-    * ``K``, ``K_left`` (3, 3) float64: intrinsics of depth and camera images; ``baseline`` metres.
-    * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: optical frames. Those of
+    * ``disparity`` (h, w) float32: exact disparity, pixels; 0 where it cannot be measured (occluded, out of range, or
+      outside the right image).
+    * ``left_depth``, ``left_label``, ``right_depth``, ``right_label``: depth and labels of the camera images.
+    * ``K``, ``K_left`` (3, 3) float64: intrinsics of depth and camera images; ``baseline``: metres.
+    * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: poses of the optical frames. The poses of
       left and depth differ only if depth is exposed 40 ms later and the camera moves.
-    * ``frame``, ``revision``, ``timestamp`` (nanoseconds), ``camera_timestamp``.
+    * ``frame``: number of the frame; ``revision``: revision of the scene.
+    * ``timestamp``, ``camera_timestamp``: timestamps of depth and camera images, nanoseconds since the epoch.
     """
     imaging, settings = record.imaging, record.settings
     model = imaging.config.model

@@ -1,4 +1,4 @@
-"""The device's undocumented test mode: show an uploaded stereo pair in place of the scene."""
+"""REST routes of the device's undocumented test mode: show an uploaded stereo pair in place of the scene."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ async def _read_form(request: Request, limit: int) -> FormData:
     media_type, options = parse_options_header(content_type)
     if media_type != b"multipart/form-data" or not options.get(b"boundary"):
         raise ValueError(f"the content type is {content_type[:80]!r}, multipart/form-data with a boundary is needed")
-    # Drop everything but the boundary: a charset chosen by the client may take minutes to decode (idna).
+    # Drop all options but the boundary: a charset chosen by the client may take minutes to decode (idna).
     boundary = options[b"boundary"].replace(b"\\", b"\\\\").replace(b'"', b'\\"')
     headers = Headers(raw=[(b"content-type", b'multipart/form-data; boundary="' + boundary + b'"')])
 
@@ -156,7 +156,7 @@ async def _read_pair(service: StereoService, form: FormData) -> PairImaging:
 
 
 async def _read_files(form: FormData, names: tuple[str, ...]) -> list[bytes]:
-    """Return the content of those of the fields that are files."""
+    """Return the contents of the named fields that are files."""
     files = (form.get(name) for name in names)
     return [await file.read() for file in files if isinstance(file, UploadFile)]
 

@@ -1,8 +1,8 @@
 """Protobuf wire format of image sets, with one copy of each image.
 
-Protobuf copies an image into a message object and from there into the serialised bytes, holding the GIL. Here protobuf
-serialises the small fields only, and the large ``data`` fields are appended. Fields may come in any order, so the bytes
-parse to the same message.
+Protobuf would copy an image into a message object and from there into the serialised bytes, with the GIL held. Here
+protobuf serialises the small fields only, and the large ``data`` fields are appended. The format permits any order of
+fields, so the bytes parse to the same message.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 Chunk = bytes | memoryview
 _MIN_WITHOUT_GIL: Final = 4 << 20
-"""Minimum number of bytes that are joined without the GIL. Less takes under half a millisecond; a full mesh
-(55 MB) takes 65 ms, for which the event loop would wait."""
+"""Number of bytes from which chunks are joined without the GIL. Fewer bytes take under half a millisecond. A full mesh
+(55 MB) takes 65 ms, which would block the event loop."""
 
 _new_bytes = ctypes.pythonapi.PyBytes_FromStringAndSize
 _new_bytes.restype = ctypes.py_object

@@ -17,11 +17,22 @@ from urllib.parse import urlsplit
 from gateway.testing.publish import publish, scene_request
 
 STOP_SECONDS: Final = 30.0
-"""Time after SIGTERM before the process is killed."""
+"""Seconds after SIGTERM before the process is killed."""
 LOG_CHARS: Final = 20_000
-"""Maximum length of the log in a failed test's report; its start is left out."""
-_FLAGS: Final = ("--http-port", "0", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off", "--log-format", "json")
-"""Default flags; the tests' own flags follow and override them."""
+"""Maximum number of characters of the log in a failed test's report. The newest lines are kept."""
+_DEFAULT_FLAGS: Final = (
+    "--http-port",
+    "0",
+    "--grpc-port",
+    "0",
+    "--tcpq-port",
+    "0",
+    "--lcm-url",
+    "off",
+    "--log-format",
+    "json",
+)
+"""Flags that come before the flags of a test, which override them."""
 
 
 def clean_environment() -> dict[str, str]:
@@ -36,13 +47,13 @@ def clean_environment() -> dict[str, str]:
 class Gateway:
     """A running gateway and its addresses."""
 
-    def __init__(self, flags: tuple[str, ...], folder: Path, seconds: float) -> None:
+    def __init__(self, flags: tuple[str, ...], folder: Path, start_seconds: float) -> None:
         """Start a gateway and wait until every interface has started or failed.
 
         Args:
             flags: Flags of ``scenegate serve``.
-            folder: Folder of its log.
-            seconds: Time limit for the start.
+            folder: Folder for the log.
+            start_seconds: Maximum time until the gateway has started, seconds.
 
         Raises:
             RuntimeError: The process ended or took too long. The message contains its log.
@@ -51,7 +62,7 @@ class Gateway:
         """The log, one JSON object per line."""
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(  # noqa: S603 - this package
-                [sys.executable, "-m", "gateway.cli", "serve", *_FLAGS, *flags],
+                [sys.executable, "-m", "gateway.cli", "serve", *_DEFAULT_FLAGS, *flags],
                 env=clean_environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -59,7 +70,7 @@ class Gateway:
             )
         self._log_offset = 0
         try:
-            self.http_url: str = self._wait_for_start(seconds)
+            self.http_url: str = self._wait_for_start(start_seconds)
             """``http://127.0.0.1:port``"""
         except BaseException:
             self.kill()
@@ -97,19 +108,22 @@ class Gateway:
 
     def health(self) -> Mapping[str, Any]:
         """Return the JSON of ``/healthz``."""
-        described: Mapping[str, Any] = json.loads(self.get("/healthz"))
-        return described
+        health: Mapping[str, Any] = json.loads(self.get("/healthz"))
+        return health
 
     def interface(self, name: str) -> Mapping[str, Any]:
-        """Return the state of one interface in ``/healthz``: render, scene, treeviewer, stereo or view.
+        """Return the entry of one interface in ``/healthz``.
+
+        Args:
+            name: render, scene, treeviewer, stereo or view.
 
         Raises:
             RuntimeError: The interface is not ready.
         """
-        described: Mapping[str, Any] = self.health()["interfaces"][name]
-        if described["state"] != "ready":
-            raise RuntimeError(f"the gateway's {name} is {described['state']}: {described.get('problem', '')}")
-        return described
+        interface: Mapping[str, Any] = self.health()["interfaces"][name]
+        if interface["state"] != "ready":
+            raise RuntimeError(f"the gateway's {name} is {interface['state']}: {interface.get('problem', '')}")
+        return interface
 
     def scene(self) -> Any:
         """Return the JSON of ``GET /scene``: every path with geometry, bounds and label."""
@@ -124,7 +138,7 @@ class Gateway:
         return publish(self.lcm_url, request)
 
     def reset(self, scene: Path | None = None) -> None:
-        """Empty the live tree, then publish a file."""
+        """Empty the live tree, then publish the file ``scene``; None: leave the tree empty."""
         self.publish({"delete": [{"path": []}]})
         if scene is not None:
             self.publish(scene_request(scene))
@@ -154,30 +168,38 @@ class Gateway:
         self.process.kill()
         self.process.wait()
 
-    def _wait_for_start(self, seconds: float) -> str:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+    def _wait_for_start(self, start_seconds: float) -> str:
+        """Return the gateway's URL, which its log contains after the start."""
+        deadline = time.monotonic() + start_seconds
+        while time.monotonic() < deadline:
             if self.process.poll() is not None:
                 raise RuntimeError(f"the gateway ended with exit code {self.process.returncode}:\n{self.log()}")
             events = [_parse_event(line) for line in self.log_path.read_text("utf-8", "replace").splitlines()]
             if any(str(event.get("event")).startswith("Scenegate has started") for event in events):
                 return next(str(event["url"]) for event in events if "url" in event)
             time.sleep(0.05)
-        raise RuntimeError(f"the gateway did not start within {seconds:g} s:\n{self.log()}")
+        raise RuntimeError(f"the gateway did not start within {start_seconds:g} s:\n{self.log()}")
 
 
 class GatewayPool:
-    """Running gateways by their flags."""
+    """Running gateways by their flags, shared by tests with the same flags."""
 
-    def __init__(self, folder: Callable[[], Path], seconds: float) -> None:
-        self._folder = folder
-        self._seconds = seconds
+    def __init__(self, make_log_folder: Callable[[], Path], start_seconds: float) -> None:
+        """
+        Args:
+            make_log_folder: Returns a new folder for the log of one gateway.
+            start_seconds: Maximum time until a gateway has started, seconds.
+        """
+        self._make_log_folder = make_log_folder
+        self._start_seconds = start_seconds
         self._gateways: dict[tuple[str, ...], Gateway] = {}
 
     def get(self, flags: tuple[str, ...], scene: Path | None, *, fresh: bool) -> Gateway:
         """Return a gateway whose tree contains the scene only; start one if none with these flags runs.
 
         Args:
+            flags: Flags of ``scenegate serve``.
+            scene: File to publish; None: the tree is empty.
             fresh: Start a process that is not kept for other tests.
         """
         if scene is not None and not scene.is_file():
@@ -186,7 +208,7 @@ class GatewayPool:
             flags = (*flags, "--mesh-root", str(scene.parent))
         gateway = None if fresh else self._gateways.get(flags)
         if gateway is None or gateway.process.poll() is not None:
-            gateway = Gateway(flags, self._folder(), self._seconds)
+            gateway = Gateway(flags, self._make_log_folder(), self._start_seconds)
             if not fresh:
                 self._gateways[flags] = gateway
         gateway.mark_log()
@@ -201,6 +223,7 @@ class GatewayPool:
 
 
 def _parse_event(line: str) -> Mapping[str, Any]:
+    """Return the JSON object of a log line; empty if the line is something else."""
     try:
         event = json.loads(line)
     except ValueError:

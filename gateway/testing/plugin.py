@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from gateway.testing.gateway import Gateway, GatewayPool
 
 _MARKER = (
-    "scenegate(*flags, scene=None, fresh=False): flags of 'scenegate serve', a file to publish, and True for a gateway "
-    "process of its own, for the fixture scenegate"
+    "scenegate(*flags, scene=None, fresh=False): configure the fixture scenegate: flags of 'scenegate serve', a file "
+    "to publish, and whether the gateway is a new process that no other test uses"
 )
 
 
@@ -25,7 +25,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     parser.addini(
         "scenegate_seconds",
-        "seconds for the start of a gateway with its kernels' compilation",
+        "maximum seconds until a gateway has started, compilation of its kernels included",
         "string",
         "300",
     )
@@ -38,7 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def scenegate_pool(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Iterator[GatewayPool]:
-    """The gateways of the session, one per set of flags; stopped at its end."""
+    """The gateways of the test session, one per set of flags. They are stopped when the session ends."""
     from gateway.testing.gateway import GatewayPool
 
     pool = GatewayPool(lambda: tmp_path_factory.mktemp("scenegate"), float(pytestconfig.getini("scenegate_seconds")))
@@ -59,9 +59,12 @@ def scenegate(request: pytest.FixtureRequest, scenegate_pool: GatewayPool) -> It
     if options:
         raise pytest.UsageError(f"the marker scenegate has no argument {', '.join(options)}")
     flags = [*request.config.getini("scenegate_flags"), *(marker.args if marker is not None else ())]
-    root = Path(request.config.rootpath)
-    file = scene or request.config.getini("scenegate_scene")
-    path = (request.path.parent if scene else root) / file if file else None
+    if scene:  # relative to the test's file
+        path = request.path.parent / scene
+    elif default_scene := request.config.getini("scenegate_scene"):
+        path = Path(request.config.rootpath) / default_scene
+    else:
+        path = None
     gateway = scenegate_pool.get(tuple(map(str, flags)), path, fresh=fresh)
     try:
         yield gateway

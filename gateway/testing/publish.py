@@ -1,4 +1,4 @@
-"""Sends one request to the tree viewer over TCPQ, with the standard library only."""
+"""Send one request to the tree viewer over TCPQ, with the standard library only."""
 
 from __future__ import annotations
 
@@ -14,9 +14,13 @@ from urllib.parse import urlsplit
 from gateway.treeviewer import wire
 
 _TIMEOUT: Final = 60.0
-"""Seconds without data."""
+"""Maximum seconds to wait for data."""
 _GREETING: Final = struct.pack(">II", 0x287617FB, 0x0100)
 """The greeting of a TCPQ client: magic number and protocol version (lcm/lcm_tcpq.c)."""
+_PUBLISH: Final = 1
+"""TCPQ message that publishes on a channel."""
+_SUBSCRIBE: Final = 2
+"""TCPQ message that subscribes to channels by a regular expression."""
 _CLIENT_ID: Final = "scenegate-testing"
 _REQUEST: Final = f"DIRECTOR_TREE_VIEWER_REQUEST_<{_CLIENT_ID}>"
 _RESPONSE: Final = f"DIRECTOR_TREE_VIEWER_RESPONSE_<{_CLIENT_ID}>"
@@ -34,24 +38,24 @@ def publish(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
     """
     parts = urlsplit(url)
     with socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 7700), timeout=_TIMEOUT) as hub:
-        file = hub.makefile("rb")
+        received = hub.makefile("rb")
         pattern, channel = re.escape(_RESPONSE).encode(), _REQUEST.encode()
         message = wire.encode(json.dumps({"utime": 0, **request}).encode())
-        hub.sendall(_GREETING + struct.pack(">II", 2, len(pattern)) + pattern)
-        hub.sendall(struct.pack(">II", 1, len(channel)) + channel + struct.pack(">I", len(message)) + message)
-        _read_exactly(file, 8)
-        _, length = struct.unpack(">II", _read_exactly(file, 8))
-        _read_exactly(file, length)
-        (size,) = struct.unpack(">I", _read_exactly(file, 4))
-        response: dict[str, Any] = json.loads(bytes(wire.decode(_read_exactly(file, size)).data))
-        file.close()
+        hub.sendall(_GREETING + struct.pack(">II", _SUBSCRIBE, len(pattern)) + pattern)
+        hub.sendall(struct.pack(">II", _PUBLISH, len(channel)) + channel + struct.pack(">I", len(message)) + message)
+        _read_exactly(received, len(_GREETING))
+        _, channel_bytes = struct.unpack(">II", _read_exactly(received, 8))
+        _read_exactly(received, channel_bytes)
+        (message_bytes,) = struct.unpack(">I", _read_exactly(received, 4))
+        response: dict[str, Any] = json.loads(bytes(wire.decode(_read_exactly(received, message_bytes)).data))
+        received.close()
     if response["status"] < 0:
         raise RuntimeError(f"the gateway rejected a request: {response.get('error', response)}")
     return response
 
 
 def scene_request(path: Path) -> dict[str, Any]:
-    """Return the request that publishes a file: the content of a ``.json``, else a mesh at the path ``scene``."""
+    """Return the request that publishes a file: the content of a ``.json`` file, else a mesh at the path ``scene``."""
     if path.suffix == ".json":
         request: dict[str, Any] = json.loads(path.read_text("utf-8"))
         return request

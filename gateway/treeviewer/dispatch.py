@@ -14,6 +14,7 @@ from typing import Final, Protocol
 
 import structlog
 
+from gateway.runtime.kernel_cache import KernelError
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
 from gateway.treeviewer.config import TreeViewerConfig
@@ -60,7 +61,7 @@ class DurableStore(Protocol):
     def full(self) -> bool:
         """True if so many responses wait that no new request should be applied."""
 
-    def after(self, done: Callable[[str], None], size: int) -> None:
+    def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         """Call ``done`` on the event loop when all edits so far are stored, with the reason if they could not be."""
 
 
@@ -183,8 +184,8 @@ class Dispatcher:
         except wire.WireError as error:
             self._undecodable(channel, error)
             return
-        except Exception:  # one request must not end the transport  # noqa: BLE001
-            response = self._internal_error(channel, message)
+        except Exception as error:  # one request must not end the transport  # noqa: BLE001
+            response = self._internal_error(channel, message, error)
         self._respond(PendingResponse(channel, response, publish, wire.is_binary(message)))
 
     async def _handle_big(self, queue: ClientQueue, message: Message) -> None:
@@ -201,8 +202,8 @@ class Dispatcher:
         except wire.WireError as error:
             self._undecodable(queue.channel, error)
             return
-        except Exception:  # noqa: BLE001 - as above
-            response = self._internal_error(queue.channel, message)
+        except Exception as error:  # noqa: BLE001 - as above
+            response = self._internal_error(queue.channel, message, error)
         self._respond(PendingResponse(queue.channel, response, queue.publish, wire.is_binary(message)))
 
     def _respond(self, pending: PendingResponse) -> None:
@@ -213,7 +214,7 @@ class Dispatcher:
         response, paths = pending.response, 0
         if isinstance(response, Response):
             paths = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
-        self._durable.after(partial(self._stored, pending), OVERHEAD_BYTES + PATH_BYTES * paths)
+        self._durable.call_when_stored(partial(self._stored, pending), OVERHEAD_BYTES + PATH_BYTES * paths)
 
     def _stored(self, pending: PendingResponse, problem: str) -> None:
         response = pending.response
@@ -252,7 +253,8 @@ class Dispatcher:
             return
         _log.warning("An undecodable message was ignored", channel=channel, reason=str(error))
 
-    def _internal_error(self, channel: str, message: Message) -> Response:
+    def _internal_error(self, channel: str, message: Message, error: Exception) -> Response:
         self.counters.internal_errors += 1
         _log.exception("A request could not be handled", channel=channel)
-        return responses.failed(wire.decode(message).utime, "internal error; the viewer's log says more")
+        reason = str(error) if isinstance(error, KernelError) else "internal error; the viewer's log says more"
+        return responses.failed(wire.decode(message).utime, reason)

@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 from gateway.scene.cameras import CAMERA_PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
-from gateway.server.unavailable import PoolErrors, unavailable
+from gateway.server.unavailable import UnavailableErrors, unavailable
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
 from gateway.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
@@ -113,7 +113,7 @@ class _PlainErrorRoute(APIRoute):
                 return PlainTextResponse(str(error), 422)
             except StreamsFull as error:
                 return PlainTextResponse(str(error), 503, {"Retry-After": "10"})
-            except PoolErrors as error:
+            except UnavailableErrors as error:
                 return unavailable(error)
 
         return handle_errors

@@ -36,7 +36,7 @@ class DemoService:
         try:
             while True:
                 now = loop.time() - start
-                self._demo.edit(now)
+                self._demo.move_to(now)
                 await asyncio.sleep((int(now * RATE) + 1) / RATE - now)
         finally:
             self.ready = False

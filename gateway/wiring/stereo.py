@@ -108,7 +108,7 @@ def _start_camera(context: Context, number: int, mount: Mount, scene: Snapshot |
 
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.wait_until_stored = context.state.commits.stored
+        service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
         context.stereo_camera = lambda: view.camera(config) if scene is None else None
         context.stereo_sensor = StereoSensor(service, view.copy(), live=scene is None)

@@ -1,7 +1,12 @@
 """Stereo camera algorithms as pure functions on arrays.
 
-In the order of a frame: ``model`` (geometry), ``exposure`` and ``sensor`` (images), ``projector`` (its light),
-``truth`` and ``errors`` or ``matching`` (depth), ``filters`` (the device's post-processing), ``mesh``.
+Modules, in the order in which a frame uses them:
 
-Formulae are those of the rc_visard's manual unless a docstring says otherwise.
+* ``model``: geometry of the camera.
+* ``exposure``, ``sensor`` and ``projector``: camera images, and the light of the random-dot projector in them.
+* ``truth`` and ``errors``: depth images from rendered depth. ``matching``: depth images from two camera images.
+* ``filters``: the device's post-processing of depth images.
+* ``mesh`` and ``ply``: triangle meshes from depth images.
+
+Formulas are those of the rc_visard's manual unless a docstring says otherwise.
 """

@@ -28,7 +28,7 @@ from renderers.stereo.noise import NORMAL_TABLE, random64
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
 OUTLIER_FREE_SLOPE: Final = 0.08
-"""Maximum disparity change between neighbouring pixels without outliers, pixels."""
+"""Disparity change between neighbouring pixels up to which no measurement is an outlier, pixels."""
 HALF_OUTLIERS_SLOPE: Final = 0.5
 """Disparity change between neighbouring pixels at which half of the measurements are outliers, pixels."""
 _OUTLIERS_PER_SLOPE: Final = np.float32(0.5 / (HALF_OUTLIERS_SLOPE - OUTLIER_FREE_SLOPE))
@@ -38,12 +38,12 @@ _OUTLIERS_PER_SLOPE: Final = np.float32(0.5 / (HALF_OUTLIERS_SLOPE - OUTLIER_FRE
 def choose_error_scale(sigma: float, disparity_count: int) -> float:
     """Return the pixels per unit of an error image.
 
-    The result is the device's 1/16 if it represents ``sigma`` within ``ERROR_TOLERANCE``, else the first half, quarter,
-    and so on that does. The disparity message has the same unit, so the largest disparity must fit into 16 bits.
+    The device's unit is 1/16 pixel. The unit is halved until rounding to it changes ``sigma`` by at most
+    ``ERROR_TOLERANCE``. The disparity message has the same unit and 16 bits, which limits the halving.
 
     Args:
         sigma: standard deviation of the disparity, pixels; 0: no noise.
-        disparity_count: number of disparities, pixels.
+        disparity_count: number of disparities that the camera measures, and therefore the largest one, pixels.
     """
     scale = DISPARITY_SCALE
     largest = disparity_count + 4.0 * sigma + 1.0  # noise and outliers included
@@ -55,7 +55,7 @@ def choose_error_scale(sigma: float, disparity_count: int) -> float:
 def add_errors(
     true_disparity: NDArray[np.float32], sigma: float, key: np.uint64, error_scale: float = DISPARITY_SCALE
 ) -> DepthImages:
-    """Return the depth images that a camera with these errors measures.
+    """Return the depth images that a camera measures with the errors of this model.
 
     Args:
         true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
@@ -64,7 +64,7 @@ def add_errors(
         error_scale: pixels per unit of the error image (``choose_error_scale``).
     """
     wait_until_compiled("stereo")
-    # The smallest error that the image can represent is one unit, about as much as rounding to 1/16 pixel alone.
+    # At least one unit: the error image holds 0 for invalid pixels.
     error_units = min(max(round(sigma / error_scale), 1), 255)
     if sigma > 0.0:
         disparity, confidence = _add_noise(true_disparity, sigma, error_units * error_scale, key)
@@ -80,7 +80,7 @@ def add_errors(
 def _add_noise(
     true_disparity: NDArray[np.float32], sigma: float, disparity_error: float, key: np.uint64
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Return disparity and confidence.
+    """Return the disparity image with noise and outliers, and the confidence image.
 
     Args:
         true_disparity: (H, W) float32, pixels.
@@ -117,11 +117,23 @@ def _probability_within(limit: float, gaussian_sigma: float) -> float:
 def _add_noise_and_outliers(
     true_disparity, key, gaussian_sigma, disparity_error, inlier_confidence, normal_table, disparity, confidence
 ):
+    """Write the measured disparity, in units of 1/16 pixel, and the confidence, in units of 1/255.
+
+    Args:
+        true_disparity: (H, W) float32, pixels, 0: not measurable.
+        key: random key of the frame.
+        gaussian_sigma: standard deviation of the noise without rounding, pixels.
+        disparity_error: the disparity error of the error image, pixels.
+        inlier_confidence: confidence of a pixel that is certainly no outlier, 0 to 1.
+        normal_table: ``noise.NORMAL_TABLE``.
+        disparity: (H, W) uint16, output.
+        confidence: (H, W) uint8, output.
+    """
     height, width = true_disparity.shape
     zero, one = np.float32(0.0), np.float32(1.0)
     outlier_free_slope = np.float32(OUTLIER_FREE_SLOPE)
     error_limit = np.float32(3.0 * disparity_error)
-    inlier = np.float32(inlier_confidence)
+    max_confidence = np.float32(inlier_confidence)
     gaussian_table = normal_table * np.float32(gaussian_sigma)
     slope = np.empty(width, np.float32)
     outlier_probability = np.empty(width, np.float32)
@@ -132,37 +144,47 @@ def _add_noise_and_outliers(
         for column in range(width):
             probability = min(max((slope[column] - outlier_free_slope) * _OUTLIERS_PER_SLOPE, zero), one)
             outlier_probability[column] = probability
-            # The confidence is rounded to a byte first; the outliers below follow the rounded value.
-            level = np.floor((one - probability) * inlier * np.float32(255.0))
-            confidence_row[column] = np.uint8(np.int32(level)) if true_row[column] > zero else np.uint8(0)
+            # Outliers are drawn below with the probability that this rounded confidence states.
+            confidence_units = np.floor((one - probability) * max_confidence * np.float32(255.0))
+            confidence_row[column] = np.uint8(np.int32(confidence_units)) if true_row[column] > zero else np.uint8(0)
         disparity_row = disparity[row]
         gaussian_bits = np.uint64(0)
         for column in range(width):
             if column & 3 == 0:
                 gaussian_bits = random64(key, row * width + column)
-            true = true_row[column]
-            rounded = 0
-            if true > zero:
+            exact = true_row[column]
+            measured_units = 0
+            if exact > zero:
                 deviation = gaussian_table[gaussian_bits & np.uint64(4095)]
                 if outlier_probability[column] > zero:
                     outlier_bits = random64(~key, row * width + column)
                     uniform = np.float32(outlier_bits >> np.uint64(40)) * np.float32(2.0**-24)
-                    if uniform * inlier < inlier - np.float32(confidence_row[column]) / np.float32(255.0):
-                        # Beyond the limit even after rounding, and within the step that the segmentation allows.
+                    if uniform * max_confidence < max_confidence - np.float32(confidence_row[column]) / np.float32(
+                        255.0
+                    ):
+                        # 0.07 is more than rounding can undo. At the default error the sum is below
+                        # ``filters.SEGMENT_STEP``, so outliers are not removed as separate segments.
                         excess = np.float32((outlier_bits >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024)
                         deviation = error_limit + np.float32(0.07) + np.float32(0.75) * excess
                         if (outlier_bits >> np.uint64(12)) & np.uint64(1):
                             deviation = -deviation
                 # Below one unit the disparity means "infinitely far", which the device encodes as 1.
-                units = min(max((true + deviation) * np.float32(16.0), one), np.float32(65535.0))
-                rounded = int(units + np.float32(0.5))
-            disparity_row[column] = rounded
+                units = min(max((exact + deviation) * np.float32(16.0), one), np.float32(65535.0))
+                measured_units = int(units + np.float32(0.5))
+            disparity_row[column] = measured_units
             gaussian_bits >>= np.uint64(16)
 
 
 @device_function
 def _steepest_slope(row, row_above, row_below, slope):
-    """Write the largest disparity step to a valid neighbour above, below, left and right, (W,) float32."""
+    """Write the largest disparity difference of each pixel of a row to its four neighbours that are valid.
+
+    Args:
+        row: (W,) float32 disparities, pixels, 0: invalid.
+        row_above: (W,) float32.
+        row_below: (W,) float32.
+        slope: (W,) float32, output, pixels.
+    """
     zero = np.float32(0.0)
     width = len(row)
     for i in range(width):

@@ -1,8 +1,8 @@
 """Exposure of an image: time, gain, gamma, white balance, high dynamic range, and automatic exposure.
 
 Rendered images have no physical brightness. By our definition an exposure of 5 ms at 0 dB and gamma 1 leaves the image
-as rendered. Light grows linearly with the exposure time and with 10^(gain / 20), and display-encoded values with its
-power 1/2.2.
+as rendered. Light grows linearly with the exposure time and with 10^(gain / 20). Display-encoded values grow with the
+light to the power of 1/2.2.
 """
 
 from __future__ import annotations
@@ -14,23 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 REFERENCE_EXPOSURE: Final = 0.005
-"""Seconds; the device's default of exp_value."""
+"""Exposure time at which images are as rendered, seconds: the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
 """Light is the display-encoded value to this power."""
 LUMA: Final = np.array((0.299, 0.587, 0.114))
 """Rec. 601 weights of red, green and blue."""
 READ_NOISE: Final = 0.2
-"""Standard deviation at 0 dB, grey levels."""
+"""Standard deviation of the read noise at 0 dB, grey levels."""
 SHOT_NOISE: Final = 0.0004
-"""Variance per grey level at 0 dB."""
+"""Variance of the shot noise per grey level at 0 dB."""
 MIN_EXPOSURE: Final = 6.6e-5
-"""Seconds, the device's shortest exposure."""
+"""The device's shortest exposure time, seconds."""
 MAX_GAIN: Final = 18.0
-"""dB"""
+"""The device's highest gain, dB."""
 SATURATED_SHARE: Final = 0.01
 """Maximum share of saturated pixels before automatic exposure lowers its brightness target."""
 BRACKETS: Final = (0.25, 1.0, 4.0)
-"""Exposure times that high dynamic range combines, relative to the automatic one. The device's are not published."""
+"""Exposure times that a high dynamic range image combines, relative to the automatic one. Our choice: the device's
+are not published."""
 _HISTOGRAM_BINS: Final = 2048
 """Bins of the brightness histogram: a resolution of 1/2000 of the brightest value."""
 
@@ -42,8 +43,9 @@ class Exposure:
     time: float = REFERENCE_EXPOSURE
     """Seconds."""
     gain: float = 0.0
-    """dB"""
+    """dB."""
     gamma: float = 1.0
+    """Brightness is raised to the power of 1/``gamma``."""
     hdr: bool = False
     """Combine three exposures and compress the result into the range of the image."""
     red: float = 1.0
@@ -58,37 +60,37 @@ class Exposure:
 
     @property
     def light(self) -> float:
-        """Light relative to the reference exposure."""
+        """Amplified light, relative to the reference exposure."""
         return self.time / REFERENCE_EXPOSURE * self.amplification
 
     @property
-    def factor(self) -> float:
-        """Factor of display-encoded values."""
+    def display_factor(self) -> float:
+        """Factor by which the exposure multiplies display-encoded values."""
         return float(self.light ** (1.0 / DISPLAY_GAMMA))
 
     @property
     def saturation(self) -> float:
-        """Display-encoded value, multiplied by ``factor``, at which the image saturates."""
+        """Display-encoded value, multiplied by ``display_factor``, at which the image saturates."""
         return float(BRACKETS[0] ** (-1.0 / DISPLAY_GAMMA)) if self.hdr else 1.0
 
     @property
-    def channels(self) -> NDArray[np.float64]:
+    def channel_factors(self) -> NDArray[np.float64]:
         """(3,) float64, white balance as factors of display-encoded red, green and blue."""
         return np.array((self.red, 1.0, self.blue)) ** (1.0 / DISPLAY_GAMMA)
 
-    def response(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return the brightness in the image, 0 to 1, of display-encoded values multiplied by ``factor``.
+    def response(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Return the brightness in the image, 0 to 1, of display-encoded values multiplied by ``display_factor``.
 
         High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
         """
-        x = np.minimum(x, self.saturation)
+        brightness = np.minimum(values, self.saturation)
         if self.hdr:
-            x = x * (1.0 + x / self.saturation**2) / (1.0 + x)
-        curved: NDArray[np.floating] = x ** (1.0 / self.gamma)
-        return curved
+            brightness = brightness * (1.0 + brightness / self.saturation**2) / (1.0 + brightness)
+        gamma_corrected: NDArray[np.floating] = brightness ** (1.0 / self.gamma)
+        return gamma_corrected
 
-    def sigma(self, grey: float) -> float:
-        """Return the standard deviation of a grey value's noise in one exposure, grey levels."""
+    def noise_sigma(self, grey: float) -> float:
+        """Return the standard deviation of the noise in one exposure at a grey value, grey levels."""
         return float(noise_sigma(grey, self.amplification))
 
 
@@ -97,15 +99,15 @@ class AutoExposure:
     """The device's parameters of automatic exposure."""
 
     max_time: float = 0.018
-    """exp_max, seconds."""
+    """Longest exposure time (exp_max), seconds."""
     average_max: float = 0.75
-    """Target of the mean brightness while nothing saturates."""
+    """Target of the mean brightness while nothing saturates, 0 to 1."""
     average_min: float = 0.25
-    """Mean brightness below which saturation does not darken the image further."""
+    """Mean brightness, 0 to 1, below which the image is not darkened to avoid saturation."""
 
 
 def noise_sigma(grey: NDArray[np.floating] | float, amplification: float) -> Any:
-    """Return the standard deviation of the noise of grey values, grey levels.
+    """Return the standard deviation of the noise at grey values, grey levels.
 
     The variance of grey value v at amplification g is (0.2 g)^2 + 0.0004 g v: read noise and shot noise.
     """
@@ -116,7 +118,7 @@ def brightness_of(
     image: NDArray[np.uint8],
     dots: NDArray[np.uint8] | None = None,
     dot_light: float = 0.0,
-    channels: NDArray[np.float64] | None = None,
+    channel_factors: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
     """Return the display-encoded brightness of a rendered image at exposure factor 1.
 
@@ -124,12 +126,12 @@ def brightness_of(
         image: (H, W, 3) uint8 RGB.
         dots: (H, W) uint8 light of the projector, 255 is full; None: the projector is off.
         dot_light: light that a full dot adds, relative to the scene's own.
-        channels: white balance, ``Exposure.channels``; None: neutral.
+        channel_factors: white balance, ``Exposure.channel_factors``; None: neutral.
 
     Returns:
         (H, W) float32; 1 is full scale.
     """
-    weights = LUMA if channels is None else LUMA * channels
+    weights = LUMA if channel_factors is None else LUMA * channel_factors
     luma: NDArray[np.float32] = image.astype(np.float32) @ (weights / 255.0).astype(np.float32)
     if dots is not None:
         luma *= (1.0 + dot_light / 255.0 * dots.astype(np.float32)) ** np.float32(1.0 / DISPLAY_GAMMA)
@@ -139,35 +141,35 @@ def brightness_of(
 def auto_exposure(brightness: NDArray[np.float32], limits: AutoExposure, manual: Exposure | None = None) -> Exposure:
     """Return the exposure time and gain for an image: the longest time first, then gain.
 
-    The result depends on the image alone: automatic exposure has settled in every frame.
+    The result depends on this image only, as if automatic exposure had settled on it.
 
     Args:
         brightness: float32 of any shape, ``brightness_of``; a downscaled image suffices.
         limits: limits and targets.
-        manual: source of gamma, dynamic range and white balance; None: the defaults.
+        manual: exposure whose gamma, dynamic range and white balance are kept; None: the default exposure.
     """
     manual = manual or Exposure()
     max_time = max(limits.max_time, MIN_EXPOSURE)
-    # The searches below evaluate the mean about 50 times: on a histogram, not on the image.
+    # The searches below evaluate the mean brightness about 50 times, so they use a histogram instead of the image.
     brightest = max(float(brightness.max()), 1e-6)
     bins = (brightness.reshape(-1) * np.float32((_HISTOGRAM_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
     counts = np.bincount(bins, minlength=_HISTOGRAM_BINS)
     levels = np.arange(_HISTOGRAM_BINS) * (brightest / (_HISTOGRAM_BINS - 1))
 
-    def factor_for(target: float) -> float:
-        """Return the exposure factor at which the mean of the image is ``target``, by bisection."""
-        low, high = Exposure(MIN_EXPOSURE).factor, Exposure(max_time, MAX_GAIN).factor
+    def factor_for_mean(target: float) -> float:
+        """Return the ``display_factor`` at which the mean of the image is ``target``, by bisection."""
+        low, high = Exposure(MIN_EXPOSURE).display_factor, Exposure(max_time, MAX_GAIN).display_factor
         for _ in range(24):
             middle = 0.5 * (low + high)
             mean = float(np.dot(manual.response(levels * middle), counts)) / brightness.size
             low, high = (middle, high) if mean < target else (low, middle)
         return 0.5 * (low + high)
 
-    factor = factor_for(limits.average_max)
+    factor = factor_for_mean(limits.average_max)
     unsaturated = (1.0 - SATURATED_SHARE) * brightness.size
     brightest_unsaturated = max(float(levels[np.searchsorted(np.cumsum(counts), unsaturated)]), 1e-6)
     if brightest_unsaturated * factor > manual.saturation:
-        factor = max(manual.saturation / brightest_unsaturated, min(factor_for(limits.average_min), factor))
+        factor = max(manual.saturation / brightest_unsaturated, min(factor_for_mean(limits.average_min), factor))
     light = factor**DISPLAY_GAMMA
     time = min(max(light * REFERENCE_EXPOSURE, MIN_EXPOSURE), max_time)
     gain = min(max(20.0 * float(np.log10(light * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)

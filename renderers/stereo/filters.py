@@ -18,16 +18,17 @@ SEGMENT_STEP: Final = 2.0
 FILL_SHARE: Final = 0.05
 """Maximum share of the pixels that are filled, the smallest holes first (manual)."""
 FILL_CONFIDENCE: Final = 128
-"""0.5, the confidence of filled pixels (manual)."""
+"""Confidence of filled pixels, units of 1/255: 0.5 (manual)."""
 _MAX_UNITS: Final = 32767
-"""Maximum disparity, units of 1/16 pixel: OpenCV's segmentation takes signed 16 bits."""
+"""Maximum disparity, units of 1/16 pixel: OpenCV's segmentation takes signed 16-bit numbers."""
 _AT_IMAGE_EDGE: Final = -1_000_000
-"""Lowest border disparity of a hole at the edge of the image: such a hole is never filled."""
+"""Stored as the lowest border disparity of holes at the edge of the image, which makes their range too large to be
+filled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Filters:
-    """The device's parameters of the same names, in its units."""
+    """The device's parameters of the same names, in the device's units."""
 
     minconf: float = 0.5
     """Minimum confidence, 0 to 1."""
@@ -36,15 +37,15 @@ class Filters:
     fill: int = 3
     """Maximum disparity step on the border of a hole that is filled, pixels; 0 disables filling."""
     maxdeptherr: float = 100.0
-    """Maximum depth error ``disparity_error Z^2 / (f t)``, metres, with focal length f and baseline t."""
+    """Maximum depth error, metres: ``disparity_error Z^2 / (f t)`` with depth Z, focal length f and baseline t."""
     mindepth: float = 0.1
-    """Metres."""
+    """Minimum depth, metres."""
     maxdepth: float = 100.0
-    """Metres."""
+    """Maximum depth, metres."""
 
     @property
     def fills(self) -> bool:
-        """True if holes are filled. ``minconf`` applies to filled pixels, too."""
+        """True if holes are filled: filling is enabled, and ``minconf`` permits the confidence of filled pixels."""
         return self.fill > 0 and self.min_confidence <= FILL_CONFIDENCE
 
     @property
@@ -58,9 +59,9 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
 
     Args:
         depth: images to change.
-        filters: limits.
-        focal_times_baseline: at this resolution, pixels times metres.
-        divisor: resolution divisor of the quality, which converts ``seg``.
+        filters: the device's parameters.
+        focal_times_baseline: focal length at this resolution times baseline, pixels times metres.
+        divisor: width of the camera images divided by that of these images; converts ``seg``.
     """
     wait_until_compiled("stereo")
     unit = DISPARITY_SCALE
@@ -83,7 +84,8 @@ def _apply_limits(
 ):
     """Remove pixels beyond the limits; disparities and their limits are in units of 1/16 pixel.
 
-    The depth error is ``depth_error_factor * error / disparity^2``, in metres, with both in units of their images.
+    The depth error in metres is ``depth_error_factor * error / disparity^2``, with error and disparity in the units of
+    their images.
     """
     height, width = disparity.shape
     for row in range(height):
@@ -118,7 +120,7 @@ def fill_holes(depth: DepthImages, max_step: int) -> None:
     wait_until_compiled("stereo")
     disparity = depth.disparity
     label_count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
-    # Indexed by label; 0 is the label of the valid pixels.
+    # Arrays by label: size of the hole, and lowest and highest disparity on its border. Valid pixels have label 0.
     size = np.zeros(label_count, np.int32)
     lowest = np.full(label_count, 65536, np.int32)
     highest = np.full(label_count, -1, np.int32)
@@ -126,14 +128,22 @@ def fill_holes(depth: DepthImages, max_step: int) -> None:
     fillable = (size > 0) & (highest >= 0) & (highest - lowest <= round(max_step / DISPARITY_SCALE))
     order = np.argsort(np.where(fillable, size, np.iinfo(np.int32).max), kind="stable")
     smallest_first = order[: int(fillable.sum())]
-    chosen = np.zeros(label_count, np.bool_)
-    chosen[smallest_first[np.cumsum(size[smallest_first]) <= FILL_SHARE * disparity.size]] = True
-    _fill_rows(disparity, depth.error, depth.confidence, labels, chosen)
+    is_filled = np.zeros(label_count, np.bool_)
+    is_filled[smallest_first[np.cumsum(size[smallest_first]) <= FILL_SHARE * disparity.size]] = True
+    _fill_rows(disparity, depth.error, depth.confidence, labels, is_filled)
 
 
 @kernel("void(uint16[:,::1], int32[:,::1], int32[::1], int32[::1], int32[::1])")
 def _measure_holes(disparity, labels, size, lowest, highest):
-    """Write the size of every hole and the range of the disparities on its border, units of 1/16 pixel."""
+    """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
+
+    Args:
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
+        labels: (H, W) int32, number of the pixel's hole; 0: valid pixel.
+        size: (labels,) int32, output, initially 0.
+        lowest: (labels,) int32, output, initially above all disparities.
+        highest: (labels,) int32, output, initially -1.
+    """
     height, width = disparity.shape
     for row in range(height):
         for column in range(width):
@@ -156,20 +166,20 @@ def _measure_holes(disparity, labels, size, lowest, highest):
 
 
 @kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int32[:,::1], boolean[::1])")
-def _fill_rows(disparity, error, confidence, labels, chosen):
-    """Fill the chosen holes along each row, linearly between the two ends of the hole.
+def _fill_rows(disparity, error, confidence, labels, is_filled):
+    """Fill the holes with ``is_filled[label]`` row by row, linearly between the valid pixels left and right of them.
 
-    No chosen hole is at the edge of the image, so both ends exist.
+    Those pixels exist, because holes at the edge of the image are not filled.
     """
     height, width = disparity.shape
     for row in range(height):
         column = 1
         while column < width:
-            if not chosen[labels[row, column]]:
+            if not is_filled[labels[row, column]]:
                 column += 1
                 continue
             start = column
-            while chosen[labels[row, column]]:
+            while is_filled[labels[row, column]]:
                 column += 1
             left = float(disparity[row, start - 1])
             right = float(disparity[row, column])

@@ -19,8 +19,8 @@ BASE_ERROR: Final = 0.2
 """Sub-pixel error of a match on good texture, pixels (measured against exact disparity)."""
 NOISE_WEIGHT: Final = 1.5
 """Weight of the ratio of image noise to texture in the error."""
-MIN_SIGMA: Final = 0.3
-"""Minimum image noise, grey levels: images without noise still have rounding errors."""
+MIN_NOISE_SIGMA: Final = 0.3
+"""Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
 
 
 def match_pair(
@@ -28,18 +28,18 @@ def match_pair(
 ) -> DepthImages:
     """Return depth images by matching a pair.
 
-    A pixel is valid if matching from left to right and from right to left agree.
+    A pixel is valid if the match from left to right and the match from right to left agree.
 
     Args:
         left: (H, W) uint8, rectified: a point's row is the same in both images.
-        right: (H, W) uint8.
+        right: (H, W) uint8, likewise.
         disparity_count: number of disparities to search, pixels.
         noise_sigma: standard deviation of the image noise, grey levels.
     """
     wait_until_compiled("stereo")
     check_stop()
     searched_count = -(-disparity_count // 16) * 16
-    # OpenCV leaves the first `searched_count` columns invalid; a border of that width keeps all columns of the image.
+    # OpenCV leaves the first `searched_count` columns invalid. Padding of that width keeps all columns of the image.
     padded = [cv2.copyMakeBorder(image, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
@@ -58,7 +58,7 @@ def match_pair(
     check_stop()  # OpenCV itself cannot be stopped: half a second for 1280 x 960 pixels
     images = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
     _rate_matches(
-        np.ascontiguousarray(matches), left, right, disparity_count, float(max(noise_sigma, MIN_SIGMA)),
+        np.ascontiguousarray(matches), left, right, disparity_count, float(max(noise_sigma, MIN_NOISE_SIGMA)),
         images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
@@ -68,14 +68,24 @@ def match_pair(
 def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity, error, confidence):
     """Write the valid disparities with their error and confidence, from windows of 5 x 5 pixels.
 
-    The error follows from texture and noise. The confidence is low for windows without texture, and where the two
-    windows differ, beyond the noise, by more than about 30 % of their texture.
+    The error follows from texture and noise. The confidence is low if the window has no texture. It is also low if
+    the left and right windows differ, beyond the noise, by more than about 30 % of their texture.
+
+    Args:
+        matches: (H, W) int16, OpenCV's disparities in units of 1/16 pixel.
+        left: (H, W) uint8.
+        right: (H, W) uint8.
+        disparity_count: maximum disparity, pixels.
+        noise_sigma: standard deviation of the image noise, grey levels.
+        disparity: (H, W) uint16, output, initially 0.
+        error: (H, W) uint8, output, initially 0.
+        confidence: (H, W) uint8, output, initially 0.
     """
     height, width = matches.shape
     for row in range(height):
         for column in range(width):
             sixteenths = int(matches[row, column])
-            # Not matched (zero and below), or matched with the border left of the right image.
+            # No match (0 or less), or a match with the padding beyond the left edge of the right image.
             if sixteenths <= 0 or sixteenths > disparity_count * 16 or column * 16 < sixteenths:
                 continue
             pixels = sixteenths / 16.0
@@ -104,7 +114,7 @@ def _rate_matches(matches, left, right, disparity_count, noise_sigma, disparity,
             disagreement = max(difference - noise_sigma, 0.0) / (texture + 2.0 * noise_sigma)
             texture_support = texture * texture / (texture * texture + 1.5 * noise_sigma * noise_sigma)
             agreement = texture_support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
-            # Calibrated on rendered scenes with exact disparity, on the pessimistic side.
+            # Calibrated on rendered scenes with exact disparity; rather too low than too high.
             doubt = 1.0 - agreement
             probability = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
             disparity[row, column] = sixteenths

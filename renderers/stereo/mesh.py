@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import mesh_kernels as kernels
 from renderers.stereo import ply
+from renderers.stereo.downscale import block_means
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
 """Maximum disparity step between the corners of a connected cell, units of 1/16 pixel (the vendor's GenICam
 library)."""
 FOOTPRINT = 2.0 * 1.4
-"""``scan_size`` divided by the width of a pixel at the point (the vendor's cvkit)."""
+"""Vertex property ``scan_size`` divided by the width of a pixel at the point (as in the vendor's cvkit)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +103,10 @@ def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int)
 
     Args:
         left: (H', W') or (H', W', 3) uint8.
-        width: width of the disparity image.
-        height: height of the disparity image.
+        width: width of the disparity image, pixels.
+        height: height of the disparity image, pixels.
         bin_size: side of a bin, pixels of the disparity image.
     """
-    side = -(-left.shape[1] // width) * bin_size  # of a bin, in pixels of the left image
-    columns, rows = -(-width // bin_size), -(-height // bin_size)
-    padding_right, padding_below = max(columns * side - left.shape[1], 0), max(rows * side - left.shape[0], 0)
-    if padding_right or padding_below:
-        padded = cv2.copyMakeBorder(left, 0, padding_below, 0, padding_right, cv2.BORDER_REPLICATE)
-        left = np.asarray(padded, np.uint8)
-    left = np.ascontiguousarray(left[: rows * side, : columns * side])
-    small = left if side == 1 else cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
-    small = np.asarray(small, np.uint8)
-    return small if small.ndim == 3 else np.repeat(small[:, :, None], 3, axis=2)
+    left_pixels_per_bin = -(-left.shape[1] // width) * bin_size
+    colors = block_means(left, left_pixels_per_bin, rows=-(-height // bin_size), columns=-(-width // bin_size))
+    return colors if colors.ndim == 3 else np.repeat(colors[:, :, None], 3, axis=2)

@@ -10,9 +10,18 @@ from renderers.compiler.jit import kernel
 
 @kernel("void(uint16[:,::1], int64, boolean, float32[:,::1], float32[:,::1], float32[:,::1])")
 def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
-    """Write disparity and pixel position of each bin's point: its nearest pixel, or the mean of its valid pixels.
+    """Write disparity and pixel position of each bin's point.
 
-    The mean over pixels of a plane lies on the plane, because disparity is affine in the pixel position there.
+    The point is the nearest pixel of the bin or the mean of its valid pixels. The mean over pixels of a plane lies on
+    the plane, because the disparity of a plane is affine in the pixel position.
+
+    Args:
+        disparity: (H, W) uint16.
+        bin_size: side of a bin, pixels.
+        nearest: take the nearest pixel instead of the mean.
+        bin_disparity: (rows, columns) float32, output.
+        bin_u: (rows, columns) float32, output, pixels from the left edge.
+        bin_v: (rows, columns) float32, output, pixels from the top edge.
     """
     height, width = disparity.shape
     rows, columns = bin_disparity.shape
@@ -43,9 +52,10 @@ def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
 
 @kernel("void(float32[:,::1])")
 def fill_empty_bins(bin_disparity):
-    """Fill every empty bin with the farther of its two neighbours in the row; copy empty rows from the row before.
+    """Fill every empty bin of ``bin_disparity``, (rows, columns) float32.
 
-    The farther one, because the background continues behind an edge. Empty rows at the top copy the first filled row.
+    An empty bin gets the farther of the next filled bins to its left and right, because the background continues behind
+    the edge of an object. An empty row repeats the last filled row above it, or the first filled row if none is above.
     """
     rows, columns = bin_disparity.shape
     first_filled, last_filled = -1, -1
@@ -76,7 +86,7 @@ def fill_empty_bins(bin_disparity):
 
 @inlined
 def _copy_row(values, source, target):
-    """Copy in a loop: a slice assignment would also compile its error handling."""
+    """Copy row ``source`` to row ``target``, in a loop: a slice assignment would also compile error handling."""
     for column in range(values.shape[1]):
         values[target, column] = values[source, column]
 
@@ -90,7 +100,19 @@ def make_points(
 ):
     """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
 
-    The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d.
+    The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
+
+    Args:
+        bin_disparity: (rows, columns) float32, the d of the formula.
+        bin_u: (rows, columns) float32, pixels from the left edge.
+        bin_v: (rows, columns) float32, pixels from the top edge.
+        focal_length: pixels.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        baseline_units: baseline times the disparity units per pixel, metres.
+        footprint_units: footprint of a point times its disparity, metres.
+        vertex_index: (rows, columns) int32, output.
+        points: (N, 4) float32, output: x, y, z and footprint, metres.
     """
     count = 0
     for row in range(bin_disparity.shape[0]):
@@ -126,6 +148,7 @@ def _connected_corners(bin_disparity, row, column, max_step):
 
 @kernel("int64(float32[:,::1], float32)")
 def count_triangles(bin_disparity, max_step):
+    """Return the number of triangles that ``make_triangles`` writes."""
     count = 0
     for row in range(bin_disparity.shape[0] - 1):
         for column in range(bin_disparity.shape[1] - 1):

@@ -33,7 +33,7 @@ class Quality(Enum):
 
     @property
     def divisor(self) -> int:
-        """Size of the camera images divided by that of the depth images."""
+        """Width of the camera images divided by that of the depth images."""
         return {"Full": 1, "High": 2, "Medium": 4, "Low": 6}[self.value]
 
     @property
@@ -103,17 +103,17 @@ class StereoModel:
     def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
         """Return the nearest depth that can be measured, metres.
 
-        It is ``max(mindepth, 2.5 * baseline)``, as in the vendor's driver, or farther at full resolution, where memory
-        limits the number of disparities. Disparities count from that of ``maxdepth``: with a smaller ``maxdepth`` they
-        reach nearer.
+        It is at least ``max(mindepth, 2.5 * baseline)``, as in the vendor's driver. At full resolution it may be
+        farther, because memory limits the number of disparities. That number is counted from the disparity of
+        ``maxdepth``, so a smaller ``maxdepth`` permits a nearer depth.
         """
-        return max(mindepth, 2.5 * self.baseline, self._nearest_depth_in_memory(maxdepth, divisor))
+        return max(mindepth, 2.5 * self.baseline, self._nearest_depth_for_memory(maxdepth, divisor))
 
     def has_reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
         """Return True if the device's memory limits the nearest depth."""
-        return self._nearest_depth_in_memory(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
+        return self._nearest_depth_for_memory(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
 
-    def _nearest_depth_in_memory(self, maxdepth: float, divisor: int) -> float:
+    def _nearest_depth_for_memory(self, maxdepth: float, divisor: int) -> float:
         """Return the nearest depth that the device's memory permits, metres; 0: no limit."""
         if divisor != 1:
             return 0.0
@@ -121,8 +121,8 @@ class StereoModel:
         return focal_times_baseline / (focal_times_baseline / maxdepth + self.full_max_disparities)
 
     def disparity_count(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
-        """Return the number of disparities at ``divisor``: ``ceil(focal length * baseline / nearest depth)``, at most
-        ``MAX_DISPARITIES``."""
+        """Return the number of disparities at 1/``divisor`` of the resolution: ``ceil(focal length * baseline / nearest
+        depth)``, at most ``MAX_DISPARITIES``."""
         nearest = self.nearest_depth(mindepth, maxdepth, divisor)
         return min(math.ceil(self.focal_times_baseline(divisor) / nearest), MAX_DISPARITIES)
 
@@ -140,8 +140,8 @@ class StereoModel:
 MODELS: Final[dict[str, StereoModel]] = {
     model.name: model
     for model in (
-        # 0.8449: sample in the manual, 4 mm lens. 1.255: 6 mm lens, from the published accuracy table (0.25 px at 3 m
-        # are 8.8 mm) and the 43 x 33 degrees of its field of view.
+        # 4 mm lens: 0.8449 is an example in the manual. 6 mm lens: 1.255 follows from the published accuracy table
+        # (0.25 pixels are 8.8 mm at 3 m) and the field of view of 43 x 33 degrees.
         StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_MAX_DISPARITIES),
         StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160, FULL_MAX_DISPARITIES),
         StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160, FULL_MAX_DISPARITIES),
@@ -162,8 +162,8 @@ def custom_model(size: str | None, focal_factor: float | None, baseline: float |
         ValueError: malformed size, or a value beyond its limits; one sentence.
     """
     default = MODELS["rc_visard 160-4"]
-    width, cross, height = (size or f"{default.width}x{default.height}").partition("x")
-    if not (cross and all(text.isascii() and text.isdigit() and len(text) < 6 for text in (width, height))):
+    width, separator, height = (size or f"{default.width}x{default.height}").partition("x")
+    if not (separator and all(text.isascii() and text.isdigit() and len(text) < 6 for text in (width, height))):
         raise ValueError(f"{size!r} is not a size like 1280x960")
     return StereoModel(
         "rc_visard custom",

@@ -1,6 +1,6 @@
 """Counter-based random numbers: a function of (seed, frame, stream, pixel).
 
-The same frame has the same bytes for any number of threads, and there is no state.
+There is no state, so a frame has the same bytes for any number of threads.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ _MASK64: Final = (1 << 64) - 1
 
 
 class NoiseStream(IntEnum):
-    """Independent random sequences of one frame, named by the image that uses them."""
+    """Independent random sequences of one frame, named by the image that uses them.
+
+    ``*_DEPTH`` are the images for stereo matching, ``*_SECOND`` those without the projector's light (``double_shot``).
+    """
 
     LEFT = 1
     RIGHT = 2
@@ -35,7 +38,7 @@ class NoiseStream(IntEnum):
 
 
 def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
-    """Return the 64-bit key of one stream of one frame (splitmix64 over the three numbers)."""
+    """Return the 64-bit random key of one stream of one frame (splitmix64 over the three numbers)."""
     state = 0
     for value in (seed, frame, int(stream)):
         state = (state ^ (value & _MASK64)) + 0x9E3779B97F4A7C15 & _MASK64
@@ -47,7 +50,7 @@ def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
 
 @inlined
 def random64(key, counter):
-    """Return 64 random bits (splitmix64, Steele et al. 2014)."""
+    """Return 64 random bits for a key and a counter (splitmix64, Steele et al. 2014)."""
     bits = key + np.uint64(counter) * np.uint64(0x9E3779B97F4A7C15)
     bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

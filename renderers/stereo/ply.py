@@ -9,10 +9,10 @@ _TYPES = {np.dtype("<f4"): "float32", np.dtype("u1"): "uint8"}
 
 
 def vertex_dtype(*, textured: bool, rgb: bool) -> np.dtype[np.void]:
-    """Return the packed vertex type: x, y, z, scan_size, and if textured diffuse_red/green/blue.
+    """Return the packed vertex type: x, y, z and scan_size, followed by the colours.
 
     Args:
-        textured: add colours.
+        textured: add the colours as diffuse_red, diffuse_green and diffuse_blue.
         rgb: repeat the colours as red, green, blue, the names that most other loaders read.
     """
     fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
@@ -46,8 +46,8 @@ def ply_parts(vertices: NDArray[np.void], faces: NDArray[np.void]) -> tuple[byte
     lines += [f"property {_TYPES[vertices.dtype[name]]} {name}" for name in names]
     lines += [f"element face {len(faces)}", "property list uint8 uint32 vertex_indices", "end_header", ""]
     header = "\n".join(lines).encode("ascii")
-    return header, _flat(vertices), _flat(faces)
+    return header, _bytes_of(vertices), _bytes_of(faces)
 
 
-def _flat(records: NDArray[np.void]) -> memoryview:
+def _bytes_of(records: NDArray[np.void]) -> memoryview:
     return records.view(np.uint8).reshape(-1).data if len(records) else memoryview(b"")

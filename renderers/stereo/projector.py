@@ -1,7 +1,7 @@
 """Random-dot projector: its light at every pixel of a camera image.
 
-The pattern is a texture on the projector's image plane, so both cameras see it at the same place on a surface. It
-gives a matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
+The pattern is a texture on the projector's image plane, so both cameras see a dot at the same place on a surface. The
+dots give the matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
 Objects cast shadows in its light.
 """
 
@@ -17,14 +17,16 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 
 CELL: Final = 1.5 / 552.0
-"""Width of a dot divided by the focal length: 1.5 pixels of a 640 pixel wide image of the 4 mm lens."""
+"""Width of a cell of the pattern, which is one dot or dark, divided by the focal length: 1.5 pixels in an image of the
+4 mm lens that is 640 pixels wide."""
 _PERIOD: Final = 1024
 """Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
-_MIN_CELL: Final = 1.5
-"""Minimum width of a cell, pixels. For smaller cells a coarser level of the pattern is used, because aliasing would
-differ between the cameras."""
+_MIN_CELL_PIXELS: Final = 1.5
+"""Minimum width of a cell, pixels. Where cells are smaller, a coarser level of the pattern is used: aliasing would
+differ between the two cameras."""
 _SHADOW_BIAS: Final = 0.02
-"""Relative bias against self-shadowing: the depth of a slanted surface changes by this within the compared pixels."""
+"""Relative depth bias against self-shadowing: slanted surfaces change their depth by about this much over the three
+pixels that are compared."""
 
 
 @cache
@@ -54,17 +56,17 @@ def projected_dots(
 
     Args:
         depth: (H, W) float32 depth of the camera image, metres, +inf: background.
-        focal_length: focal length of the camera, pixels.
+        focal_length: focal length of camera and projector, pixels.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         offset: x of the camera in the projector's frame, metres.
         projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
-            outside its image are lit, because the projector's field of view is the wider one.
+            outside this image are lit: the projector's field of view is wider than the camera's.
     """
     wait_until_compiled("stereo")
     level, cell_pixels = 0, CELL * focal_length
     levels = _pattern_levels()
-    while cell_pixels < _MIN_CELL and level < len(levels) - 1:
+    while cell_pixels < _MIN_CELL_PIXELS and level < len(levels) - 1:
         level, cell_pixels = level + 1, cell_pixels * 2
     light = np.empty(depth.shape, np.uint8)
     _project(
@@ -75,6 +77,18 @@ def projected_dots(
 
 @kernel("void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, uint8[:,::1])")
 def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, light):
+    """Write the light at every pixel: the pattern, interpolated bilinearly, except in shadow.
+
+    Args:
+        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
+        projector_depth: (H, W) float32 depth seen from the projector, metres.
+        pattern: (N, N) uint8, one level of the pattern; N is a power of two.
+        cells_per_pixel: cells of this level per pixel of the image.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
+        light: (H, W) uint8, output.
+    """
     height, width = depth.shape
     period_mask = pattern.shape[0] - 1
     scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
@@ -90,7 +104,7 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
             z = depth[row, column]
             value = np.float32(0.0)
             if z < np.float32(np.inf):
-                # The point is in shadow if the projector sees something nearer in all three pixels around it.
+                # The point is in shadow if all three pixels around it in the projector's image are nearer.
                 in_shadow = False
                 x = int(np.floor(np.float32(column) + half + disparity_factor / z))
                 if 1 <= x <= width - 2:

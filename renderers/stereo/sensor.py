@@ -1,6 +1,7 @@
-"""Image sensor: a rendered colour image to a camera image with exposure, noise and saturation.
+"""Image sensor: turns a rendered colour image into a camera image with exposure, noise and saturation.
 
-``exposure.noise_sigma`` has the noise: about 0.3 grey levels at mid grey and 0 dB, as in images recorded with a device.
+The noise follows ``exposure.noise_sigma``. Its standard deviation is about 0.3 grey levels at mid grey and 0 dB, as in
+images recorded with a device.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, Exposure, n
 from renderers.stereo.noise import NORMAL_TABLE
 
 _GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
+"""(128,) float32, means of groups of neighbouring quantiles."""
 _NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
 """(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
 
@@ -39,7 +41,7 @@ def sensor_image(
     color: bool,
     dots: NDArray[np.uint8] | None = None,
     dot_light: float = 0.0,
-    noise: float = 1.0,
+    noise_factor: float = 1.0,
 ) -> SensorImage:
     """Return the camera image of a rendered image.
 
@@ -50,24 +52,27 @@ def sensor_image(
         color: return RGB; otherwise grey by Rec. 601 luma.
         dots: (H, W) uint8 light of the projector at each pixel, 255 is full; None: the projector is off.
         dot_light: light that a full dot adds, relative to the scene's own.
-        noise: factor of the noise's standard deviation; 0 disables noise.
+        noise_factor: factor of the noise's standard deviation; 0 disables noise.
     """
     wait_until_compiled("stereo")
     height, width = rendered.shape[:2]
     image = np.empty((height, width, 3 if color else 1), np.uint8)
     key = np.uint64(key)
-    response, sigma = _response_curves(exposure, noise)
-    step_factor = exposure.factor / exposure.saturation * (kernels.RESPONSE_STEPS - 1)
-    # Without dots, a grey level depends on one byte or luma step only: a table of noisy levels halves the time.
+    response, sigma = _response_curves(exposure, noise_factor)
+    step_factor = exposure.display_factor / exposure.saturation * (kernels.RESPONSE_STEPS - 1)
+    # Without dots, a level depends only on the noise and on one byte (colour) or luma step (grey). A table of noisy
+    # levels then halves the time.
     if dots is not None:
         light = 1.0 + dot_light * np.arange(256) / 255.0
         dot_factors = (light ** (1.0 / DISPLAY_GAMMA) * step_factor).astype(np.float32)
-        weights = np.diag(exposure.channels / 255.0) if color else (exposure.channels * LUMA / 255.0)[None]
+        weights = (
+            np.diag(exposure.channel_factors / 255.0) if color else (exposure.channel_factors * LUMA / 255.0)[None]
+        )
         level_sum = kernels.image_with_dots(
             rendered, dots, dot_factors, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
         )
     elif color:
-        levels = [_noisy_levels(response, sigma, 256, step_factor * channel) for channel in exposure.channels]
+        levels = [_noisy_levels(response, sigma, 256, step_factor * factor) for factor in exposure.channel_factors]
         level_sum = kernels.color_from_table(rendered, np.stack(levels), key, image)
     else:
         table = _noisy_levels(response, sigma, kernels.LUMA_STEPS, step_factor)
@@ -78,17 +83,17 @@ def sensor_image(
 def _luma_weights(exposure: Exposure) -> NDArray[np.int64]:
     """Return the weights of red, green and blue, (3,) int64, units of 1/256; their sum is 256 at neutral white
     balance."""
-    return np.rint(np.array((77.0, 150.0, 29.0)) * exposure.channels).astype(np.int64)
+    return np.rint(np.array((77.0, 150.0, 29.0)) * exposure.channel_factors).astype(np.int64)
 
 
 def _noisy_levels(
     response: NDArray[np.float32], sigma: NDArray[np.float32], count: int, step_factor: float
 ) -> NDArray[np.uint8]:
-    """Return the grey levels of ``count`` display-encoded values from 0 to 1 for 128 equally likely noises.
+    """Return the grey levels of display-encoded values from 0 to 1, each with 128 equally likely noise values.
 
     Args:
         response: grey level of each step (``_response_curves``).
-        sigma: noise of each step (``_response_curves``).
+        sigma: standard deviation of the noise of each step (``_response_curves``).
         count: number of values.
         step_factor: steps per display-encoded value.
 
@@ -101,26 +106,36 @@ def _noisy_levels(
     return np.clip(levels, 0.0, 255.0).astype(np.uint8)
 
 
-def _response_curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return grey level and noise by step of the multiplied display-encoded value, both (4096,) float32."""
-    x = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation
-    grey = 255.0 * exposure.response(x)
+def _response_curves(exposure: Exposure, noise_factor: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the grey level plus 0.5, for rounding, and the noise's standard deviation, both (4096,) float32.
+
+    The index is the step of a display-encoded value multiplied by the exposure's factors, from 0 to saturation.
+    """
+    values = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation
+    grey = 255.0 * exposure.response(values)
     amplification = exposure.amplification
     if exposure.hdr:
-        sigma = _hdr_noise(x, amplification) * np.gradient(grey, x)
+        sigma = _hdr_noise_sigma(values, amplification) * np.gradient(grey, values)
     else:
         sigma = noise_sigma(grey, amplification)
-    return (grey + 0.5).astype(np.float32), (sigma * noise).astype(np.float32)
+    return (grey + 0.5).astype(np.float32), (sigma * noise_factor).astype(np.float32)
 
 
-def _hdr_noise(x: NDArray[np.float64], amplification: float) -> NDArray[np.float64]:
-    """Return the noise of the mean of three exposures, weighted by their distance from black and white."""
-    weight_sum, variance = np.zeros_like(x), np.zeros_like(x)
+def _hdr_noise_sigma(values: NDArray[np.float64], amplification: float) -> NDArray[np.float64]:
+    """Return the standard deviation of the noise in a high dynamic range image before compression.
+
+    The image is the mean of three exposures. Each exposure is weighted by its distance from black and white.
+
+    Args:
+        values: display-encoded values multiplied by the exposure's factors.
+        amplification: gain as a factor.
+    """
+    weight_sum, variance = np.zeros_like(values), np.zeros_like(values)
     for bracket in BRACKETS:
         scale = bracket ** (1.0 / DISPLAY_GAMMA)
-        value = np.minimum(x * scale, 1.0)
-        weight = np.maximum(1.0 - (2.0 * value - 1.0) ** 12, 1e-3) * np.where(value < 1.0, scale**2, 1e-6)
+        exposed = np.minimum(values * scale, 1.0)
+        weight = np.maximum(1.0 - (2.0 * exposed - 1.0) ** 12, 1e-3) * np.where(exposed < 1.0, scale**2, 1e-6)
         weight_sum += weight
-        variance += (weight * (noise_sigma(255.0 * value, amplification) / 255.0 / scale)) ** 2
+        variance += (weight * (noise_sigma(255.0 * exposed, amplification) / 255.0 / scale)) ** 2
     sigma: NDArray[np.float64] = np.sqrt(variance) / weight_sum
     return sigma

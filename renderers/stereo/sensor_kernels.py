@@ -12,7 +12,7 @@ from renderers.stereo.noise import random64
 RESPONSE_STEPS: Final = 4096
 """Number of samples of the response curve along the display-encoded value."""
 LUMA_STEPS: Final = 1024
-"""Number of luma steps of the table of grey levels: more than 256, to avoid banding."""
+"""Number of luma steps in the table of grey levels: more than 256, to avoid banding."""
 _WHITE_LUMA: Final = 255 * 256
 """Luma of white, units of 1/256 grey level."""
 _STEPS_PER_LUMA_Q16: Final = 1028
@@ -49,7 +49,14 @@ def grey_from_table(rendered, levels, luma_weights, key, image):
 
 @kernel("int64(uint8[:,:,::1], uint8[:,:,::1], uint64, uint8[:,:,::1])")
 def color_from_table(rendered, levels, key, image):
-    """Write an RGB image. ``levels`` is (3, 256, 128) uint8: level by channel, byte and noise value."""
+    """Write an RGB image.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB.
+        levels: (3, 256, 128) uint8: level by channel, rendered byte and one of 128 equally likely noise values.
+        key: random key.
+        image: (H, W, 3) uint8, output.
+    """
     height, width = image.shape[:2]
     level_sum = 0
     for row in range(height):

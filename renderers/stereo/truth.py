@@ -12,8 +12,8 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 
 OCCLUSION_STEP: Final = 1.0
-"""Pixels. A point is occluded if what the right camera sees there has a larger disparity by more than this (the
-tolerance of the common left-right consistency check)."""
+"""Disparity difference in pixels from which a nearer surface in the right image occludes a point: the tolerance of the
+common left-right consistency check."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +21,9 @@ class DepthRange:
     """Range of depths that can be measured."""
 
     min_depth: float
-    """Metres."""
+    """Nearest depth, metres."""
     max_depth: float
-    """Metres."""
+    """Farthest depth, metres."""
 
 
 def true_disparity(
@@ -34,8 +34,8 @@ def true_disparity(
     Args:
         depth_left: (H, W) float32 depth from the left camera, metres along the optical axis, +inf: background.
         depth_right: (H, W) float32 depth from the right camera.
-        focal_times_baseline: at this resolution, pixels times metres.
-        limits: depths outside are not measured.
+        focal_times_baseline: focal length at this resolution times baseline, pixels times metres.
+        limits: range of measurable depths; other pixels get 0.
 
     Returns:
         (H, W) float32: ``focal_times_baseline / depth`` in pixels. 0: background, out of range, occluded in the right
@@ -50,6 +50,7 @@ def true_disparity(
 
 @kernel("void(float32[:,::1], float32[:,::1], float32, float32, float32, float32[:,::1])")
 def _true_disparity(depth_left, depth_right, focal_times_baseline, min_depth, max_depth, disparity):
+    """Write the disparity of every pixel to ``disparity``, (H, W) float32; see ``true_disparity``."""
     height, width = depth_left.shape
     for row in range(height):
         for column in range(width):
@@ -57,12 +58,12 @@ def _true_disparity(depth_left, depth_right, focal_times_baseline, min_depth, ma
             pixels = np.float32(0.0)
             if min_depth <= z <= max_depth:
                 pixels = focal_times_baseline / z
-                x_right = np.float32(column) - pixels  # integers are pixel centres
+                x_right = np.float32(column) - pixels  # whole numbers are the centres of pixels
                 if x_right < np.float32(-0.5):
                     pixels = np.float32(0.0)
                 else:
                     left_column = max(int(np.floor(x_right)), 0)
-                    # +inf: the right camera looks past an edge, so nothing occludes the point.
+                    # If one of the two pixels is background (+inf), nothing occludes the point.
                     farther = max(depth_right[row, left_column], depth_right[row, min(left_column + 1, width - 1)])
                     if focal_times_baseline / farther > pixels + np.float32(OCCLUSION_STEP):
                         pixels = np.float32(0.0)

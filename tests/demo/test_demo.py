@@ -19,7 +19,7 @@ def at(t: float) -> LiveTree:
     tree = LiveTree()
     scene = Demo(tree)
     scene.populate()
-    scene.edit(t)
+    scene.move_to(t)
     return tree
 
 
@@ -33,7 +33,7 @@ def test_scene_is_a_function_of_time(t: float) -> None:
     scene = Demo(other)
     scene.populate()
     for step in (9.0, 2.0, t):
-        scene.edit(step)
+        scene.move_to(step)
     np.testing.assert_array_equal(matrices(at(t)), matrices(other))
 
 
@@ -46,7 +46,7 @@ def test_edit_is_one_revision_of_transforms() -> None:
     scene = Demo(tree)
     scene.populate()
     before = tree.snapshot
-    scene.edit(1.0)
+    scene.move_to(1.0)
     assert tree.snapshot.revision == before.revision + 1
     found = list(changes(before.root, tree.snapshot.root))
     assert {change.kind for change in found} == {"transform"}
@@ -90,7 +90,7 @@ def test_populate_resets_and_clear_removes_the_scene() -> None:
         edit.set_parts(("mine",), ())
     scene = Demo(tree)
     scene.populate()
-    scene.edit(4.0)
+    scene.move_to(4.0)
     scene.populate()
     np.testing.assert_array_equal(matrices(tree), matrices(at(0.0)))
     scene.clear()

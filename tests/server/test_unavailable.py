@@ -1,11 +1,12 @@
-"""503 responses of the worker pool's errors."""
+"""503 responses for work that was not done."""
 
 from __future__ import annotations
 
 import pytest
 
+from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.server.unavailable import PoolErrors, unavailable
+from gateway.server.unavailable import UnavailableErrors, unavailable
 
 
 @pytest.mark.parametrize(
@@ -14,12 +15,11 @@ from gateway.server.unavailable import PoolErrors, unavailable
         (QueueFull("9 requests are waiting", 7), "7", "9 requests are waiting; try again in 7 s"),
         (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
         (DeadlineExceeded("it took longer than 30 s"), None, "rendering was stopped: it took longer than 30 s"),
+        (KernelError("a kernel is not in the cache"), None, "a kernel is not in the cache"),
     ],
 )
-def test_the_response_says_why_and_when_to_try_again(
-    error: QueueFull | PoolClosed | DeadlineExceeded, retry_after: str | None, text: str
-) -> None:
-    assert isinstance(error, PoolErrors)
+def test_the_response_says_why_and_when_to_try_again(error: Exception, retry_after: str | None, text: str) -> None:
+    assert isinstance(error, UnavailableErrors)
     response = unavailable(error)
     assert response.status_code == 503
     assert response.headers.get("retry-after") == retry_after

@@ -84,7 +84,7 @@ async def wait_for(event: threading.Event) -> None:
 async def test_awaited_changes_are_in_the_file(kept: Kept, config: StateConfig) -> None:
     for name in "abc":
         kept.put(name)
-        assert await kept.state.commits.stored() == ""
+        assert await kept.state.commits.wait_until_stored() == ""
         assert kept.sql("SELECT count(*) FROM tree_node") == len(kept.live.snapshot.root.children) + 1
 
 
@@ -97,8 +97,8 @@ async def test_changes_of_one_turn_are_one_transaction(kept: Kept) -> None:
     commits = kept.state.commits.stats.commits
     for number in range(100):
         kept.put(f"node {number}")
-        kept.state.commits.after(partial(note, number))
-    assert await kept.state.commits.stored() == ""
+        kept.state.commits.call_when_stored(partial(note, number))
+    assert await kept.state.commits.wait_until_stored() == ""
     assert called == list(range(100))
     assert kept.state.commits.stats.commits == commits + 1
 
@@ -111,16 +111,16 @@ async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> N
     def note(name: str, problem: str) -> None:
         called.append(name)
 
-    kept.state.commits.after(lambda problem: called.append("first"), 10)
+    kept.state.commits.call_when_stored(lambda problem: called.append("first"), 10)
     await wait_for(slow.writing)
     for number in range(5):
         kept.put(f"node {number}")
-        kept.state.commits.after(partial(note, f"then {number}"), 10)
+        kept.state.commits.call_when_stored(partial(note, f"then {number}"), 10)
         await asyncio.sleep(0)
     assert called == []
     assert kept.state.commits.waiting_bytes == 60
     slow.allowed.set()
-    assert await kept.state.commits.stored() == ""
+    assert await kept.state.commits.wait_until_stored() == ""
     assert called == ["first", *(f"then {number}" for number in range(5))]
     assert slow.writes <= 3
     assert kept.state.commits.waiting_bytes == 0
@@ -131,13 +131,13 @@ async def test_full_above_the_limit_of_waiting_bytes(config: StateConfig) -> Non
     kept.state.start()
     slow = Slow()
     kept.state.commits.add(slow)
-    kept.state.commits.after(lambda problem: None, 50)
+    kept.state.commits.call_when_stored(lambda problem: None, 50)
     full = [kept.state.commits.full]
-    kept.state.commits.after(lambda problem: None, 1)
+    kept.state.commits.call_when_stored(lambda problem: None, 1)
     full.append(kept.state.commits.full)
     assert full == [False, True], "the limit itself is allowed"
     slow.allowed.set()
-    await kept.state.commits.stored()
+    await kept.state.commits.wait_until_stored()
     assert not kept.state.commits.full
     await kept.state.close()
 
@@ -146,17 +146,17 @@ async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Ke
     problems: list[str] = []
     kept.state.commits.on_problem = problems.append
     kept.put("before")
-    assert await kept.state.commits.stored() == ""
+    assert await kept.state.commits.wait_until_stored() == ""
     pages = kept.sql("PRAGMA page_count")
     kept.sql(f"PRAGMA max_page_count = {pages + 1}")
     kept.put("cloud", (Part(PointCloud(np.ones((10_000, 3), np.float32)), Material()),))
-    assert await kept.state.commits.stored() == "the disk is full"
+    assert await kept.state.commits.wait_until_stored() == "the disk is full"
     kept.put("after")
-    assert await kept.state.commits.stored() == "the disk is full"
+    assert await kept.state.commits.wait_until_stored() == "the disk is full"
     assert problems == ["the disk is full"]
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     kept.sql("PRAGMA max_page_count = 1000000")
-    assert await kept.state.commits.stored() == ""
+    assert await kept.state.commits.wait_until_stored() == ""
     assert problems == ["the disk is full", ""]
     before = trees.tree(kept.live.snapshot.root)
     await kept.state.close()
@@ -179,9 +179,9 @@ async def test_internal_errors_are_reported_and_later_commits_succeed(
 
     broken = Broken()
     kept.state.commits.add(broken)
-    assert await kept.state.commits.stored() == "internal error: ZeroDivisionError: of ours"
+    assert await kept.state.commits.wait_until_stored() == "internal error: ZeroDivisionError: of ours"
     broken.broken = False
-    assert await kept.state.commits.stored() == ""
+    assert await kept.state.commits.wait_until_stored() == ""
 
 
 async def test_idle_edits_are_stored_after_a_delay(config: StateConfig) -> None:
@@ -223,7 +223,7 @@ async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None
     chance = np.random.default_rng(1)
     for _ in range(20):
         kept.put("cloud", (Part(PointCloud(chance.random((10_000, 3), np.float32)), Material()),))
-        assert await kept.state.commits.stored() == ""
+        assert await kept.state.commits.wait_until_stored() == ""
         assert kept.state.status()["log_bytes"] < 1 << 20
     assert kept.state.status()["file_bytes"] < 1 << 20, "unused blobs are deleted"
     await kept.state.close()

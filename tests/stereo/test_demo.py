@@ -27,7 +27,7 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
     tree = LiveTree()
     demo = Demo(tree)
     demo.populate()
-    demo.edit(seconds)
+    demo.move_to(seconds)
     scene = flatten(tree.snapshot.root)
     imaging, settings = Imaging(StereoConfig(depth_mode="matched"), renderer), read_settings(Parameters())
     divisor = settings.quality.divisor

@@ -37,7 +37,7 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
     camera = await start(image_noise=0.5)
     camera.service.parameters.set("rc_camera", [("exp_control", "Manual"), ("gain_value", 6.0)])
     values = status_values(camera, "rc_camera")
-    sigma = camera.service.last_metered.exposure.sigma(128.0)
+    sigma = camera.service.last_metered.exposure.noise_sigma(128.0)
     assert abs(float(values.pop("time")) - time.time()) < 1000.0
     assert float(values.pop("noise")) == pytest.approx(0.5 * sigma)
     assert values == {

@@ -80,8 +80,8 @@ def gradient() -> NDArray[np.uint8]:
 
 def test_high_dynamic_range_saturates_nothing_and_keeps_the_order() -> None:
     plain, hdr = Exposure(0.012), Exposure(0.012, hdr=True)
-    clipped = sensor_image(gradient(), plain, KEY, color=False, noise=0.0).image
-    whole = sensor_image(gradient(), hdr, KEY, color=False, noise=0.0).image
+    clipped = sensor_image(gradient(), plain, KEY, color=False, noise_factor=0.0).image
+    whole = sensor_image(gradient(), hdr, KEY, color=False, noise_factor=0.0).image
     assert (clipped[0] == 255).mean() > 0.2
     assert (whole[0] == 255).mean() < 0.02
     assert (np.diff(whole[0].astype(int)) >= 0).all()
@@ -98,20 +98,22 @@ def test_automatic_exposure_of_high_dynamic_range_meets_its_target() -> None:
     values = brightness_of(gradient())
     found = auto_exposure(values, AutoExposure(average_max=0.4), Exposure(hdr=True))
     assert found.hdr
-    assert sensor_image(gradient(), found, KEY, color=False, noise=0.0).brightness == pytest.approx(0.4, abs=0.02)
+    assert sensor_image(gradient(), found, KEY, color=False, noise_factor=0.0).brightness == pytest.approx(
+        0.4, abs=0.02
+    )
 
 
 def test_white_balance_changes_red_and_blue() -> None:
     grey = np.full((40, 40, 3), 100, np.uint8)
     warm = settings(exp_control="Manual", wb_auto=False, wb_ratio_red=2.4, wb_ratio_blue=1.2).manual_exposure
-    red, green, blue = sensor_image(grey, warm, KEY, color=True, noise=0.0).image.mean(axis=(0, 1))
+    red, green, blue = sensor_image(grey, warm, KEY, color=True, noise_factor=0.0).image.mean(axis=(0, 1))
     assert green == pytest.approx(100, abs=1)
     assert red == pytest.approx(100 * 2 ** (1 / 2.2), abs=1.5)
     assert blue == pytest.approx(100 * 0.5 ** (1 / 2.2), abs=1.5)
     neutral = settings(exp_control="Manual", wb_auto=False).manual_exposure
     assert (neutral.red, neutral.blue) == (1.0, 1.0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
-    assert sensor_image(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
+    assert sensor_image(grey, warm, KEY, color=False, noise_factor=0.0).image.mean() == pytest.approx(luma, abs=1.5)
 
 
 async def capture_set(camera: Camera, **request: Any) -> pb.ImageSet:

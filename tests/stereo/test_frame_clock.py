@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.stereo.clock import NANOSECONDS, Clock, SimulatedClock, SystemClock
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND, Clock, SimulatedClock, SystemClock
 from gateway.stereo.config import Rate
 from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.parameters import Parameters
@@ -17,7 +17,7 @@ PERIOD = 40_000_000
 """Nanoseconds, 25 Hz."""
 SETTINGS = replace(read_settings(Parameters()), quality=Quality.MEDIUM)
 """Depth at 15 Hz."""
-PREVIOUS = 1_700_000_000 * NANOSECONDS
+PREVIOUS = 1_700_000_000 * NANOSECONDS_PER_SECOND
 
 
 class FixedClock:
@@ -63,8 +63,8 @@ def test_depth_is_due_within_half_a_period() -> None:
 def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.schedule_next_depth(10 * NANOSECONDS, 10.0)
-    far = round(10.1 * NANOSECONDS - 2e9 / SETTINGS.depth_rate)
+    clock.schedule_next_depth(10 * NANOSECONDS_PER_SECOND, 10.0)
+    far = round(10.1 * NANOSECONDS_PER_SECOND - 2e9 / SETTINGS.depth_rate)
     for now, due in ((far + 1, False), (far - 1, True)):
         source.now = now
         assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
@@ -115,19 +115,19 @@ def test_simulated_time_advances_with_frames() -> None:
 
 
 def test_system_timestamps_are_unique(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, now = SystemClock(), 50 * NANOSECONDS
+    clock, now = SystemClock(), 50 * NANOSECONDS_PER_SECOND
     monkeypatch.setattr("gateway.stereo.clock.time.time_ns", lambda: now)
     assert clock.next_timestamp(None, PERIOD) == now
     assert clock.next_timestamp(now - 1, PERIOD) == now
     assert clock.next_timestamp(now, PERIOD) == now + 1
-    assert clock.next_timestamp(now + NANOSECONDS - 1, PERIOD) == now + NANOSECONDS
-    assert clock.next_timestamp(now + NANOSECONDS, PERIOD) == now, "set back by a second"
+    assert clock.next_timestamp(now + NANOSECONDS_PER_SECOND - 1, PERIOD) == now + NANOSECONDS_PER_SECOND
+    assert clock.next_timestamp(now + NANOSECONDS_PER_SECOND, PERIOD) == now, "set back by a second"
 
 
 def test_simulated_timestamps_are_one_period_apart() -> None:
     clock = SimulatedClock(7)
     assert [clock.next_timestamp(None, PERIOD), clock.next_timestamp(7, PERIOD)] == [7, 7 + PERIOD]
-    assert SimulatedClock().next_timestamp(None, PERIOD) == NANOSECONDS
+    assert SimulatedClock().next_timestamp(None, PERIOD) == NANOSECONDS_PER_SECOND
 
 
 def test_system_time_does_not_advance_with_frames() -> None:
@@ -146,9 +146,9 @@ def test_system_time_does_not_advance_with_frames() -> None:
         (PREVIOUS + 1, PREVIOUS + 1),
         (PREVIOUS, PREVIOUS + 1),
         (PREVIOUS - 1, PREVIOUS + 1),
-        (PREVIOUS - NANOSECONDS + 1, PREVIOUS + 1),
-        (PREVIOUS - NANOSECONDS, PREVIOUS - NANOSECONDS),
-        (PREVIOUS + NANOSECONDS, PREVIOUS + NANOSECONDS),
+        (PREVIOUS - NANOSECONDS_PER_SECOND + 1, PREVIOUS + 1),
+        (PREVIOUS - NANOSECONDS_PER_SECOND, PREVIOUS - NANOSECONDS_PER_SECOND),
+        (PREVIOUS + NANOSECONDS_PER_SECOND, PREVIOUS + NANOSECONDS_PER_SECOND),
     ],
 )
 def test_timestamps_stay_unique_when_the_clock_is_set_back_by_up_to_a_second(

@@ -25,19 +25,19 @@ def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
 
 def test_reference_exposure_keeps_the_rendered_image() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
-    color = sensor_image(picture, Exposure(), KEY, color=True, noise=0.0).image
+    color = sensor_image(picture, Exposure(), KEY, color=True, noise_factor=0.0).image
     assert np.abs(color.astype(int) - picture).max() <= 1
     luma = picture @ np.array((0.299, 0.587, 0.114))
-    assert np.abs(sensor_image(picture, Exposure(), KEY, color=False, noise=0.0).image - luma).max() <= 1
+    assert np.abs(sensor_image(picture, Exposure(), KEY, color=False, noise_factor=0.0).image - luma).max() <= 1
 
 
 def test_exposure_and_gain_multiply_light() -> None:
-    twice = sensor_image(grey(100), Exposure(0.010), KEY, color=False, noise=0.0).image.mean()
+    twice = sensor_image(grey(100), Exposure(0.010), KEY, color=False, noise_factor=0.0).image.mean()
     assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
-    six = sensor_image(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=0.0).image.mean()
+    six = sensor_image(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise_factor=0.0).image.mean()
     assert six == pytest.approx(twice, abs=1)
-    assert sensor_image(grey(250), Exposure(0.018), KEY, color=False, noise=0.0).image.min() == 255
-    bright = sensor_image(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=0.0).image.mean()
+    assert sensor_image(grey(250), Exposure(0.018), KEY, color=False, noise_factor=0.0).image.min() == 255
+    bright = sensor_image(grey(100), Exposure(gamma=2.0), KEY, color=False, noise_factor=0.0).image.mean()
     assert bright == pytest.approx(255 * (100 / 255) ** 0.5, abs=1)
 
 
@@ -46,7 +46,7 @@ def test_noise_matches_the_message(gain: float) -> None:
     exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
     image = sensor_image(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
     # Rounding to whole levels adds 1/12.
-    assert image.std() == pytest.approx(np.sqrt(exposure.sigma(128) ** 2 + 1 / 12), rel=0.15)
+    assert image.std() == pytest.approx(np.sqrt(exposure.noise_sigma(128) ** 2 + 1 / 12), rel=0.15)
     assert image.mean() == pytest.approx(128, abs=0.6)
 
 
@@ -61,14 +61,14 @@ def test_left_and_right_noise_is_independent() -> None:
 def test_automatic_exposure_meets_its_target() -> None:
     for level in (20, 60, 120):
         exposure = auto_exposure(brightness_of(grey(level)), AutoExposure())
-        assert sensor_image(grey(level), exposure, KEY, color=False, noise=0.0).brightness == pytest.approx(
-            min(0.75, level / 255 * Exposure(0.018, 18.0).factor), abs=0.02
+        assert sensor_image(grey(level), exposure, KEY, color=False, noise_factor=0.0).brightness == pytest.approx(
+            min(0.75, level / 255 * Exposure(0.018, 18.0).display_factor), abs=0.02
         )
     # With something white in the picture it stays as bright as it can without saturating.
     picture = grey(60)
     picture[:, :100] = 250
     exposure = auto_exposure(brightness_of(picture), AutoExposure())
-    assert int(sensor_image(picture, exposure, KEY, color=False, noise=0.0).image.max()) >= 252
+    assert int(sensor_image(picture, exposure, KEY, color=False, noise_factor=0.0).image.max()) >= 252
     # Longest time first, gain only after it.
     assert auto_exposure(brightness_of(grey(130)), AutoExposure()).gain == 0
     assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001

@@ -75,7 +75,7 @@ def test_the_matcher_gets_the_noise_of_the_images(
     matcher = FakeMatcher()
     static = settings(static_scene=averaged > 1)
     match(monkeypatch, matcher, pair(6.0), static, None, noise=noise, image_noise=image_noise)
-    expected = Exposure(0.005, 6.0).sigma(128.0) * (image_noise if noise else 0.0) / math.sqrt(averaged)
+    expected = Exposure(0.005, 6.0).noise_sigma(128.0) * (image_noise if noise else 0.0) / math.sqrt(averaged)
     assert matcher.calls[0][2] == pytest.approx(expected)
 
 
@@ -97,7 +97,7 @@ def test_holes_are_filled_from_the_dark_images(monkeypatch: pytest.MonkeyPatch) 
     matcher = FakeMatcher(call2=(80, 3, 200))
     images = match(monkeypatch, matcher, pair(0.0), settings(double_shot=True), pair(12.0))
     assert [call[0] for call in matcher.calls] == [(HEIGHT, WIDTH)] * 2
-    assert matcher.calls[1][2] == pytest.approx(Exposure(0.005, 12.0).sigma(128.0))
+    assert matcher.calls[1][2] == pytest.approx(Exposure(0.005, 12.0).noise_sigma(128.0))
     assert (images.disparity == 80).all()
 
 

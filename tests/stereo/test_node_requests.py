@@ -39,58 +39,58 @@ async def camera(start: Start) -> Camera:
 
 
 @pytest.fixture
-async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
+async def client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
     for router in (node_router, system_router, truth_router, upload_router, fault_router):
         app.include_router(router(camera.service))
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://device") as client:
-        yield client
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://device") as http_client:
+        yield http_client
 
 
 @pytest.mark.parametrize(
     ("text", "value"),
     [("true", True), ("TRUE", True), ("false", False), ("False", False), ("1", True), ("0", False)],
 )
-async def test_booleans_in_a_query(rest: httpx.AsyncClient, text: str, value: bool) -> None:
-    await rest.put(f"{NODES}/rc_camera/parameters/exp_auto", json={"value": not value})
-    response = await rest.put(f"{NODES}/rc_camera/parameters/exp_auto?value={text}")
+async def test_booleans_in_a_query(client: httpx.AsyncClient, text: str, value: bool) -> None:
+    await client.put(f"{NODES}/rc_camera/parameters/exp_auto", json={"value": not value})
+    response = await client.put(f"{NODES}/rc_camera/parameters/exp_auto?value={text}")
     assert (response.status_code, response.json()["value"]) == (200, value)
 
 
-async def test_words_after_true_are_no_booleans(rest: httpx.AsyncClient) -> None:
+async def test_words_after_true_are_no_booleans(client: httpx.AsyncClient) -> None:
     for text in ("truex", "zero"):
-        response = await rest.put(f"{NODES}/rc_camera/parameters/exp_auto?value={text}")
+        response = await client.put(f"{NODES}/rc_camera/parameters/exp_auto?value={text}")
         assert response.status_code == 400
         assert f"'{text}' is not true or false" in response.json()["message"]
 
 
-async def test_the_length_of_numbers_in_a_query(rest: httpx.AsyncClient) -> None:
+async def test_the_length_of_numbers_in_a_query(client: httpx.AsyncClient) -> None:
     longest = "5." + "0" * (MAX_NUMBER - 3)
-    response = await rest.put(f"{FPS}?value={longest}")
+    response = await client.put(f"{FPS}?value={longest}")
     assert (response.status_code, response.json()["value"]) == (200, 5.0)
-    assert (await rest.put(f"{FPS}?value={longest}0")).status_code == 400
+    assert (await client.put(f"{FPS}?value={longest}0")).status_code == 400
 
 
-async def test_a_body_comes_before_the_query(rest: httpx.AsyncClient) -> None:
-    response = await rest.put(f"{FPS}?value=5", json={"value": 7})
+async def test_a_body_comes_before_the_query(client: httpx.AsyncClient) -> None:
+    response = await client.put(f"{FPS}?value=5", json={"value": 7})
     assert response.json()["value"] == 7.0
-    response = await rest.put(f"{FPS}?value=5")
+    response = await client.put(f"{FPS}?value=5")
     assert response.json()["value"] == 5.0
-    response = await rest.put(FPS)
+    response = await client.put(FPS)
     assert response.status_code == 400
     assert 'the body is not like {"value": 1.0}' in response.json()["message"]
 
 
 @pytest.mark.parametrize(("extra", "status"), [(0, 200), (1, 413)])
-async def test_the_largest_body(rest: httpx.AsyncClient, extra: int, status: int) -> None:
+async def test_the_largest_body(client: httpx.AsyncClient, extra: int, status: int) -> None:
     text = '{"value": 5}'
-    response = await rest.put(FPS, content=text + " " * (MAX_BODY - len(text) + extra))
+    response = await client.put(FPS, content=text + " " * (MAX_BODY - len(text) + extra))
     assert response.status_code == status
 
 
-async def test_documented_statuses(rest: httpx.AsyncClient) -> None:
+async def test_documented_statuses(client: httpx.AsyncClient) -> None:
     """Above 200; 422 is FastAPI's own where a parameter has another type."""
-    paths: dict[str, Any] = (await rest.get("/openapi.json")).json()["paths"]
+    paths: dict[str, Any] = (await client.get("/openapi.json")).json()["paths"]
     documented = {
         f"{method.upper()} {path.removeprefix('/api/v2/pipelines/0')}": sorted(set(route["responses"]) - {"200", "422"})
         for path, methods in paths.items()
@@ -126,8 +126,8 @@ async def test_documented_statuses(rest: httpx.AsyncClient) -> None:
     }
 
 
-async def test_documented_values_of_parameters(rest: httpx.AsyncClient) -> None:
-    paths: dict[str, Any] = (await rest.get("/openapi.json")).json()["paths"]
+async def test_documented_values_of_parameters(client: httpx.AsyncClient) -> None:
+    paths: dict[str, Any] = (await client.get("/openapi.json")).json()["paths"]
     body = paths[f"{NODES}/{{node}}/parameters"]["put"]["requestBody"]
     entries = body["content"]["application/json"]["schema"]["items"]["anyOf"]
     values = {entry["title"]: entry["properties"]["value"] for entry in entries}
@@ -144,23 +144,23 @@ async def test_documented_values_of_parameters(rest: httpx.AsyncClient) -> None:
     assert not call["required"]
 
 
-async def test_the_number_of_log_entries(rest: httpx.AsyncClient) -> None:
+async def test_the_number_of_log_entries(client: httpx.AsyncClient) -> None:
     logs.configure("json", "info")
     for number in range(120):
         structlog.get_logger("stereo").warning(f"entry {number}")
     path = "/api/v2/logs/stereo.log"
 
     async def messages(query: str) -> list[str]:
-        return [entry["message"] for entry in (await rest.get(path + query)).json()["log"]]
+        return [entry["message"] for entry in (await client.get(path + query)).json()["log"]]
 
     assert len(await messages("")) == 100
     assert await messages("?limit=1") == ["entry 119"]
     assert (await messages("?limit=200"))[-120:] == [f"entry {number}" for number in range(120)]
     for limit in (0, -1):
-        assert (await rest.get(f"{path}?limit={limit}")).status_code == 422
+        assert (await client.get(f"{path}?limit={limit}")).status_code == 422
 
 
-async def test_unknown_names_are_shortened_to_80_characters(rest: httpx.AsyncClient) -> None:
+async def test_unknown_names_are_shortened_to_80_characters(client: httpx.AsyncClient) -> None:
     for path in ("/api/v2/nodes", "/api/v2/logs", NODES):
-        message = (await rest.get(f"{path}/{'x' * 90}")).json()["message"]
+        message = (await client.get(f"{path}/{'x' * 90}")).json()["message"]
         assert f" '{'x' * 80}'; " in message

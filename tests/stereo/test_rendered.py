@@ -34,7 +34,7 @@ def demo() -> Capture:
     tree = LiveTree()
     scene = Demo(tree)
     scene.populate()
-    scene.edit(1.3)
+    scene.move_to(1.3)
     return Capture(0, flatten(tree.snapshot.root), 1, look_at((1.4, -1.1, 1.7), (0.0, 0.0, 0.85), UP), 0)
 
 

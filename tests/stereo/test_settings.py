@@ -45,7 +45,8 @@ def test_image_noise_is_a_factor() -> None:
     grey = np.full((200, 200, 3), 120, np.uint8)
     key = frame_key(1, 1, NoiseStream.LEFT)
     deviation = [
-        float(sensor_image(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)
+        float(sensor_image(grey, Exposure(gain=18.0), key, color=False, noise_factor=n).image.std())
+        for n in (0.0, 1.0, 3.0)
     ]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
@@ -11,7 +12,8 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from gateway.treeviewer import wire
+from gateway.runtime.kernel_cache import KernelError
+from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
@@ -48,7 +50,7 @@ class Store:
     full: bool = False
     waiting: list[tuple[Callable[[str], None], int]] = field(default_factory=list)
 
-    def after(self, done: Callable[[str], None], size: int) -> None:
+    def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         self.waiting.append((done, size))
 
 
@@ -98,6 +100,18 @@ async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
         assert world.receive(ONE_BOX) == size_of(ONE_BOX)
         await until(lambda: world.statuses)
     assert (world.statuses, world.executor.calls) == ([0], 1)
+
+
+async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
+    world = World()
+    cloud = {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}
+    with pending.announced(("formats",)):
+        pending.fail(KernelError("the rendering kernels could not be compiled: no disk"))
+        world.receive(message({"setgeometry": [{"path": ["a"], "geometry": cloud}]}))
+        await until(lambda: world.published)
+    ((_, body),) = world.published
+    assert "no disk" in json.dumps(body)
+    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
 
 
 @pytest.mark.parametrize(("limit", "offloaded"), [(0, 0), (1, 1)])

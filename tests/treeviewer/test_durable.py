@@ -23,7 +23,7 @@ class Held:
         self.waiting: list[tuple[Callable[[str], None], int]] = []
         self.full = False
 
-    def after(self, done: Callable[[str], None], size: int) -> None:
+    def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         self.waiting.append((done, size))
 
     def tell(self, problem: str = "") -> None:
