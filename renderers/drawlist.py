@@ -130,6 +130,11 @@ class Sampler:
     mip_linear: bool = True
     """False: nearest mip level."""
 
+    @property
+    def depends_on_scale(self) -> bool:
+        """True if minified textures are sampled in another way than magnified ones."""
+        return self.mipmaps or self.min_linear != self.mag_linear
+
 
 @dataclass(frozen=True, slots=True)
 class Texture:

@@ -45,7 +45,8 @@ class SceneTopology:
 def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]) -> DrawList:
     """Return the draw list of a posted scene, with labels from the colours of its materials.
 
-    The same as ``flatten(scene.root, label_of=labels_of(scene.root))`` in a fraction of the time.
+    The same as ``flatten(scene.root, label_of=labels_of(scene.root))`` in a fraction of the time, and in
+    ``_drawing_order``.
     """
     nodes = scene.nodes
     with np.errstate(all="ignore"):

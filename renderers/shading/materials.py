@@ -165,14 +165,14 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
     # A metal without a texture has no dielectric part.
     has_specular = look == "studio" and (shown.metallic < 1.0 or shown.metallic_roughness_texture is not None)
     uv_sets = 0
-    has_surface = look == "studio"
+    has_gradients = False
 
     def index_of(texture: Texture | None, is_read: bool, srgb: bool = False) -> int:
-        nonlocal uv_sets, has_surface
+        nonlocal uv_sets, has_gradients
         if texture is None or not is_read:
             return -1
         uv_sets |= 1 << texture.uv_set
-        has_surface |= textures.minifies(texture)
+        has_gradients |= texture.sampler.depends_on_scale
         return textures.index_of(texture, srgb)
 
     strength = shown.emissive_strength if look == "studio" else 1.0
@@ -198,4 +198,4 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         "specular": shown.specular,
         "specular_color": shown.specular_color,
     }
-    return {**values, "uv_sets": uv_sets, "has_surface": has_surface}
+    return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients, "has_surface": look == "studio"}

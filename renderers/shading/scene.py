@@ -100,7 +100,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         ImageError: an image cannot be decoded.
         ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
     """
-    textures = TextureTable(mipmaps=look != "plain")
+    textures = TextureTable()
     materials = MaterialTable(look, textures)
     buffer_fields: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []

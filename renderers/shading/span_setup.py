@@ -195,6 +195,7 @@ def _set_up_eight(segment, span, count, at):
     right = lower = here
     if segment.material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
+    if segment.material.has_gradients != 0:
         # Not ``change``: spans of a single pixel have gradients, too.
         dx, dy = scale * side * across, scale * side * down
         right = _to_f32x3((rows[0][0] * dx, rows[1][0] * dx, rows[2][0] * dx))
@@ -212,7 +213,7 @@ def _set_up_eight(segment, span, count, at):
             _store_weighted_sums(spans.color, 0, 4, at, here, change, d, e, f, E_COLOR)
         if has & HAS_UV1:
             _store_weighted_sums(spans.uv, 4, 2, at, here, change, d, e, f, E_UV1)
-            if segment.material.has_surface != 0:
+            if segment.material.has_gradients != 0:
                 _store_weighted_sums(spans.uv_gradient, 4, 2, at, right, lower, d, e, f, E_UV1)
         if has & HAS_TANGENTS:
             tangents = vec.i32(E_TANGENT)
