@@ -50,13 +50,14 @@ def _line_weights(p, q):
 
     With e = q - p, all points p + t e project onto one line of the image with the direction s = e.xy p.z - p.xy e.z.
     Where the projection's component along s equals the ray's, t is the quotient of two functions linear in the ray.
+    The depth is s . s, the determinant, divided by the sum of the weights.
     """
     e = minus(q, p)
     sx, sy = e[0] * p[2] - p[0] * e[2], e[1] * p[2] - p[1] * e[2]
     none = vec.f64(0.0)
     numerator = sx * p[2], sy * p[2], none - (p[0] * sx + p[1] * sy)
     denominator = none - sx * e[2], none - sy * e[2], e[0] * sx + e[1] * sy
-    return minus(denominator, numerator), numerator, (none, none, none)
+    return (minus(denominator, numerator), numerator, (none, none, none)), sx * sx + sy * sy
 
 
 @inlined
@@ -129,8 +130,7 @@ def _set_up_eight(segment, span, count, at):
     rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
     determinant = dot(p0, rows[0])
     if segment.instance.topology != 3:
-        rows = _line_weights(p0, p1)
-        determinant = rows[0][2] + rows[1][2]
+        rows, determinant = _line_weights(p0, p1)
     side = vec.select(determinant < none, none - one, one)
     across, down = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)
     dx, dy = (vec.to_f64(first) + vec.f64(0.5 - job.cx)) * across, vec.f64(y + 0.5 - job.cy) * down
