@@ -8,7 +8,7 @@ import pytest
 from renderers.drawlist import DrawList, Instance, Material
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from tests.renderers.pictures import same_as_golden
+from tests.renderers.golden_images import assert_equal_to_golden
 from tests.renderers.scenes import camera, grid, mesh, sphere
 
 
@@ -47,4 +47,6 @@ def test_geometry(threads: int) -> None:
         assert frame.label is not None
         assert frame.instance is not None
         assert frame.normal is not None
-        same_as_golden("geometry", depth=frame.depth, label=frame.label, instance=frame.instance, normal=frame.normal)
+        assert_equal_to_golden(
+            "geometry", depth=frame.depth, label=frame.label, instance=frame.instance, normal=frame.normal
+        )

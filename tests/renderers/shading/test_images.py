@@ -17,7 +17,7 @@ from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Sa
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.shading.mikktspace import with_tangents
-from tests.renderers.pictures import FOLDER, wanted_anew
+from tests.renderers.golden_images import GOLDEN_FOLDER, regenerates_golden_images
 from tests.renderers.shading.reference import Array, BruteForce, ball, camera, image_of, painted, placed, quad
 
 LOOKS = (Look("phong"), Look("pbr"), Look("gltf"))
@@ -103,9 +103,9 @@ def rendered(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
 def test_golden_image(renderer: CpuRenderer, look: Look) -> None:
-    path = FOLDER / f"shading_{look.name}.png"
+    path = GOLDEN_FOLDER / f"shading_{look.name}.png"
     color = rendered(renderer, everything(), wide_view(), look)
-    if wanted_anew():
+    if regenerates_golden_images():
         cv2.imwrite(str(path), color[..., ::-1])
     golden = cv2.imread(str(path))
     assert golden is not None

@@ -21,7 +21,7 @@ from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.light_rig import Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer
 from tests.gltf.builder import Builder, data_uri
-from tests.renderers.pictures import same_as_golden
+from tests.renderers.golden_images import assert_equal_to_golden
 from tests.renderers.shading.reference import rays
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, rendered
@@ -323,4 +323,4 @@ def test_occlusion_darkens_the_environment_but_not_lights(renderer: CpuRenderer)
 
 def test_golden_images(renderer: CpuRenderer) -> None:
     rig = replace(DARK, surroundings=GREY)
-    same_as_golden("features", **{name: render_document(renderer, b, rig) for name, (b, _) in FEATURES.items()})
+    assert_equal_to_golden("features", **{name: render_document(renderer, b, rig) for name, (b, _) in FEATURES.items()})

@@ -16,7 +16,7 @@ from renderers.drawlist import AlphaMode, DrawList, Instance, LightKind, Materia
 from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Rig
 from renderers.raster import CpuRenderer
-from tests.renderers.pictures import same_as_golden
+from tests.renderers.golden_images import assert_equal_to_golden
 from tests.renderers.shading.studio.scenes import (
     DARK,
     KINDS,
@@ -83,7 +83,7 @@ def test_golden_images(renderer: CpuRenderer) -> None:
         images[f"shadow_{kind.value}"] = rendered(
             renderer, slab_over_floor(kind), camera, replace(PLAIN, shadow_size=512)
         )
-    same_as_golden("studio", **images)
+    assert_equal_to_golden("studio", **images)
 
 
 def test_geometry_outputs_do_not_depend_on_the_look(renderer: CpuRenderer) -> None:

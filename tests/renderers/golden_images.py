@@ -1,4 +1,7 @@
-"""Golden images. ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes them; check them before committing."""
+"""Comparison with golden images.
+
+``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden images anew. Look at them before committing them.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-FOLDER = Path(__file__).parent.parent / "pictures"
+GOLDEN_FOLDER = Path(__file__).parent.parent / "pictures"
 
 
-def wanted_anew() -> bool:
-    """Return whether to write golden images instead of comparing."""
+def regenerates_golden_images() -> bool:
+    """Return True if golden images are to be written instead of compared."""
     return bool(os.environ.get("SCENEGATE_REGENERATE_PICTURES"))
 
 
-def same_as_golden(name: str, **arrays: NDArray[Any]) -> None:
-    """Compare arrays bit for bit with ``tests/pictures/NAME.npz``; write it instead when asked to."""
-    path = FOLDER / f"{name}.npz"
-    if wanted_anew():
-        FOLDER.mkdir(exist_ok=True)
+def assert_equal_to_golden(name: str, **arrays: NDArray[Any]) -> None:
+    """Assert that arrays equal those of ``tests/pictures/NAME.npz`` bit for bit.
+
+    If golden images are regenerated, write the file and skip the test.
+    """
+    path = GOLDEN_FOLDER / f"{name}.npz"
+    if regenerates_golden_images():
+        GOLDEN_FOLDER.mkdir(exist_ok=True)
         named: dict[str, Any] = {**arrays}
         np.savez_compressed(path, **named)
         pytest.skip(f"{path.name} was written")
