@@ -1,7 +1,7 @@
 """Draw lists, the input of renderers: immutable meshes, images, materials, instances of them, and lights.
 
-Threads may share all values. ``Mesh`` and ``Image`` are compared by identity: readers use one object for equal content,
-so that a renderer prepares it once and drops the result together with the object.
+Threads may share all values. ``Mesh`` and ``Image`` are compared by identity. Scene readers use one object for equal
+content, so that a renderer prepares it once, and drops what it prepared together with the object.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Mesh:
     normals: NDArray[np.float32] | None = None
     """(N, 3) float32, unit length; None: unlit (lines, points) or flat (triangles)."""
     uv0: NDArray[np.float32] | None = None
-    """(N, 2) float32 texture coordinates, (0, 0) is the image's top-left corner as in glTF."""
+    """(N, 2) float32 texture coordinates; (0, 0) is the image's top-left corner, as in glTF."""
     uv1: NDArray[np.float32] | None = None
-    """(N, 2) float32, the second set."""
+    """(N, 2) float32, the second set of texture coordinates."""
     colors: NDArray[np.float32] | None = None
     """(N, 4) float32 linear RGBA; multiplies the material's base colour."""
     tangents: NDArray[np.float32] | None = None
@@ -49,6 +49,7 @@ class Mesh:
 
     @property
     def topology(self) -> Topology:
+        """Kind of the primitives."""
         return Topology(self.elements.shape[1])
 
     @property
@@ -59,7 +60,7 @@ class Mesh:
 
 
 def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-    """Return the vertices that primitives use, and the primitives with indices into these.
+    """Return the vertices that primitives use, and the primitives with indices into those vertices.
 
     Args:
         elements: (M, 1 | 2 | 3) uint32, every value < ``count``.
@@ -71,7 +72,7 @@ def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.
     if 8 * elements.size < count:
         unique, compact = np.unique(elements, return_inverse=True)
         return unique.astype(np.intp), np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
-    # Ten times as fast as sorting, which takes three seconds, without a check of the stop flag, for 18 million indices.
+    # Ten times as fast as sorting. That takes three seconds for 18 million indices, and cannot be stopped.
     is_used = np.zeros(count, np.bool_)
     is_used[elements] = True
     used = np.flatnonzero(is_used)
@@ -82,16 +83,16 @@ def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Image:
-    """An image of textures, decoded when a renderer needs its pixels.
+    """An encoded image of textures, decoded when a renderer needs its pixels.
 
-    Documents with the same bytes share it; its name in each document is ``Texture.name``.
+    Documents that contain the same bytes share one object. Its name in each document is ``Texture.name``.
     """
 
     key: bytes
     """Checksum of the content, for messages. Images are compared by identity."""
     decode: Callable[[], NDArray[np.uint8]]
-    """Function that returns (H, W, 4) uint8 RGBA, straight alpha, top row first, or raises an ``ImageError`` without
-    the image's name. Any thread may call it, more than once."""
+    """Function that returns (H, W, 4) uint8 RGBA, straight alpha, top row first. It raises an ``ImageError`` without
+    the image's name. Any thread may call it, also more than once."""
 
 
 class ImageError(ValueError):
@@ -99,8 +100,8 @@ class ImageError(ValueError):
 
 
 @contextmanager
-def image_named(name: str) -> Iterator[None]:
-    """Prefix the message of an ``ImageError`` that the block raises with the image's name."""
+def name_image_errors(name: str) -> Iterator[None]:
+    """Prefix the messages of ``ImageError`` that the ``with`` block raises with the image's name."""
     try:
         yield
     except ImageError as error:
@@ -132,7 +133,7 @@ class Sampler:
 
     @property
     def depends_on_scale(self) -> bool:
-        """True if minified textures are sampled in another way than magnified ones."""
+        """True if minified textures are sampled differently from magnified ones."""
         return self.mipmaps or self.min_linear != self.mag_linear
 
 
@@ -143,7 +144,7 @@ class Texture:
     image: Image
     sampler: Sampler = Sampler()
     uv_set: int = 0
-    """Texture coordinates to use: 0 (``Mesh.uv0``) or 1 (``Mesh.uv1``)."""
+    """Set of texture coordinates: 0 (``Mesh.uv0``) or 1 (``Mesh.uv1``)."""
     uv_transform: tuple[float, float, float, float, float, float] | None = None
     """(a, b, c, d, e, f): u' = a u + b v + c, v' = d u + e v + f; None is the identity."""
     name: str = ""
@@ -151,6 +152,8 @@ class Texture:
 
 
 class AlphaMode(Enum):
+    """Use of a material's alpha (glTF material.alphaMode)."""
+
     OPAQUE = "OPAQUE"
     MASK = "MASK"
     BLEND = "BLEND"
@@ -179,12 +182,13 @@ class Material:
     """Multiplies ``emissive`` (KHR_materials_emissive_strength) in looks with tone mapping."""
     alpha_mode: AlphaMode = AlphaMode.OPAQUE
     alpha_cutoff: float = 0.5
+    """Alpha below which a surface of the mode MASK is cut out."""
     double_sided: bool = False
     """False: back faces are culled in colour. Depth, label, instance and normal outputs never cull."""
     unlit: bool = False
     """The colour is the base colour, without lighting."""
     ior: float = 1.5
-    """Index of refraction of a dielectric (KHR_materials_ior); 0: a reflectance of 1 at every angle."""
+    """Index of refraction of a dielectric (KHR_materials_ior); 0: it reflects all light at every angle."""
     specular: float = 1.0
     """Strength of a dielectric's reflection (KHR_materials_specular)."""
     specular_texture: Texture | None = None
@@ -194,14 +198,15 @@ class Material:
     specular_color_texture: Texture | None = None
     """sRGB; multiplies ``specular_color``."""
     decodes_vertex_colors: bool = True
-    """False: from a version of Drake whose VTK does not raise vertex colours to 2.2. Only the look ``pbr`` does."""
+    """True: the look ``pbr`` raises vertex colours to the power of 2.2. False: as in versions of Drake whose VTK does
+    not."""
     point_size: float = 1.0
     """Width and height of a point, pixels."""
     line_width: float = 1.0
-    """Pixels."""
+    """Width of a line, pixels."""
     vtk_export: bool = False
-    """True: written by VTK's exporter, which omits the shading, double-sidedness and blending of VTK. Looks restore
-    them, see ``renderers.shading.materials.look_material``."""
+    """True: written by VTK's exporter, which omits VTK's shading, double-sidedness and blending. Looks restore them
+    (``renderers.shading.materials.look_material``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +225,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class InstanceSet:
-    """Instances without poses. Draw lists that differ only in poses share it, so that a renderer prepares it once."""
+    """Instances without poses. Draw lists that differ only in poses share a set, which is prepared once."""
 
     meshes: tuple[Mesh, ...]
     materials: tuple[Material, ...]
@@ -229,8 +234,8 @@ class InstanceSet:
 
 
 class PosedInstances(Sequence[Instance]):
-    """An instance set with poses. ``Instance`` objects are made on access: poses change every frame, and to make
-    hundreds of objects takes longer than to draw them."""
+    """An instance set with poses. ``Instance`` objects are created on access, since poses change every frame: creating
+    hundreds of objects takes longer than drawing them."""
 
     __slots__ = ("X_world_mesh", "set")
 
@@ -240,7 +245,7 @@ class PosedInstances(Sequence[Instance]):
             X_world_mesh: (I, 4, 4) float64, C-contiguous; must not change.
 
         Raises:
-            ValueError: another shape, or another number of instances.
+            ValueError: ``X_world_mesh`` has another shape.
         """
         if X_world_mesh.shape != (len(instance_set.meshes), 4, 4):
             raise ValueError(f"{len(instance_set.meshes)} instances cannot have poses of shape {X_world_mesh.shape}")
@@ -267,6 +272,8 @@ class PosedInstances(Sequence[Instance]):
 
 
 class LightKind(Enum):
+    """Type of a punctual light (KHR_lights_punctual)."""
+
     DIRECTIONAL = "directional"
     POINT = "point"
     SPOT = "spot"
@@ -278,7 +285,7 @@ class Light:
 
     kind: LightKind
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Linear."""
+    """Linear RGB."""
     intensity: float = 1.0
     """Lux for directional lights, candela for the others."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -286,26 +293,26 @@ class Light:
     direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
     """Unit vector in which the light shines; unused for a point light."""
     range: float | None = None
-    """Distance at which the light ends, metres; None: unlimited inverse square."""
+    """Distance beyond which the light has no effect, metres; None: no such limit."""
     inner_cone: float = 0.0
-    """Angle between the axis of a spot and the beginning of its falloff, radians."""
+    """Angle from the axis of a spot to the beginning of its falloff, radians."""
     outer_cone: float = math.pi / 4.0
-    """Angle between the axis of a spot and the end of its falloff, radians."""
+    """Angle from the axis of a spot to the end of its falloff, radians."""
     casts_shadow: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class DrawList:
-    """Content of an image."""
+    """Input of one call of a renderer: instances, the images of their textures, and lights."""
 
     instances: Sequence[Instance] = ()
-    """``PosedInstances`` if only the poses differ from an earlier draw list. Must not change."""
+    """``PosedInstances`` if only the poses differ from another draw list. Must not change."""
     images: tuple[Image, ...] = field(default=())
-    """Images of the materials' textures, each once, for decoding in parallel."""
+    """Images of the materials' textures, without duplicates, to decode them in parallel."""
     lights: tuple[Light, ...] = ()
     """Lights of the scene. The headlight looks ignore them."""
 
     @property
     def identity(self) -> DrawList | InstanceSet:
-        """Object that draw lists share if they differ only in poses: the key for tables that do not depend on poses."""
+        """Key for tables that do not depend on poses. Draw lists that differ only in poses share it."""
         return self.instances.set if isinstance(self.instances, PosedInstances) else self

@@ -1,6 +1,6 @@
 """Encoded images (PNG, JPEG, WebP): header checks, decoding by OpenCV, and one ``Image`` object per content.
 
-Scene readers only create ``Image`` objects. Renderers decode them, and only for colour images.
+Scene readers create ``Image`` objects. Renderers decode them when they render a colour image.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from renderers.cache import Cache
-from renderers.drawlist import Image, ImageError, image_named
+from renderers.drawlist import Image, ImageError, name_image_errors
 from renderers.stop import check_stop
 
 MAX_PIXELS: Final = 64 << 20
 """Default maximum number of pixels of an image: 8192 x 8192, 256 MB as RGBA. Headers can announce any size."""
 
 MAX_SCANNED_PIXELS: Final = 1 << 30
-"""Maximum number of scans of a JPEG times its pixels. A scan of a hundred bytes takes as long as the whole image, some
-50 ms at 8192 x 8192 pixels. Progressive files have about ten scans."""
+"""Maximum number of scans of a JPEG times its pixels. Even a scan of a hundred bytes is decoded for all pixels, which
+takes some 50 ms at 8192 x 8192. Progressive files have about ten scans."""
 _MIN_SCAN_PIXELS: Final = 1 << 12
-"""Number of pixels that a scan of a smaller image counts as."""
+"""A scan of a smaller image counts as this many pixels."""
 MAX_SEGMENTS: Final = 1024
 """Maximum number of JPEG segments or PNG chunks before the pixels; real files have tens."""
 MAX_CACHED_BYTES: Final = 64 << 20
-"""Maximum number of encoded bytes that are kept to find equal images."""
+"""Maximum number of encoded bytes that are cached to recognise equal images."""
 
 _PNG_SIZE: Final = struct.Struct(">II")
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
-"""A marker (ITU T.81 B.1.1.2) after noise and fill bytes."""
+"""A marker (ITU T.81 B.1.1.2), with preceding noise and fill bytes."""
 _UNSUPPORTED_FORMATS: Final = {
     b"\xabKTX 20\xbb": "KTX2",
     b"\xabKTX 11\xbb": "KTX",
@@ -74,7 +74,7 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
     Raises:
         ImageError: unsupported format or truncated header; the message names the image and its first bytes.
     """
-    with image_named(name):
+    with name_image_errors(name):
         return _header(data)
 
 
@@ -88,7 +88,7 @@ def _header(data: bytes | memoryview) -> ImageHeader:
             width, height = _PNG_SIZE.unpack_from(start, 16)
             return ImageHeader("PNG", width, height)
         if start.startswith(b"\xff\xd8\xff"):
-            return ImageHeader("JPEG", *_jpeg_frame(view)[:2])
+            return ImageHeader("JPEG", *_jpeg_frame_header(view)[:2])
         if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
             return ImageHeader("WebP", *_webp_size(start))
     except (struct.error, IndexError) as error:
@@ -100,10 +100,10 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     raise ImageError(f"{subject} not supported, only PNG, JPEG and WebP")
 
 
-def _jpeg_frame(view: bytes | memoryview) -> tuple[int, int, int]:
+def _jpeg_frame_header(view: bytes | memoryview) -> tuple[int, int, int]:
     """Return width, height and offset of the frame header SOFn (ITU T.81 B.2.2).
 
-    Like libjpeg, skip noise before a marker (here at most 256 bytes), so that both read the same frame header.
+    At most 256 bytes of noise before a marker are skipped, as libjpeg does, so that both read the same frame header.
     """
     offset = 2
     for _ in range(MAX_SEGMENTS):
@@ -139,10 +139,10 @@ _images: Final[Cache[tuple[bytes, int], Image]] = Cache(MAX_CACHED_BYTES)
 
 
 def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
-    """Return an image of an encoded file: for equal bytes the same object, as long as it is cached.
+    """Return an image that decodes an encoded file. Equal bytes give the same object while it is cached.
 
     Args:
-        data: PNG, JPEG or WebP; checked by ``Image.decode`` only.
+        data: PNG, JPEG or WebP, which ``Image.decode`` checks.
         max_pixels: maximum number of pixels that ``Image.decode`` accepts.
     """
     data = bytes(data)
@@ -163,7 +163,7 @@ def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: i
         ImageError: unknown format, too many pixels, or broken data; the message names the image.
         Exception: the error of the current ``StopFlag``, if it was set.
     """
-    with image_named(name):
+    with name_image_errors(name):
         return _decode(data, max_pixels)
 
 
@@ -188,15 +188,16 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
 
 
 def _check_scans(data: bytes | memoryview) -> None:
-    """Refuse a JPEG whose scans would take seconds to decode.
+    """Reject a JPEG whose scans would take seconds to decode.
 
-    Scans are counted by their marker SOS, which their data cannot contain: a 0 or a restart marker follows every 0xFF.
+    Scans are counted by their marker SOS. Their data cannot contain it, since 0 or the second byte of a restart marker
+    follows each 0xFF there.
 
     Raises:
         ImageError: too many scans; the message has their number and the limit at this size.
     """
     view = memoryview(data).cast("B")
-    width, height, offset = _jpeg_frame(view)
+    width, height, offset = _jpeg_frame_header(view)
     scans = bytes(view[offset:]).count(b"\xff\xda")
     limit = MAX_SCANNED_PIXELS // max(width * height, _MIN_SCAN_PIXELS)
     if scans > limit:

@@ -1,4 +1,4 @@
-"""Light rigs of the look ``studio``: lights, environment, exposure, tone curve."""
+"""Light rigs of the look ``studio``: lights, environment, exposure and tone curve of an image."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from renderers.drawlist import Light, LightKind
 MAX_LIGHTS: Final = 64
 """Maximum number of lights per image. Every pixel is lit by all of them."""
 MAX_SHADOWS: Final = 4
-"""Maximum number of lights with a shadow map. For each, the scene is rendered to ``shadow_size`` squared texels."""
+"""Maximum number of lights with a shadow map. For each of them, the scene is rendered to
+``shadow_size`` x ``shadow_size`` texels."""
 
 Rgb = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 ToneName = Literal["neutral", "aces", "none"]
 
 
@@ -28,26 +30,26 @@ class Hemisphere:
 class Softbox:
     """Bright rectangle of the environment with soft edges."""
 
-    direction: Rgb
-    """Direction from the scene to the softbox's centre, any length."""
+    direction: Vector3
+    """Direction from the scene to the softbox's centre, any length. World frame, Z up."""
     radiance: Rgb
     """Linear RGB, added to the radiance behind the softbox."""
-    width: float
-    """Half its angular width, radians."""
-    height: float
-    """Half its angular height, radians."""
+    half_width: float
+    """Half the angular width, radians."""
+    half_height: float
+    """Half the angular height, radians."""
     softness: float = 0.3
-    """Share of the half sizes over which the edge fades."""
+    """Width of the fading edge, as a share of the half width and half height."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Environment at infinity, source of reflections and diffuse light. World frame, Z up."""
+    """Environment at infinity, which gives reflections and diffuse light. World frame, Z up."""
 
     hemisphere: Hemisphere = Hemisphere()
     softboxes: tuple[Softbox, ...] = ()
     image: bytes | None = None
-    """Radiance image file (``.hdr``), equirectangular, top row up. Replaces hemisphere and softboxes."""
+    """Content of an equirectangular Radiance file (``.hdr``), top row up. Replaces hemisphere and softboxes."""
     intensity: float = 1.0
     """Factor of the radiance."""
     turn: float = 0.0
@@ -56,18 +58,18 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """Lights of an image, and their conversion to pixels."""
+    """Lights, environment, exposure, tone curve and shadows of an image."""
 
     lights: tuple[Light, ...] = ()
-    """World frame, Z up."""
+    """Lights in the world frame, Z up."""
     surroundings: Surroundings | None = field(default_factory=Surroundings)
-    """None: black."""
+    """Environment; None: black."""
     scene_lights: bool = True
-    """True: the lights of a scene that has any replace ``lights``."""
+    """True: if the scene has lights, they replace ``lights``."""
     exposure: float = 1.0
     """Factor of all light before tone mapping."""
     tone: ToneName = "neutral"
-    """Tone curve: Khronos' PBR Neutral, ``aces`` as in most glTF viewers, or ``none``: values are clamped."""
+    """Tone curve: ``neutral`` is Khronos' PBR Neutral, ``aces`` that of most glTF viewers, ``none`` clamps values."""
     shadow_size: int = 2048
     """Maximum side of a shadow map, texels; 0: no shadows."""
     shadow_radius: int = 2
@@ -82,7 +84,7 @@ class Rig:
             raise ValueError(f"shadow_radius must be 0 .. 8 texels, not {self.shadow_radius}")
 
 
-def _normalized(x: float, y: float, z: float) -> Rgb:
+def _normalized(x: float, y: float, z: float) -> Vector3:
     length = (x * x + y * y + z * z) ** 0.5
     return x / length, y / length, z / length
 
@@ -99,4 +101,4 @@ STUDIO: Final = Rig(
         ),
     ),
 )
-"""Default rig: a key light with shadows, from the left behind the viewer, and softboxes."""
+"""Default rig: a key light with shadows, which comes from the left behind the viewer, and three softboxes."""

@@ -1,8 +1,8 @@
-"""Multisample anti-aliasing: sample positions, and the memory for a band's samples.
+"""Multisample anti-aliasing: positions of the samples, and the struct that holds a band's samples.
 
-Scenes of opaque surfaces are rasterized with all samples at once (``renderers.raster.msaa``); each surface is shaded
-once per pixel. Scenes with translucent surfaces are rendered once per sample position, by cameras with different
-principal points.
+Scenes of opaque surfaces are rasterized with all samples at once (``renderers.raster.msaa``). Each surface is shaded
+once per pixel. Scenes with translucent surfaces are rendered once per sample position, by cameras whose principal
+points differ.
 """
 
 from __future__ import annotations
@@ -30,21 +30,25 @@ SAMPLE_BAND: Final = Struct(
         "sample_ids": pointer_to(I32),  # (slots, 8)
         "sample_inv_z": pointer_to(F32),  # (slots, 8)
         "ids": pointer_to(I32),  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
-        "room": I64,  # maximum number of entries of a row
-        "counts": pointer_to(I32),  # (BAND_ROWS,): entries of each row
-        "entry_ids": pointer_to(I32),  # (BAND_ROWS, room): further primitive ids of pixels
-        "entry_columns": pointer_to(I32),  # (BAND_ROWS, room): their columns in the image
-        "entry_weights": pointer_to(U8),  # (BAND_ROWS, room): samples that see them, of 8
-        "mixed_counts": pointer_to(I32),  # (BAND_ROWS,): mixed pixels of each row
-        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples that see ``ids`` << 4 | that see nothing
-        "entry_colors": pointer_to(U8),  # (BAND_ROWS, room, 3): filled by shading
-        "far": pointer_to(F32),  # (BAND_ROWS, stride): least 1/z of a pixel's samples
-        "near": pointer_to(F32),  # (BAND_ROWS, stride): largest 1/z
+        "max_entries": I64,  # maximum number of entries of a row
+        "counts": pointer_to(I32),  # (BAND_ROWS,): number of entries of each row
+        "entry_ids": pointer_to(I32),  # (BAND_ROWS, max_entries): primitive ids of the entries
+        "entry_columns": pointer_to(I32),  # (BAND_ROWS, max_entries): columns of their pixels in the image
+        "entry_weights": pointer_to(U8),  # (BAND_ROWS, max_entries): number of samples that see them, of 8
+        "mixed_counts": pointer_to(I32),  # (BAND_ROWS,): number of mixed pixels of each row
+        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples that see ``ids`` << 4 | that see none
+        "entry_colors": pointer_to(U8),  # (BAND_ROWS, max_entries, 3): RGB of the entries, filled by shading
+        "far": pointer_to(F32),  # (BAND_ROWS, stride): smallest 1/z of a pixel's samples
+        "near": pointer_to(F32),  # (BAND_ROWS, stride): largest 1/z of a pixel's samples
         "slots": pointer_to(I32),  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
         "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the binned primitive that covers the pixel
     },
 )
-"""Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel."""
+"""Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel.
+
+A *slot* holds the eight samples of a pixel whose samples differ. A pixel is *mixed* if its samples see several
+surfaces, or a surface and none. One of the surfaces is shaded for the pixel itself (``ids``). The others are its
+*entries*."""
 sample_band_at: Final = SAMPLE_BAND.at
 
 
@@ -63,7 +67,9 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """Return (2, 8) int32: x and y of the samples' offsets from the pixel's centre, 1/256 pixel. Four are repeated.
+    """Return (2, 8) int32: x and y of the samples' offsets from the pixel's centre, in 1/256 pixel.
+
+    If there are four samples, they are repeated.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.

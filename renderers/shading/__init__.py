@@ -1,9 +1,9 @@
-"""Shading: from visible primitives to a colour image. Triangles, lines and points; all looks.
+"""Shading: computes the colour image from the visible triangles, lines and points, for all looks.
 
 Usage::
 
-    shading = prepare(scene.instances, look.name)           # independent of the camera; keep it
-    paint(rasterizer, scene, shading, camera, look, color)  # looks phong, plain and pbr
+    shading = prepare(scene.instances, look.name)           # does not depend on the camera
+    paint(rasterizer, scene, shading, camera, look, color)  # looks phong, plain, pbr and gltf
     studio.passes.paint(...)                                # look studio
 
 Each row of a visibility buffer goes through the same steps:
@@ -20,8 +20,9 @@ Tables: ``scene`` (draw list), ``materials``, ``texture_table``, ``mipmaps``, ``
 bytes.
 
 To add a material property: a field of MATERIAL, set in ``materials``; rows of PIXELS if it varies between pixels; and
-its use in the lighting. A value per image is a field of the look's job, set by its ``passes``. Kernels use no libm, and
-no array arguments below the entry points. Loops over pixels overrun by up to seven.
+its use in the lighting. A value per image is a field of the look's job, set by its ``passes``. Kernels that shade
+pixels do not call the C library's math functions, whose results differ between machines. Their device functions take
+pointers instead of arrays, and their loops over pixels overrun by up to seven.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Reflection models, eight pixels at a time: VTK's for the headlight, and glTF 2.0 appendix B for the look ``studio``.
 
-Both are GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014). They differ in clamps and in the Fresnel
-term. The headlight shines along the optical axis, so that its model needs three cosines and no half vector.
+Both models are GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014). They differ in clamps and in the
+Fresnel term. The headlight shines along the optical axis, so that its model needs three cosines and no half vector.
 
-Letters: n unit normal, v unit vector to the viewer, l unit vector to the light, h their half vector; ``n_l`` is the
+Symbols: n unit normal, v unit vector to the viewer, l unit vector to the light, h their half vector; ``n_l`` is the
 cosine n . l.
 """
 
@@ -21,10 +21,10 @@ from renderers.shading.vec3 import cross, dot, times
 _VTK_MIN_COSINE: Final = np.float32(1e-5)
 """VTK's lower limit of the cosines in its shader; keeps the visibility term finite."""
 _VTK_MIN_ROUGHNESS: Final = np.float32(0.05)
-"""RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
+"""RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r. Measured on flat metal of
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 _MIN_ALPHA: Final = np.float32(1e-3)
-"""Lower limit of alpha (roughness squared) in the look ``studio``: a perfect mirror would not show a point light."""
+"""Lower limit of alpha (roughness squared) in the look ``studio``. A perfect mirror would not show a point light."""
 
 
 @inlined
@@ -34,8 +34,8 @@ def headlight_cosines(normal, ray_x, ray_y):
     Where the normal has no direction, n . l is 0 or NaN.
 
     Args:
-        normal: of any length on the visible side, optical frame, f32x8 each.
-        ray_x, ray_y: where the pixels' rays meet the plane z = 1, f32x8.
+        normal: three f32x8, of any length, on the visible side, in the optical frame.
+        ray_x, ray_y: f32x8, where the pixels' rays meet the plane z = 1, in the optical frame.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     ray_length, normal_length = vec.sqrt(ray_x * ray_x + (ray_y * ray_y + one)), vec.sqrt(dot(normal, normal))
@@ -47,7 +47,9 @@ def headlight_cosines(normal, ray_x, ray_y):
 
 @inlined
 def vtk_specular(n_l, n_v, v_l, roughness):
-    """Return n . l and D V n . l from ``headlight_cosines``, both 0 where the light does not reach the surface.
+    """Return n . l and D V n . l, both 0 where the light does not reach the surface.
+
+    D is the GGX distribution, V the Smith visibility term. The cosines are from ``headlight_cosines``.
 
     With h = (v + l) / |v + l| and |v + l|^2 = w = 2 + 2 v . l, neither h nor its length is needed:
     n . h^2 = (n . v + n . l)^2 / w, so D = a2 w^2 / (pi (w - (1 - a2) (n . v + n . l)^2)^2).
@@ -96,8 +98,8 @@ def vtk_colors(base_color, metallic):
 def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
     """Return one channel's linear radiance under a white headlight of radiance 1.
 
-    Metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the diffuse part (1 - F)(1 - metallic) base / pi.
-    The light's radiance carries no factor pi.
+    This is metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it. The diffuse part is
+    (1 - F)(1 - metallic) base / pi.
 
     Args:
         n_l, specular: from ``vtk_specular``. fresnel: from ``schlick``.
@@ -111,11 +113,13 @@ def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
 def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
     """Return the BRDF times the cosine of the light, RGB; undefined where ``n_l`` is not positive.
 
-    A dielectric mixes diffuse and specular by its largest Fresnel term, a metal reflects with its base colour.
+    A dielectric mixes diffuse and specular reflection by the largest channel of its Fresnel term. A metal reflects with
+    its base colour.
 
     Args:
         n, v, l: unit vectors, three f32x8 each.
-        f0, f90: of the dielectric, RGB and an f32x8.
+        n_l: f32x8, n . l.
+        f0, f90: reflectance of the dielectric at normal incidence (RGB) and at grazing angles (f32x8).
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
     n_v = vec.maximum(vec.absolute(dot(n, v)), vec.f32(1e-4))
@@ -125,7 +129,7 @@ def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
     v_h = dot(v, h)
     alpha = vec.maximum(roughness * roughness, vec.f32(_MIN_ALPHA))
     a2 = alpha * alpha
-    # 1 - (n.h)^2 as the square of a sine: float32 has no digits left for the difference near a mirror's highlight.
+    # 1 - (n.h)^2 as the square of a sine: near a mirror's highlight, the difference would lose all digits of float32.
     sine = cross(n, h)
     sine2 = vec.minimum(dot(sine, sine), one)
     d = sine2 + (one - sine2) * a2
@@ -153,15 +157,16 @@ def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
 
 @device_function
 def ambient_channel(base_color, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
-    """Return one channel of the reflected environment; all f32x8.
+    """Return one channel of the light that a surface reflects from the environment. All values are f32x8.
 
-    The energy that the single-scattering model loses on rough surfaces comes back as Fdez-Aguera describes ("A
-    Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting", JCGT 2019).
+    Light that is scattered several times on rough surfaces is added as in Fdez-Aguera, "A Multiple-Scattering
+    Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 
     Args:
-        f0, f90: of the dielectric.
-        scale, bias: of F0 and F90 in the integral over a white hemisphere (``split_sum``).
-        diffuse_light: irradiance over pi. specular_light: filtered radiance in the mirrored direction.
+        f0, f90: as in ``reflected``, one channel.
+        scale, bias: factors of F0 and F90 in the integral over a white hemisphere (``split_sum``).
+        diffuse_light: irradiance divided by pi.
+        specular_light: radiance around the mirrored direction, filtered for the roughness.
     """
     zero, one, mean_fresnel = vec.f32(0.0), vec.f32(1.0), vec.f32(1.0 / 21.0)
     lost = one - scale - bias

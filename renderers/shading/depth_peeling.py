@@ -1,7 +1,7 @@
-"""Layers of an image with transparent surfaces, from the front to the back of what is blended.
+"""Layers of transparent surfaces, in the order in which they are blended front to back.
 
-The looks of glTF blend transparent surfaces by their distance (depth peeling). RenderEngineVtk blends everything in the
-order in which it draws: that of the instances and their primitives, which is the order of primitive ids.
+The looks that follow glTF order transparent surfaces by distance (depth peeling). RenderEngineVtk blends them in the
+order in which it draws them: instance by instance, primitive by primitive. This is the order of primitive ids.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAX_LAYERS: Final = 32
-"""Default limit of transparent surfaces behind one another in a pixel. Further ones are not rendered.
+"""Default maximum number of transparent surfaces behind one another in a pixel. Further ones are not rendered.
 
 Each layer costs one pass over the transparent instances, and a hostile scene could stack millions. Behind 32 layers of
 opacity 0.2, less than a thousandth of the light is left."""
@@ -39,36 +39,36 @@ def peeled(
 ) -> Iterator[Visibility]:
     """Yield the layers of the selected instances in front of ``behind``, nearest first.
 
-    To stop peeling a pixel, set its id in a layer to -1. Taking the next layer closes the one before.
+    To stop peeling a pixel, set its id in a layer to -1. Each layer is closed when the next one is requested.
 
     Args:
         select, cull_back: as in ``Rasterizer.visibility``.
-        in_drawing_order: yield what is drawn last first, instead of what is nearest.
+        in_drawing_order: yield the surfaces that are drawn last first, instead of the nearest.
     """
-    last: Visibility | None = None
+    previous: Visibility | None = None
     try:
         for _ in range(max_layers):
             if in_drawing_order:
-                earlier = last.ids if last is not None else None
+                earlier = previous.ids if previous is not None else None
                 layer = rasterizer.visibility(
                     scene, camera, select=select, cull_back=cull_back, before=behind, earlier=earlier, latest=True
                 )
             else:
                 layer = rasterizer.visibility(
-                    scene, camera, select=select, cull_back=cull_back, beyond=last, before=behind
+                    scene, camera, select=select, cull_back=cull_back, beyond=previous, before=behind
                 )
-            if last is not None:
-                last.close()
-            last = layer
+            if previous is not None:
+                previous.close()
+            previous = layer
             if not (layer.ids >= 0).any():
                 break
             yield layer
     finally:
-        if last is not None:
-            last.close()
+        if previous is not None:
+            previous.close()
 
 
-def overdrawn(
+def surfaces_in_drawing_order(
     rasterizer: Rasterizer,
     scene: DrawList,
     camera: Camera,
@@ -77,16 +77,16 @@ def overdrawn(
     nearest: Visibility,
     transmittance: NDArray[np.float32],
 ) -> Iterator[Visibility]:
-    """Yield the nearest surfaces, then in each pixel what was the nearest when they were drawn, and so on.
+    """Yield the surfaces that each pixel shows while instances are drawn one after the other, from last to first.
 
-    VTK blends a surface that is not taken for transparent with what is in its pixel already. Later it hides what is
-    drawn behind it, unless its alpha is 0: then it is not drawn.
+    VTK blends a surface that it does not treat as transparent with the pixel's colour so far. From then on the surface
+    hides everything behind it. A surface of alpha 0 is not drawn and hides nothing.
 
     Args:
         select, cull_back: as in ``Rasterizer.visibility``.
-        nearest: the first layer. The caller closes it.
-        transmittance: (H, W), updated by the caller with every layer before it takes the next. A layer that leaves it
-            unchanged has an alpha of 0.
+        nearest: the visible surfaces, which are the first layer. The caller closes it.
+        transmittance: (H, W), share of the light from behind the layers so far. The caller updates it for every layer
+            before requesting the next. Where a layer leaves it unchanged, the layer's alpha is 0.
     """
     layer = nearest
     earlier = np.full(nearest.ids.shape, np.iinfo(np.int32).max, np.int32)
@@ -98,7 +98,7 @@ def overdrawn(
         earlier[transmittance <= 0.0] = -1
         if not (earlier >= 0).any():
             break
-        # Where a surface is not drawn, the next one is behind it; elsewhere it may be at any distance.
+        # Where a surface is not drawn, the next one is behind it. Elsewhere the next one may be at any distance.
         beyond = replace(
             layer,
             ids=np.where(is_undrawn, layer.ids, 0),

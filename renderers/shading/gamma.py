@@ -1,4 +1,4 @@
-"""Gamma of the headlight looks: linear light to bytes, and back."""
+"""Gamma of the looks ``pbr`` and ``gltf``: encoding of linear light as bytes, and decoding."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ GAMMA: Final = 2.2
 
 _STEPS: Final = 4096
 """Number of cells of LINEAR_FROM_GAMMA."""
-_DARK: Final = np.float32(2.0**-40)
-"""Smaller linear values are encoded as 0: a thousandth of a level."""
-_DARK_BITS: Final = int(_DARK.view(np.int32))
+_MIN_LINEAR: Final = np.float32(2.0**-40)
+"""Smaller linear values are encoded as 0, an error of a thousandth of a level."""
+_MIN_LINEAR_BITS: Final = int(_MIN_LINEAR.view(np.int32))
 
 
 def _gamma_from_linear() -> NDArray[np.float32]:
-    """Return (5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from _DARK to 1.
+    """Return (5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from _MIN_LINEAR to 1.
 
-    The first is 0. The last is for interpolation at 1.
+    The first entry is 0. The last one is for interpolation at 1.
     """
-    linear = cell_starts(_DARK).view(np.float32).astype(np.float64)
+    linear = cell_starts(_MIN_LINEAR).view(np.float32).astype(np.float64)
     encoded: NDArray[np.float32] = (linear ** (1.0 / GAMMA)).astype(np.float32)
     encoded[0] = 0.0
     return encoded
@@ -39,20 +39,24 @@ def _linear_from_gamma() -> NDArray[np.float32]:
 
 
 THRESHOLDS: Final = level_thresholds(lambda encoded: encoded**GAMMA)
+"""(256,) float32: least linear value of each byte."""
 GAMMA_CELLS: Final = level_cells(THRESHOLDS)
+"""Table for ``level_cells.encoded_pixels``."""
 GAMMA_FROM_LINEAR: Final = _gamma_from_linear()
+"""Table for ``encode_gamma``."""
 LINEAR_FROM_GAMMA: Final = _linear_from_gamma()
+"""Table for ``decode_gamma``."""
 
 
 @inlined
 def byte_from_unit(c):
-    """Return ``round(255 c)`` of an f32x8 as i32x8. Below 0 and NaN is 0, above 1 is 255."""
+    """Return ``round(255 c)`` of an f32x8 as i32x8. NaN and values below 0 give 0, values above 1 give 255."""
     return vec.to_i32(saturate(c) * vec.f32(255.0) + vec.f32(0.5))
 
 
 @device_function
 def decode_gamma(c, linear_from_gamma):
-    """Return ``c^2.2`` of an f32x8 in 0 .. 1 (clamped; NaN is 0), to 1e-7.
+    """Return ``c^2.2`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7.
 
     Args:
         linear_from_gamma: pointer to ``LINEAR_FROM_GAMMA``.
@@ -65,13 +69,13 @@ def decode_gamma(c, linear_from_gamma):
 
 @inlined
 def encode_gamma(c, gamma_from_linear):
-    """Return ``c^(1/2.2)`` of an f32x8 in 0 .. 1 (clamped; NaN is 0), to 2e-6.
+    """Return ``c^(1/2.2)`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 2e-6.
 
     Args:
         gamma_from_linear: pointer to ``GAMMA_FROM_LINEAR``.
     """
-    c = vec.minimum(vec.maximum(c, vec.f32(_DARK)), vec.f32(1.0))
-    bits = vec.float_bits(c) - vec.i32(_DARK_BITS)
+    c = vec.minimum(vec.maximum(c, vec.f32(_MIN_LINEAR)), vec.f32(1.0))
+    bits = vec.float_bits(c) - vec.i32(_MIN_LINEAR_BITS)
     cell = bits >> vec.i32(CELL_BITS)
     low, high = vec.gather(gamma_from_linear, cell), vec.gather(gamma_from_linear, cell + vec.i32(1))
     t = vec.to_f32(bits & vec.i32(CELL_SIZE - 1)) * vec.f32(1.0 / CELL_SIZE)

@@ -1,6 +1,6 @@
-"""Perspective-correct attributes of pixels, after ``span_setup``: ``sum(b_i a_i) / sum(b_i)``.
+"""Perspective-correct attributes of pixels: the weighted sums of ``span_setup``, divided by the sum of the weights.
 
-Evaluates both sums at eight neighbouring pixels, which belong to at most eight spans.
+Both are evaluated at eight neighbouring pixels, which belong to at most eight spans.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from renderers.shading.vec3 import store3
 
 @inlined
 def _starts_after(masks, x):
-    """Return the bits of the eight pixels after pixel ``x`` at which a span begins."""
+    """Return eight bits for the pixels ``x + 1 .. x + 8``, set where a span begins. ``masks`` as in SEGMENT."""
     word, bit = (x + 1) >> 6, (x + 1) & 63
     low = np.uint64(masks[word]) >> np.uint64(bit)
     return np.int64((low | ((np.uint64(masks[word + 1]) << np.uint64(63 - bit)) << np.uint64(1))) & np.uint64(255))
@@ -32,27 +32,31 @@ def pixel_columns(columns, x):
 
 @inlined
 def _span_values(rows, row, span, offsets):
-    """Return the values in a row of SPANS at the spans of eight pixels.
+    """Return the values in a row of SPANS for the spans of eight pixels.
 
     Args:
-        span: span of the first pixel, from the first of the part. offsets: i32x8, those of the others from it.
+        rows: pointer to a field of SPANS, of which ``row`` is one row.
+        span: index of the first pixel's span within the part.
+        offsets: i32x8, index of each pixel's span, counted from ``span``.
     """
     return vec.permute(vec.load(rows, row * SPAN_STRIDE + span), offsets)
 
 
 @inlined
 def _along_span(rows, row, count, span, offsets, t):
-    """Return a value that is linear along spans, at eight pixels ``t`` from where their spans begin.
+    """Return a value that is linear along spans, at eight pixels.
 
     Args:
-        row, count: row of the value at the first pixel; its change per pixel is ``count`` rows further.
+        rows, span, offsets: as in ``_span_values``.
+        row: row of the value at the first pixel of each span. Its change per pixel is ``count`` rows further.
+        t: f32x8, pixels from the beginning of each pixel's span.
     """
     return _span_values(rows, row, span, offsets) + _span_values(rows, row + count, span, offsets) * t
 
 
 @device_function
 def _clear(rows, row, count, pixel_count):
-    """Fill ``count`` rows with zeros."""
+    """Fill ``count`` rows of PIXELS from ``row`` on with zeros."""
     for k in range(row, row + count):
         for x in range(0, pixel_count, vec.LANES):
             vec.store(rows, k * STRIDE + x, vec.f32(0.0))
@@ -60,10 +64,10 @@ def _clear(rows, row, count, pixel_count):
 
 @device_function
 def interpolate(segment, begin, end):
-    """Fill the first rows of PIXELS with the attributes of the pixels ``begin .. end - 1``, after ``set_up_spans``.
+    """Fill PIXELS with the attributes of the pixels ``begin .. end - 1``, whose SPANS ``set_up_spans`` has filled.
 
-    Up to seven further values are overwritten. Texture coordinates that the material reads and the mesh lacks become 0,
-    as do their gradients.
+    Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
+    become 0, as do their gradients.
     """
     spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
@@ -80,15 +84,15 @@ def interpolate(segment, begin, end):
         )
         store3(pixels.normal, pixel, STRIDE, normal)
         if attributes & (HAS_UV0 | HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
-            inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
+            inv_weight_sum = vec.f32(1.0) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
             for uv_set in range(2):
                 if attributes & (HAS_UV0 << uv_set):
                     for k in range(2):
-                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, span, offsets, t) * inv_total
+                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, span, offsets, t) * inv_weight_sum
                         vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
             if attributes & HAS_COLORS:
                 for k in range(4):
-                    color = _along_span(spans.color, k, 4, span, offsets, t) * inv_total
+                    color = _along_span(spans.color, k, 4, span, offsets, t) * inv_weight_sum
                     vec.store(pixels.color, k * STRIDE + pixel, color)
             if attributes & HAS_TANGENTS:
                 vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, span, offsets))
@@ -112,7 +116,7 @@ def _interpolate_surface(segment, begin, end):
     """Fill the rows ``flat_normal`` and ``point`` of PIXELS."""
     spans, pixels, masks, columns, job = segment.spans, segment.pixels, segment.masks, segment.columns, segment.job
     span_offsets = job.span_offsets
-    left, inv_fx = vec.f32(0.5 - job.cx), vec.f32(1.0 / job.fx)
+    center_offset, inv_fx = vec.f32(0.5 - job.cx), vec.f32(1.0 / job.fx)
     ray_y = vec.f32((segment.y + 0.5 - job.cy) / job.fy)
     span = np.int64(0)
     for x in range(begin, end, vec.LANES):
@@ -121,8 +125,8 @@ def _interpolate_surface(segment, begin, end):
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
         t = column - _span_values(spans.begin, 0, span, offsets)
-        z = _span_values(spans.depth, 0, span, offsets) / _along_span(spans.total, 0, 1, span, offsets, t)
-        store3(pixels.point, pixel, STRIDE, ((column + left) * inv_fx * z, ray_y * z, z))
+        z = _span_values(spans.depth, 0, span, offsets) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
+        store3(pixels.point, pixel, STRIDE, ((column + center_offset) * inv_fx * z, ray_y * z, z))
         flat_normal = (
             _span_values(spans.flat_normal, 0, span, offsets),
             _span_values(spans.flat_normal, 1, span, offsets),
@@ -136,7 +140,8 @@ def _interpolate_surface(segment, begin, end):
 def _interpolate_gradients(segment, begin, end):
     """Fill the rows ``uv_gradient`` of PIXELS; reads ``uv``.
 
-    With u = U / T and both linear over the image, du/dx = (dU/dx - u dT/dx) / T.
+    Let U be the weighted sum of u, and W the sum of the weights. Both are linear over the image, and u = U / W, so that
+    du/dx = (dU/dx - u dW/dx) / W.
     """
     spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
@@ -146,14 +151,14 @@ def _interpolate_gradients(segment, begin, end):
         starts = _starts_after(masks, x)
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         t = vec.to_f32(pixel_columns(columns, x)) - _span_values(spans.begin, 0, span, offsets)
-        inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
+        inv_weight_sum = vec.f32(1.0) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
         for uv_set in range(2):
             if attributes & (HAS_UV0 << uv_set):
                 for axis in range(2):  # columns, rows
-                    total_gradient = _span_values(spans.total_gradient, axis, span, offsets)
+                    weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, span, offsets)
                     for k in range(2):
                         uv = vec.load(pixels.uv, (2 * uv_set + k) * STRIDE + pixel)
                         uv_gradient = _span_values(spans.uv_gradient, 4 * uv_set + 2 * axis + k, span, offsets)
-                        gradient = (uv_gradient - uv * total_gradient) * inv_total
+                        gradient = (uv_gradient - uv * weight_sum_gradient) * inv_weight_sum
                         vec.store(pixels.uv_gradient, (4 * uv_set + 2 * axis + k) * STRIDE + pixel, gradient)
         span += vec.count_bits(starts)

@@ -10,23 +10,23 @@ from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of
 PART: Final = 256
 """Maximum number of pixels shaded at a time: their attributes stay in the first-level cache. A multiple of 64."""
 STRIDE: Final = PART + LANES
-"""Values of a row of PIXELS. Loops over pixels overrun by up to seven."""
+"""Number of values in a row of PIXELS. Loops over pixels overrun by up to seven."""
 SPAN_STRIDE: Final = PART + 2 * LANES
-"""Values of a row of SPANS. A part has at most PART spans; eight pixels read up to eight further ones."""
+"""Number of values in a row of SPANS. A part has at most PART spans, and loops read beyond them."""
 
-# Attributes of a mesh, bits.
+# Bits for the attributes that a mesh has.
 HAS_NORMALS: Final = 1
 HAS_UV0: Final = 2
 HAS_UV1: Final = 4  # must be the bit after HAS_UV0
 HAS_COLORS: Final = 8
 HAS_TANGENTS: Final = 16
 
-# Columns of a vertex: one vector of float32.
+# Columns of ``vertices`` in INSTANCE: one vector of float32 per vertex.
 V_POSITION: Final = 0  # 3 values
 V_NORMAL: Final = 3  # 3 values
 V_UV0: Final = 6  # 2 values
 V_COLUMNS: Final = 8
-# Columns of a vertex's rare attributes: two vectors of float32.
+# Columns of ``extras`` in INSTANCE, the attributes that few meshes have: two vectors of float32 per vertex.
 E_COLOR: Final = 0  # 4 values
 E_UV1: Final = 4  # 2 values
 E_TANGENT: Final = 8  # 4 values
@@ -35,20 +35,20 @@ E_COLUMNS: Final = 16
 INSTANCE: Final = Struct(
     "ShadingInstance",
     {
-        "topology": I64,  # vertices of a primitive
+        "topology": I64,  # number of vertices of a primitive, see drawlist.Topology
         "material": I64,  # index of its MATERIAL
         "indices": pointer_to(U32),  # (M, topology)
         "vertices": pointer_to(F32),  # (N, V_COLUMNS)
-        "extras": pointer_to(F32),  # (N, E_COLUMNS); null if the mesh has no rare attributes
+        "extras": pointer_to(F32),  # (N, E_COLUMNS); null if the mesh has none of them
         "attributes": I64,  # HAS_ bits of the mesh
     },
 )
 INSTANCE_MATRICES: Final = Struct(
     "InstanceMatrices",
     {
-        "normal": array_of(F32, 9),  # matrix that takes normals to the optical frame, up to a positive factor
-        "tangent": array_of(F32, 9),  # the same for tangents
-        "mirror": F32,  # -1 where the instance's transform mirrors, else 1
+        "normal": array_of(F32, 9),  # transforms normals to the optical frame, up to a positive factor
+        "tangent": array_of(F32, 9),  # transforms tangents to the optical frame, up to a positive factor
+        "mirror": F32,  # -1 if the instance's transform mirrors, else 1
     },
 )
 """An instance's transforms of directions in the view of one camera."""
@@ -58,7 +58,7 @@ MATERIAL: Final = Struct(
         "alpha_mode": I64,  # ALPHA_ constant of materials
         "unlit": I64,
         "vertex_colors": I64,  # COLORS_ constant of materials
-        "uv_sets": I64,  # bits 0 and 1: the textures read uv0 and uv1
+        "uv_sets": I64,  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
         "has_gradients": I64,  # 1: shading reads uv_gradient
         "has_surface": I64,  # 1: shading reads positions and flat normals
         # Indices of TEXTUREs; -1: none.
@@ -67,7 +67,7 @@ MATERIAL: Final = Struct(
         "normal_texture": I64,
         "occlusion_texture": I64,
         "emissive_texture": I64,
-        "specular_texture": I64,  # look studio only, as the next one
+        "specular_texture": I64,  # look studio only, as specular_color_texture
         "specular_color_texture": I64,
         "base_color": array_of(F32, 4),
         "metallic": F32,
@@ -76,7 +76,7 @@ MATERIAL: Final = Struct(
         "occlusion_strength": F32,
         "emissive": array_of(F32, 3),  # look studio: times the strength
         "alpha_cutoff": F32,
-        "reflectance": F32,  # of the dielectric at normal incidence; look studio only, as the next two
+        "reflectance": F32,  # of the dielectric at normal incidence; this and the next two: look studio only
         "specular": F32,
         "specular_color": array_of(F32, 3),
     },
@@ -101,7 +101,7 @@ TEXTURE: Final = Struct(
         "uv_set": I64,
         "srgb": I64,  # 1: the colour channels are decoded to linear light
         "level_count": I64,
-        "levels": MIP_LEVEL,  # (level_count,)
+        "levels": MIP_LEVEL,  # (level_count,), the largest first
         "uv_transform": array_of(F32, 6),  # Texture.uv_transform
     },
 )
@@ -109,7 +109,7 @@ SHADING_JOB: Final = Struct(
     "ShadingJob",
     {
         "instance_count": I64,
-        "first_ids": pointer_to(I64),  # (instance_count + 1): first primitive id of every instance, and the total
+        "first_ids": pointer_to(I64),  # (instance_count + 1), as in Visibility
         "X_camera_mesh": pointer_to(F64),  # (instance_count, 4, 4)
         "matrices": INSTANCE_MATRICES,  # (instance_count,)
         "fx": F64,  # camera intrinsics, pixels
@@ -125,14 +125,16 @@ SHADING_JOB: Final = Struct(
         "span_offsets": pointer_to(I32),  # spans.SPAN_OFFSETS
     },
 )
-"""What the kernels of both looks read of an image or layer. Each look has a job of its own that refers to this one."""
+"""Inputs of the kernels for one image or layer. HEADLIGHT_JOB and STUDIO_JOB refer to it."""
 
 
 def _spans(rows: int) -> Any:
+    """Return the type of a field of SPANS with this number of rows."""
     return array_of(F32, rows * SPAN_STRIDE)
 
 
 def _pixels(rows: int) -> Any:
+    """Return the type of a field of PIXELS with this number of rows."""
     return array_of(F32, rows * STRIDE)
 
 
@@ -141,19 +143,20 @@ SPANS: Final = Struct(
     {
         "begin": _spans(1),  # image column of the first pixel
         "facing": _spans(1),  # -1 where a back face is visible, else 1
-        # Weighted sums of the vertices' attributes at the first pixel, and in as many further rows their change per
-        # pixel.
-        "total": _spans(1 + 1),  # sum of the weights
+        # Weighted sums of the vertices' attributes. The first half of the rows holds them at the first pixel of the
+        # span, the second half their change per pixel.
+        "weight_sum": _spans(1 + 1),
         "normal": _spans(3 + 3),  # optical frame
         "uv": _spans(2 * (2 + 2)),  # of the set uv0, then of uv1
         "color": _spans(4 + 4),
         "tangent": _spans(4 + 4),  # optical frame, and the sign of the bitangent
-        # Only with the MATERIAL's has_surface, gradients with has_gradients: changes per column, and in as many further
-        # rows per row.
-        "depth": _spans(1),  # at the first pixel, metres
+        # Filled only if the MATERIAL has has_surface:
+        "depth": _spans(1),  # depth in metres times the sum of the weights: constant along a span
         "flat_normal": _spans(3),  # unit normal of the triangle, towards the camera
-        "total_gradient": _spans(1 + 1),
-        "uv_gradient": _spans(2 * (2 + 2)),
+        # Filled only if the MATERIAL has has_gradients. The first half of the rows holds the changes of the sums per
+        # column of the image, the second half those per row.
+        "weight_sum_gradient": _spans(1 + 1),
+        "uv_gradient": _spans(2 * (2 + 2)),  # of the set uv0, then of uv1
     },
 )
 """Values that are linear along a span: rows of SPAN_STRIDE float32, one value per span."""
@@ -164,13 +167,14 @@ PIXELS: Final = Struct(
         "normal": _pixels(3),  # on the visible side, optical frame, any length
         "facing": _pixels(1),  # -1 where a back face is visible, else 1
         "uv": _pixels(2 * 2),  # uv0, uv1
-        "color": _pixels(4),  # RGBA of the vertices
+        "color": _pixels(4),  # vertex colour, RGBA
         "tangent": _pixels(4),  # optical frame, any length; sign of the bitangent
-        # Only with the MATERIAL's has_surface or has_gradients:
+        # Filled only if the MATERIAL has has_gradients:
         "uv_gradient": _pixels(2 * 4),  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
+        # Filled only if it has has_surface:
         "flat_normal": _pixels(3),  # unit normal of the triangle, towards the camera
         "point": _pixels(3),  # the visible point in the optical frame, metres
-        # Filled by the material:
+        # Filled by ``material``:
         "base_color": _pixels(4),  # and alpha
         "metallic_roughness": _pixels(4),  # texture: roughness is the second channel, metallic the third
         "occlusion": _pixels(4),  # texture: the first channel
@@ -188,7 +192,7 @@ SEGMENT: Final = Struct(
         "columns": I64,  # address of the pixels' image columns, int32; 0: pixel k is in column k
         # Spans of the row.
         "masks": pointer_to(I64),  # one bit per pixel, set where a span begins
-        "starts": pointer_to(I32),  # first pixel of each span, and then the number of pixels
+        "starts": pointer_to(I32),  # first pixel of each span; after the last span, the number of pixels
         "ids": pointer_to(I32),  # primitive id of each span
         # The part that is being shaded.
         "spans": SPANS,

@@ -1,7 +1,7 @@
 """Encoding of linear colours as bytes by a table, for ``gamma`` and ``studio.tone_mapping``.
 
-The tables are exact for every float32, where ``pow`` would differ between machines. A cell is 2^16 neighbouring
-float32, 2^-7 of an octave, narrower than any level.
+The tables are exact for every float32, whereas the results of ``pow`` differ between machines. A cell is a range of
+2^16 neighbouring float32, 2^-7 of an octave. It is narrower than any level, so that it contains at most two levels.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from renderers.compiler.pointers import address, i32_at
 CELL_BITS: Final = 16
 CELL_SIZE: Final = 1 << CELL_BITS
 _LOWEST: Final = np.float32(2.0**-20)
-"""First value of a table, below level 1, which begins at (0.5 / 255)^2.2 with gamma, at 0.5 / 255 / 12.92 in sRGB."""
+"""First value of a table. Level 1 begins above it, at (0.5 / 255)^2.2 with gamma, at 0.5 / 255 / 12.92 in sRGB."""
 _FIRST_CELL: Final = int(_LOWEST.view(np.int32)) >> CELL_BITS
 
 
@@ -41,8 +41,9 @@ def level_thresholds(decode: Callable[[NDArray[np.float64]], NDArray[np.float64]
 def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
     """Return the table for ``encoded_pixels``, (2561,) int32, one for each cell from _LOWEST to 1.
 
-    Adding the bits of a value gives its level in the third byte: a cell holds the level of its first value times 2^16,
-    plus the number of its values at or above the next threshold, minus the bits of its first value, modulo 2^32.
+    The sum of a cell's entry and the bits of a value has the value's level in its third byte. An entry is the level of
+    the cell's first value times 2^16, plus the number of values at or above the next threshold, minus the bits of the
+    first value, modulo 2^32.
 
     Args:
         thresholds: from ``level_thresholds``.
@@ -58,7 +59,7 @@ def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
 
 @inlined
 def _level(c, cells):
-    """Return the level of an f32x8 in the third byte of an i32x8; the lower bytes are undefined, the highest is 0."""
+    """Return the level of an f32x8, 0 .. 255, in the third byte of an i32x8. Its lower bytes are undefined."""
     bits = vec.float_bits(vec.minimum(vec.maximum(c, vec.f32(_LOWEST)), vec.f32(1.0)))
     cells_by_high_bits = i32_at(address(cells) - 4 * _FIRST_CELL)
     return vec.gather(cells_by_high_bits, bits >> vec.i32(CELL_BITS)) + bits
@@ -68,7 +69,7 @@ def _level(c, cells):
 def encoded_pixels(r, g, b, cells):
     """Return eight linear colours (f32x8 each) as packed pixels, red in the lowest byte.
 
-    Below 0 and NaN is 0, above 1 is 255.
+    NaN and values below 0 give 0, values above 1 give 255.
 
     Args:
         cells: pointer to a table from ``level_cells``.

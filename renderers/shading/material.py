@@ -22,7 +22,7 @@ def has_varying_color(segment):
 
 @device_function
 def fill_base_color(segment, count, alpha):
-    """Fill the rows ``base_color``: factor x vertex colour x texture. The fourth one only if ``alpha``."""
+    """Fill the rows ``base_color``: factor x vertex colour x texture. The fourth row is filled only if ``alpha``."""
     material, pixels = segment.material, segment.pixels
     is_textured, is_colored = material.base_color_texture >= 0, segment.attributes & HAS_COLORS != 0
     if is_textured:
@@ -66,7 +66,7 @@ def unoccluded_share(material, pixels, x):
     if material.occlusion_texture < 0:
         return one
     rows = pixels.occlusion
-    if material.occlusion_texture == material.metallic_roughness_texture:  # mostly one texture for both
+    if material.occlusion_texture == material.metallic_roughness_texture:  # usually one texture holds both
         rows = pixels.metallic_roughness
     return one + vec.f32(material.occlusion_strength) * (vec.load(rows, x) - one)
 
@@ -75,7 +75,8 @@ def unoccluded_share(material, pixels, x):
 def apply_normal_map(segment, count):
     """Replace the rows ``normal`` by unit normals from the material's normal map.
 
-    They stay where a tangent has no direction, and everywhere if there is no normal map or the mesh has no tangents.
+    Normals stay unchanged where a tangent has no direction. All do if there is no normal map or the mesh has no
+    tangents.
     """
     material, pixels = segment.material, segment.pixels
     if material.normal_texture < 0 or segment.attributes & HAS_TANGENTS == 0:
@@ -86,7 +87,7 @@ def apply_normal_map(segment, count):
     for x in range(0, count, vec.LANES):
         visible_normal = load3(pixels.normal, x, STRIDE)
         visible_normal = times(visible_normal, scale_to(visible_normal, one))
-        # The map is in the frame of the front; a back face shows the reversed normal (glTF 3.9.6).
+        # The map is in the tangent frame of the front; a back face shows the reversed normal (glTF 3.9.6).
         facing = vec.load(pixels.facing, x)
         n = times(visible_normal, facing)
         t = load3(pixels.tangent, x, STRIDE)
@@ -96,10 +97,10 @@ def apply_normal_map(segment, count):
         is_valid = scale > zero
         t = times(t, scale)
         # The bitangent of a mirror image is the mirrored one.
-        hand = vec.select(vec.load(pixels.tangent, 3 * STRIDE + x) * mirror >= zero, one, -one)
+        handedness = vec.select(vec.load(pixels.tangent, 3 * STRIDE + x) * mirror >= zero, one, -one)
         b = cross(n, t)
         texel = load3(pixels.texel, x, STRIDE)
-        along_t, along_b = (two * texel[0] - one) * strength, (two * texel[1] - one) * strength * hand
+        along_t, along_b = (two * texel[0] - one) * strength, (two * texel[1] - one) * strength * handedness
         along_n = two * texel[2] - one
         normal = (
             along_t * t[0] + along_b * b[0] + along_n * n[0],

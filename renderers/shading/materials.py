@@ -22,17 +22,17 @@ material says (the exporter writes a constant 1.0). Measured against RenderEngin
 
 
 def look_material(material: Material, look: LookName) -> Material:
-    """Return the material as the look shades it: the one place for deviations from the glTF specification.
+    """Return the material as the look shades it. All deviations of materials from the glTF specification are here.
 
-    ``phong``: base colour, its texture and vertex colours only. Normal, metallic-roughness, occlusion and emissive are
-    dropped, as RenderEngineVtk (without glTF meshes) and RenderEngineGl do.
-    ``plain``: as ``phong``, with the base colour factor encoded as sRGB.
-    ``phong``, ``pbr``: as RenderEngineVtk: every alpha blends, and textures are sampled as VTK does.
-    ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
-    ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
+    - ``phong``, ``plain``: only the base colour, its texture and vertex colours are used, as RenderEngineVtk (without
+      glTF meshes) and RenderEngineGl do.
+    - ``plain``: the base colour factor is encoded as sRGB.
+    - ``phong``, ``pbr``: every alpha blends, and textures are sampled as in VTK.
+    - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
+    - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
     if look in VTK_LOOKS:
-        material = _material_of_vtk(material)
+        material = _vtk_material(material)
     if look in ("phong", "plain"):
         if look == "plain":
             r, g, b, alpha = material.base_color
@@ -59,26 +59,27 @@ def look_material(material: Material, look: LookName) -> Material:
     return material
 
 
-def _material_of_vtk(material: Material) -> Material:
-    """Return a glTF material as vtkGLTFImporter understands it."""
+def _vtk_material(material: Material) -> Material:
+    """Return a glTF material as vtkGLTFImporter imports it."""
     metallic_roughness, emissive = material.metallic_roughness_texture, material.emissive_texture
     return replace(
         material,
-        base_color_texture=_sampled_by_vtk(material.base_color_texture),
-        metallic_roughness_texture=_sampled_by_vtk(metallic_roughness),
-        normal_texture=_sampled_by_vtk(material.normal_texture),
-        occlusion_texture=_sampled_by_vtk(material.occlusion_texture if metallic_roughness is not None else None),
-        emissive_texture=_sampled_by_vtk(emissive),
+        base_color_texture=_with_vtk_sampler(material.base_color_texture),
+        metallic_roughness_texture=_with_vtk_sampler(metallic_roughness),
+        normal_texture=_with_vtk_sampler(material.normal_texture),
+        occlusion_texture=_with_vtk_sampler(material.occlusion_texture if metallic_roughness is not None else None),
+        emissive_texture=_with_vtk_sampler(emissive),
         emissive=material.emissive if emissive is not None else (0.0, 0.0, 0.0),
         alpha_mode=AlphaMode.BLEND,
     )
 
 
-def _sampled_by_vtk(texture: Texture | None) -> Texture | None:
-    """Return the texture with the sampler that VTK makes of its own.
+def _with_vtk_sampler(texture: Texture | None) -> Texture | None:
+    """Return the texture with the sampler that VTK uses in place of its own.
 
-    VTK's textures have one wrap mode for both axes and do not mirror. They are filtered linearly, between mip levels
-    as well if the sampler says so, unless both filters are the nearest texel's.
+    VTK's textures have one wrap mode for both axes and do not mirror. They are filtered linearly, and between mip
+    levels if the sampler uses them. Only if all filters of the sampler are nearest-texel ones, the nearest texel is
+    used.
     """
     if texture is None:
         return None
@@ -93,7 +94,7 @@ def _sampled_by_vtk(texture: Texture | None) -> Texture | None:
 COLORS_REPLACE: Final = 1
 """Bit: vertex colours replace the colour of the base colour factor, but not its alpha. Otherwise they multiply it."""
 COLORS_DECODE: Final = 2
-"""Bit: vertex colours are raised to 2.2 first."""
+"""Bit: vertex colours are raised to the power of 2.2 before they are used."""
 
 ALPHA_OPAQUE: Final = 0
 ALPHA_MASK: Final = 1
@@ -102,11 +103,11 @@ _ALPHA_MODES: Final = {AlphaMode.OPAQUE: ALPHA_OPAQUE, AlphaMode.MASK: ALPHA_MAS
 
 
 def vertex_color_rule(material: Material, look: LookName) -> int:
-    """Return COLORS_ bits: how a mesh's vertex colours enter the base colour.
+    """Return the COLORS_ bits that say how a mesh's vertex colours change the base colour.
 
-    RenderEngineVtk with glTF meshes replaces the base colour factor by interpolated vertex colours, which recent
-    versions raise to 2.2 (measured: mean error 0.3 levels, against 14 for glTF's linear product). Lines, points and
-    unlit surfaces show their vertex colours times the factor.
+    RenderEngineVtk with glTF meshes replaces the base colour factor by the vertex colours. Recent versions raise them
+    to 2.2. (Measured: mean error 0.3 levels, against 14 for glTF's linear product.) For lines, points and unlit
+    surfaces, it multiplies vertex colours by the factor.
     """
     if look != "pbr":
         return 0
@@ -115,7 +116,11 @@ def vertex_color_rule(material: Material, look: LookName) -> int:
 
 
 def reflectance(ior: float) -> float:
-    """Return the reflectance at normal incidence of a dielectric in air (KHR_materials_ior). 0: total reflection."""
+    """Return the reflectance at normal incidence of a dielectric in air (KHR_materials_ior).
+
+    Args:
+        ior: index of refraction; 0: total reflection.
+    """
     return 1.0 if ior == 0.0 else ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
@@ -138,7 +143,7 @@ class MaterialTable:
         """Return the index of a material, which is added if it is new.
 
         Args:
-            lit: False for lines and points, which have no surface.
+            lit: False for lines and points, which have no surface to be lit.
         """
         index = self._indices.setdefault((id(material), lit), len(self._values))
         if index == len(self._values):
@@ -147,23 +152,28 @@ class MaterialTable:
         return index
 
     def has_normal_map(self, index: int) -> bool:
+        """Return True if the material at this index reads a normal map."""
         return bool(self._values[index]["normal_texture"] >= 0)
 
     def structs(self) -> NDArray[Any]:
         """Return (n,) MATERIAL, at least one."""
         structs = np.zeros(max(len(self._values), 1), MATERIAL.dtype)
-        with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
+        with np.errstate(over="ignore"):  # a factor beyond the range of float32 becomes infinite
             for k, values in enumerate(self._values):
                 structs[k] = tuple([values[name] for name in _FIELDS])
         return structs
 
 
 def material_values(material: Material, look: LookName, lit: bool, textures: TextureTable) -> dict[str, Any]:
-    """Return the fields of a MATERIAL; its textures are added to ``textures``."""
-    shown = look_material(material if lit else replace(material, unlit=True), look)
-    lit = not shown.unlit
+    """Return the fields of a MATERIAL, by name; its textures are added to ``textures``.
+
+    Args:
+        lit: as in ``MaterialTable.index_of``.
+    """
+    adapted = look_material(material if lit else replace(material, unlit=True), look)
+    lit = not adapted.unlit
     # A metal without a texture has no dielectric part.
-    has_specular = look == "studio" and (shown.metallic < 1.0 or shown.metallic_roughness_texture is not None)
+    has_specular = look == "studio" and (adapted.metallic < 1.0 or adapted.metallic_roughness_texture is not None)
     uv_sets = 0
     has_gradients = False
 
@@ -175,27 +185,27 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         has_gradients |= texture.sampler.depends_on_scale
         return textures.index_of(texture, srgb)
 
-    strength = shown.emissive_strength if look == "studio" else 1.0
+    strength = adapted.emissive_strength if look == "studio" else 1.0
     values: dict[str, Any] = {
-        "alpha_mode": _ALPHA_MODES[shown.alpha_mode],
+        "alpha_mode": _ALPHA_MODES[adapted.alpha_mode],
         "unlit": int(not lit),
-        "vertex_colors": vertex_color_rule(shown, look),
-        "base_color_texture": index_of(shown.base_color_texture, True, look in ("pbr", "gltf", "studio")),
-        "metallic_roughness_texture": index_of(shown.metallic_roughness_texture, lit),
-        "normal_texture": index_of(shown.normal_texture, lit),
-        "occlusion_texture": index_of(shown.occlusion_texture, lit and shown.occlusion_strength != 0.0),
-        "emissive_texture": index_of(shown.emissive_texture, lit and any(shown.emissive), True),
-        "specular_texture": index_of(shown.specular_texture, lit and has_specular),
-        "specular_color_texture": index_of(shown.specular_color_texture, lit and has_specular, True),
-        "base_color": shown.base_color,
-        "metallic": shown.metallic,
-        "roughness": shown.roughness,
-        "normal_scale": shown.normal_scale,
-        "occlusion_strength": shown.occlusion_strength,
-        "emissive": tuple((value * strength if lit else 0.0) for value in shown.emissive),
-        "alpha_cutoff": shown.alpha_cutoff,
-        "reflectance": reflectance(shown.ior),
-        "specular": shown.specular,
-        "specular_color": shown.specular_color,
+        "vertex_colors": vertex_color_rule(adapted, look),
+        "base_color_texture": index_of(adapted.base_color_texture, True, look in ("pbr", "gltf", "studio")),
+        "metallic_roughness_texture": index_of(adapted.metallic_roughness_texture, lit),
+        "normal_texture": index_of(adapted.normal_texture, lit),
+        "occlusion_texture": index_of(adapted.occlusion_texture, lit and adapted.occlusion_strength != 0.0),
+        "emissive_texture": index_of(adapted.emissive_texture, lit and any(adapted.emissive), True),
+        "specular_texture": index_of(adapted.specular_texture, lit and has_specular),
+        "specular_color_texture": index_of(adapted.specular_color_texture, lit and has_specular, True),
+        "base_color": adapted.base_color,
+        "metallic": adapted.metallic,
+        "roughness": adapted.roughness,
+        "normal_scale": adapted.normal_scale,
+        "occlusion_strength": adapted.occlusion_strength,
+        "emissive": tuple((value * strength if lit else 0.0) for value in adapted.emissive),
+        "alpha_cutoff": adapted.alpha_cutoff,
+        "reflectance": reflectance(adapted.ior),
+        "specular": adapted.specular,
+        "specular_color": adapted.specular_color,
     }
     return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients, "has_surface": look == "studio"}

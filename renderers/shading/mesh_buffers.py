@@ -1,4 +1,4 @@
-"""Interleaved vertex attributes of meshes: kernels load a vertex with one instruction."""
+"""Interleaved vertex attributes of meshes, so that kernels load a vertex with one instruction."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ class MeshBuffers:
     """Indices and interleaved vertex attributes of a mesh."""
 
     indices: NDArray[np.uint32]
-    """(M, 1 | 2 | 3) indices of vertices, whose order may differ from that of the mesh."""
+    """(M, 1 | 2 | 3) indices into ``vertices``, whose order may differ from that of the mesh."""
     vertices: NDArray[np.float32]
-    """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for those the mesh lacks."""
+    """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for attributes that the mesh lacks."""
     extras: NDArray[np.float32] | None
     """(N, E_COLUMNS) colour, second texture coordinates and tangent; None if the mesh lacks all of them."""
     attributes: int
-    """Sum of HAS_ constants."""
+    """HAS_ bits of ``layout``."""
 
     @property
     def fields(self) -> tuple[int, int, int, int]:
-        """Fields of INSTANCE from ``indices`` on. Valid while this object is alive."""
+        """The last four fields of INSTANCE, from ``indices`` on. Valid while this object is alive."""
         return (
             address_of(self.indices, np.uint32),
             address_of(self.vertices, np.float32),
@@ -63,7 +63,7 @@ class MeshBuffers:
 
 
 _buffers: Cache[Mesh, dict[int, MeshBuffers]] = Cache(MAX_VERTEX_BYTES, weak=True)
-"""By mesh, then by the set of texture coordinates that its tangents follow (-1: no tangents)."""
+"""Buffers by mesh and by ``tangent_set``, see ``buffers_of``."""
 _lock = threading.Lock()
 
 
@@ -71,19 +71,20 @@ def buffers_of(mesh: Mesh, tangent_set: int) -> MeshBuffers:
     """Return the mesh's buffers, from the cache if possible.
 
     Args:
-        tangent_set: 0 or 1: include tangents; a mesh without gets tangents that follow this set of texture coordinates.
-            -1: no tangents.
+        tangent_set: 0 or 1: include tangents. If the mesh has none, they are generated from this set of texture
+            coordinates. -1: no tangents.
 
     Raises:
-        ValueError, TypeError: an attribute's shape or dtype is not what ``Mesh`` says. Kernels would read beyond it.
+        ValueError, TypeError: the shape or dtype of an attribute is not as documented in ``Mesh``, so that kernels
+            would read beyond its end.
     """
     buffers = (_buffers.get(mesh) or {}).get(tangent_set)
     if buffers is not None:
         return buffers
     buffers = _interleave(mesh, tangent_set)
     with _lock:
-        sets = {**(_buffers.get(mesh) or {}), tangent_set: buffers}
-        _buffers.put(mesh, sets, sum(each.nbytes for each in sets.values()))
+        by_tangent_set = {**(_buffers.get(mesh) or {}), tangent_set: buffers}
+        _buffers.put(mesh, by_tangent_set, sum(each.nbytes for each in by_tangent_set.values()))
     return buffers
 
 

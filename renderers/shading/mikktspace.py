@@ -1,10 +1,10 @@
 """Tangents for meshes that have none: MikkTSpace, as glTF 2.0 (3.7.2.1) requires.
 
-Written from M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008), chapter 5, and what is documented of his
-reference: corners with the same position, normal and coordinates are one vertex. Triangles around a vertex that share
-edges and have the same handedness form a group. A corner's tangent is the mean of its group's tangents, projected into
-the plane of the normal and weighted by the angle at the corner. A vertex where the handedness changes has two tangents
-and is split.
+Sources: M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008), chapter 5, and the documentation of his
+implementation. Corners with the same position, normal and texture coordinates are one vertex. Triangles around a vertex
+that share edges and have the same handedness form a group. A corner's tangent is the mean of its group's tangents,
+projected into the plane of the normal and weighted by the angle at the corner. A vertex where the handedness changes
+has two tangents and is split.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from renderers.drawlist import Mesh, Topology
 from renderers.stop import check_stop, current_stop
 
 _BLOCK: Final = 1 << 14
-"""Corners, triangles or vertices between two checks of the ``StopFlag``."""
+"""Number of corners, triangles or vertices between two checks of the ``StopFlag``."""
 
 
 def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
-    """Return a mesh with tangents that follow a set of texture coordinates (0 or 1), without vertices not in use.
+    """Return the mesh with tangents for a set of texture coordinates (0 or 1), without unused vertices.
 
-    A mesh with tangents, or without normals, coordinates or triangles, is returned unchanged.
+    A mesh that has tangents, or has no normals, texture coordinates or triangles, is returned unchanged.
     """
     wait_until_compiled("normals")
     uv = mesh.uv1 if uv_set == 1 else mesh.uv0
@@ -38,11 +38,11 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
     check_stop()
     corner_vertex = mesh.elements.reshape(-1).astype(np.intp)
-    # Each vertex gets the tangent of its first corner (of repeated indices, the last assignment counts).
+    # Each vertex gets the tangent of its first corner: corners are reversed, since the last assignment counts.
     first_corner = np.full(len(mesh.positions), -1, np.intp)
     first_corner[corner_vertex[::-1]] = np.arange(len(corner_vertex) - 1, -1, -1)
     is_used = first_corner >= 0
-    # Corners with another tangent get vertices of their own.
+    # Corners with a different tangent get vertices of their own.
     split_corners = np.flatnonzero((tangents != tangents[first_corner[corner_vertex]]).any(axis=1))
     indices = (np.cumsum(is_used) - 1)[corner_vertex]
     indices[split_corners] = np.count_nonzero(is_used) + np.arange(len(split_corners))
@@ -69,7 +69,8 @@ def corner_tangents(
     """Return the unit tangent and the bitangent's handedness at every corner of every triangle, (3 M, 4) float32.
 
     Args:
-        positions, normals: (N, 3) float32. uv: (N, 2) float32, v downwards as in glTF.
+        positions, normals: (N, 3) float32.
+        uv: (N, 2) float32, v downwards as in glTF.
         triangles: (M, 3) uint32.
 
     Raises:
@@ -79,7 +80,8 @@ def corner_tangents(
     corner_vertex = triangles.reshape(-1).astype(np.int64)
     rows = np.concatenate((positions, normals, uv), axis=1)
     stop.check()
-    rows = np.where(np.abs(rows) < 1e18, rows, np.float32(0.0)) + np.float32(0.0)  # no -0, nothing not finite
+    # Huge and non-finite values become 0, and so does -0.
+    rows = np.where(np.abs(rows) < 1e18, rows, np.float32(0.0)) + np.float32(0.0)
     stop.check()
     p, n, t = (np.ascontiguousarray(part, np.float64) for part in (rows[:, :3], rows[:, 3:6], rows[:, 6:]))
     stop.check()
@@ -94,7 +96,7 @@ def corner_tangents(
 
 
 def _hash_table(count: int) -> NDArray[np.int64]:
-    """Return an empty hash table for ``count`` entries: a power of two of -1, of which at least half stay free."""
+    """Return an empty hash table for ``count`` entries: -1 in at least twice as many slots, a power of two."""
     return np.full(1 << max(2 * count - 1, 1).bit_length(), -1, np.int64)
 
 
@@ -108,10 +110,11 @@ def _hash(value):
 
 @kernel("void(int64[:,::1], int64[::1], int64[::1], int64)")
 def _find_equal_rows(rows, first_equal, table, stop_address):
-    """Find for every row the first one that is equal.
+    """Find the first equal row for every row.
 
     Args:
-        first_equal: (rows,), filled. table: see ``_hash_table``.
+        first_equal: (rows,), filled with the index of the first equal row.
+        table: see ``_hash_table``.
         stop_address: address of a ``StopFlag``; the result is undefined once it is set.
     """
     mask = np.uint64(table.shape[0] - 1)
@@ -147,6 +150,7 @@ def _find_group(parent, k):
 
 @device_function
 def _join_groups(parent, j, k):
+    """Join the groups of the corners j and k. The lowest corner of a group is its root."""
     j, k = _find_group(parent, j), _find_group(parent, k)
     if j < k:
         parent[k] = j
@@ -156,13 +160,13 @@ def _join_groups(parent, j, k):
 
 @inlined
 def _next_corner(corner):
-    """Return the corner after another one in its triangle, where the edge that begins at that one ends."""
+    """Return the next corner of the same triangle: the end of the edge that begins at ``corner``."""
     return corner - corner % 3 + (corner + 1) % 3
 
 
 @device_function
 def _face_tangents(p, uv, corner_vertex, tangents, handedness, stop_address):
-    """Fill each triangle's tangent, of any length, and handedness: 1, -1, or 0 if its coordinates have no area."""
+    """Fill each triangle's tangent, of any length, and handedness: 1, -1, or 0 if its uv triangle has no area."""
     for face in range(handedness.shape[0]):
         if face % _BLOCK == 0 and is_set(stop_address):
             return
@@ -183,11 +187,11 @@ def _group_corners(welded, handedness, table, parent, stop_address):
     An edge is identified by the corner that it begins at.
 
     Args:
-        welded: (3 M,) vertex of each corner, equal vertices being one.
-        parent: (3 M,) union-find trees, filled.
+        welded: (3 M,) index of the first vertex that equals the corner's vertex.
+        parent: (3 M,) union-find trees of corners, updated.
     """
     mask = np.uint64(table.shape[0] - 1)
-    # Of the edges between the same two vertices, the last one without a neighbour, at the slot of their first.
+    # For each pair of vertices, at the slot of its first edge: the last edge that has no neighbour yet; -1: none.
     open_edge = np.full(table.shape[0], -1)
     for edge in range(parent.shape[0]):
         if edge % _BLOCK == 0 and is_set(stop_address):
@@ -210,7 +214,7 @@ def _group_corners(welded, handedness, table, parent, stop_address):
         if other < 0:
             continue
         other_end = _next_corner(other)
-        # Neighbours run through their common edge in opposite directions.
+        # Neighbours traverse their common edge in opposite directions.
         if (
             welded[other] == welded[edge_end]
             and welded[other_end] == welded[edge]
@@ -230,8 +234,9 @@ def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_add
     """Fill ``tangents``, the result of ``corner_tangents``.
 
     Args:
-        p, n, uv: (N, 3), (N, 3) and (N, 2), of the vertices.
-        corner_vertex: (3 M,) vertex of each corner. welded: the same, equal vertices being one.
+        p, n, uv: positions (N, 3), normals (N, 3) and texture coordinates (N, 2) of the vertices.
+        corner_vertex: (3 M,) vertex of each corner.
+        welded: as in ``_group_corners``.
         table: see ``_hash_table``.
         stop_address: address of a ``StopFlag``; the result is undefined once it is set.
     """
@@ -248,7 +253,7 @@ def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_add
         if handedness[face] == 0:
             continue
         group = _find_group(parent, corner)
-        # A group that only triangles without area join may contain both handednesses: the first decides.
+        # Triangles without area may have joined groups of both handednesses. The first corner decides.
         if group_handedness[group] == 0:
             group_handedness[group] = handedness[face]
         vertex, next_corner = corner_vertex[corner], _next_corner(corner)
@@ -272,7 +277,7 @@ def _compute_tangents(p, n, uv, corner_vertex, welded, table, tangents, stop_add
 
 @device_function
 def _in_plane(nx, ny, nz, x, y, z):
-    """Return a vector without its part along a normal, unit length; 0 where nothing is left."""
+    """Return the unit vector along a vector's projection into the plane of a normal; 0 if the projection is 0."""
     d = nx * x + ny * y + nz * z
     x, y, z = x - d * nx, y - d * ny, z - d * nz
     length = math.sqrt(x * x + y * y + z * z)

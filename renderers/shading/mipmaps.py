@@ -17,49 +17,49 @@ from renderers.shading.textures import texels_of
 from renderers.stop import current_stop
 
 MAX_MIP_BYTES: Final = 512 << 20
-"""Maximum number of bytes of cached levels after the first: those of 24 images of 4096 x 4096."""
+"""Maximum number of bytes of cached levels, without each image's first: those of 24 images of 4096 x 4096."""
 
-_LINEAR_STEPS: Final = 65535
-"""Values of a colour channel while means are taken: 0 .. 65535."""
+_MAX_LINEAR: Final = 65535
+"""Largest value of a colour channel while means are computed."""
 _BYTES: Final = np.arange(256) / 255.0
-_STEPS: Final = np.arange(_LINEAR_STEPS + 1) / _LINEAR_STEPS
-# Tables from bytes to 0 .. _LINEAR_STEPS and back: sRGB decoded to linear light, and values as stored.
-_LINEAR_FROM_SRGB: Final = np.round(linear_values_from_srgb(_BYTES) * _LINEAR_STEPS).astype(np.uint16)
-_SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_STEPS) * 255.0).astype(np.uint8)
-_STEPS_FROM_BYTE: Final = np.round(np.arange(256) * (_LINEAR_STEPS / 255.0)).astype(np.uint16)
-_BYTE_FROM_STEPS: Final = np.round(np.arange(_LINEAR_STEPS + 1) * (255.0 / _LINEAR_STEPS)).astype(np.uint8)
+_LINEAR_VALUES: Final = np.arange(_MAX_LINEAR + 1) / _MAX_LINEAR
+# Tables from bytes to 0 .. _MAX_LINEAR and back. The first two decode and encode sRGB, the others only scale.
+_LINEAR_FROM_SRGB: Final = np.round(linear_values_from_srgb(_BYTES) * _MAX_LINEAR).astype(np.uint16)
+_SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_LINEAR_VALUES) * 255.0).astype(np.uint8)
+_SCALED_FROM_BYTE: Final = np.round(np.arange(256) * (_MAX_LINEAR / 255.0)).astype(np.uint16)
+_BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_LINEAR)).astype(np.uint8)
 
-_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache(MAX_MIP_BYTES, weak=True)
+_cached_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache(MAX_MIP_BYTES, weak=True)
 
 
 def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:
-    """Return the image's mip levels without the first, from the cache if possible; see ``make_chain``.
+    """Return the image's mip levels after the first, from the cache if possible; see ``make_chain``.
 
     Args:
-        srgb: average colours in linear light. Alpha is always averaged as it is.
+        srgb: average colours in linear light. Alpha is always averaged as stored.
 
     Raises:
         ImageError: the image cannot be decoded. The message does not name the image.
     """
-    chains = _chains.get(image) or {}
+    chains = _cached_chains.get(image) or {}
     chain = chains.get(srgb)
     if chain is None:
         chain = make_chain(texels_of(image).rgba, srgb)
         chains = {**chains, srgb: chain}
-        _chains.put(image, chains, sum(level.nbytes for each in chains.values() for level in each))
+        _cached_chains.put(image, chains, sum(level.nbytes for each in chains.values() for level in each))
     return chain
 
 
 def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], ...]:
-    """Return the mip levels of (H, W, 4) uint8 after the first, each half the size of the one before, to one texel.
+    """Return the mip levels of (H, W, 4) uint8 after the first, each half the size of the previous.
 
-    A texel is the mean of the area it covers. Sizes round down.
+    The last level has a single texel. A texel is the mean of the area it covers. Sizes are rounded down.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
     """
     levels, stop = [rgba], current_stop()
-    to_linear, from_linear = (_LINEAR_FROM_SRGB, _SRGB_FROM_LINEAR) if srgb else (_STEPS_FROM_BYTE, _BYTE_FROM_STEPS)
+    to_linear, from_linear = (_LINEAR_FROM_SRGB, _SRGB_FROM_LINEAR) if srgb else (_SCALED_FROM_BYTE, _BYTE_FROM_SCALED)
     while max(levels[-1].shape[:2]) > 1:
         height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
         level = np.empty((height, width, 4), np.uint8)
@@ -70,7 +70,7 @@ def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], 
 
 
 def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a read-only view: images are read-only, and another type would be compiled while serving."""
+    """Return a read-only view, since ``halve`` is compiled for read-only arrays only."""
     view = texels.view()
     view.flags.writeable = False
     return view
@@ -78,9 +78,10 @@ def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @device_function
 def _covered_texels(index, size, smaller_size):
-    """Return the first source texel and the weights of it and the next two, in units of 1 / smaller_size.
+    """Return the first source texel that a texel covers, and the weights of three texels from there on.
 
-    A texel of the smaller level covers size / smaller_size texels: two, or up to one more where the size is odd.
+    A texel of the smaller level covers size / smaller_size source texels: 2, or up to 3 if the size is odd. The sum of
+    the weights is ``size``.
     """
     begin = index * size
     first = begin // smaller_size
@@ -93,17 +94,17 @@ def _covered_texels(index, size, smaller_size):
 
 @kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1], int64)")
 def halve(source, level, to_linear, from_linear, stop_address):
-    """Fill a level from the one before.
+    """Fill a mip level from the previous one.
 
     Args:
-        to_linear, from_linear: tables that convert colours to the space where means are taken, and back.
+        to_linear, from_linear: tables that convert bytes to the values that are averaged, and back.
         stop_address: address of a ``StopFlag``, checked once per row: the first level of 8192 x 8192 texels takes a
             second.
     """
     source_height, source_width = source.shape[0], source.shape[1]
     height, width = level.shape[0], level.shape[1]
     area = np.int64(source_height) * source_width
-    half = area // 2
+    half_area = area // 2
     for y in range(height):
         if is_set(stop_address):
             break
@@ -124,7 +125,7 @@ def halve(source, level, to_linear, from_linear, stop_address):
                     green += weight * to_linear[source[first_row + j, first_column + i, 1]]
                     blue += weight * to_linear[source[first_row + j, first_column + i, 2]]
                     alpha += weight * source[first_row + j, first_column + i, 3]
-            level[y, x, 0] = from_linear[(red + half) // area]
-            level[y, x, 1] = from_linear[(green + half) // area]
-            level[y, x, 2] = from_linear[(blue + half) // area]
-            level[y, x, 3] = np.uint8((alpha + half) // area)
+            level[y, x, 0] = from_linear[(red + half_area) // area]
+            level[y, x, 1] = from_linear[(green + half_area) // area]
+            level[y, x, 2] = from_linear[(blue + half_area) // area]
+            level[y, x, 3] = np.uint8((alpha + half_area) // area)

@@ -1,7 +1,8 @@
 """Texture sampling, eight pixels at a time: wrap modes, bilinear and trilinear filters (OpenGL 4.6, 8.14).
 
 The arguments ``sampler``, ``level`` and ``uv_transform`` are the tuples that ``_load_sampler``, ``_load_level`` and
-``_load_uv_transform`` return. They are loaded once: kernels load a struct's fields again after every store.
+``_load_uv_transform`` return. They are loaded into local variables, since compiled kernels would load the fields of a
+struct again after every store.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from renderers.shading.texture_table import MIPS_NEAREST, MIPS_NONE, WRAP_CLAMP,
 from renderers.shading.vec3 import store3
 
 _MAX_COORDINATE: Final = np.float32(1e9)
-"""Larger coordinates and NaN become 0: float32 has no fractions left there."""
-_UNIT: Final = np.float32(1.0 / 255.0)
+"""Larger coordinates and NaN become 0, since float32 has no fractions of such numbers."""
+_INV_255: Final = np.float32(1.0 / 255.0)
 _NO_LEVEL: Final = 1 << 20
+"""Greater than every index of a mip level."""
 _MIN_PREFETCHED_TEXELS: Final = 1 << 17
-"""Texels of larger images are prefetched: half a megabyte, more than the second-level cache has."""
+"""Number of texels from which an image is prefetched: half a megabyte, more than a second-level cache holds."""
 
 
 @inlined
@@ -47,7 +49,13 @@ def _load_uv_transform(texture):
 
 @inlined
 def _texel_position(coordinate, wrap, size):
-    """Return coordinates in texels, within a texel of the first repetition, or of the first two if mirrored."""
+    """Return texture coordinates in texels, f32x8.
+
+    With ``WRAP_REPEAT`` they are 0 .. size, with ``WRAP_MIRROR`` 0 .. 2 size, with ``WRAP_CLAMP`` -size .. 2 size.
+
+    Args:
+        size: width or height of the image, texels.
+    """
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, vec.f32(0.0))
     if wrap == WRAP_REPEAT:
         coordinate = coordinate - vec.floor(coordinate)
@@ -60,13 +68,13 @@ def _texel_position(coordinate, wrap, size):
 
 @inlined
 def _wrap(index, wrap, size):
-    """Return texels 0 .. size - 1 of indices next to a ``_texel_position``."""
+    """Return the texels, 0 .. size - 1, at indices that differ from a ``_texel_position`` by at most 1."""
     zero, count = vec.i32(0), vec.i32(size)
     if wrap == WRAP_REPEAT:
         index = vec.select(index < zero, index + count, index)
         index = vec.select(index >= count, index - count, index)
     elif wrap == WRAP_MIRROR:
-        # Index -1 mirrors to texel 0, and index 2 size is texel 0 of the next period: clamped below.
+        # Index -1 mirrors to texel 0. Index 2 size is texel 0 of the next period. Both are clamped to 0 below.
         index = vec.select(index < count, index, vec.i32(2 * size - 1) - index)
     return vec.minimum(vec.maximum(index, zero), count - vec.i32(1))
 
@@ -87,17 +95,21 @@ def _channels(texel, sampler):
 def _to_unit(rgba, sampler):
     """Return the result of ``_channels`` as 0 .. 1."""
     _, _, srgb, _ = sampler
-    unit = vec.f32(_UNIT)
+    unit = vec.f32(_INV_255)
     if srgb:
         return rgba[0], rgba[1], rgba[2], rgba[3] * unit
     return rgba[0] * unit, rgba[1] * unit, rgba[2] * unit, rgba[3] * unit
 
 
 @inlined
-def _bilinear(a, b, c, d, fx, fy):
-    """Interpolate between the upper a and b, and the lower c and d; exact where all four are equal."""
-    upper, lower = a + fx * (b - a), c + fx * (d - c)
-    return upper + fy * (lower - upper)
+def _bilinear(a, b, c, d, tx, ty):
+    """Interpolate between four values: a and b above c and d. The result is exact if all are equal.
+
+    Args:
+        tx, ty: weights of the right and of the lower values.
+    """
+    upper, lower = a + tx * (b - a), c + tx * (d - c)
+    return upper + ty * (lower - upper)
 
 
 @inlined
@@ -112,7 +124,7 @@ def _nearest(level, sampler, u, v):
 
 @device_function
 def _gather_wrapped(level, sampler, i, j):
-    """Return the texels (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1), some of them across the image's border."""
+    """Return the texels (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1). They may be beyond the image's border."""
     texels, width, height, stride = level
     wrap_s, wrap_t, _, _ = sampler
     one, texels_per_row = vec.i32(1), vec.i32(stride)
@@ -128,11 +140,11 @@ def _gather_wrapped(level, sampler, i, j):
 
 @inlined
 def _locate(level, sampler, u, v):
-    """Return where to interpolate at (u, v), for ``_interpolate``.
+    """Return the arguments of ``_interpolate`` for the texture coordinates (u, v).
 
     Returns:
-        Column and row, before wrapping, of the upper left of four texels, and the weights of the right and the lower
-        ones.
+        Column and row of the upper left of four texels, before wrapping, and the weights of the right and of the lower
+        texels.
     """
     _, width, height, _ = level
     wrap_s, wrap_t, _, _ = sampler
@@ -143,8 +155,8 @@ def _locate(level, sampler, u, v):
 
 
 @inlined
-def _interpolate(level, sampler, i, j, fx, fy):
-    """Return RGBA between four texels, from the result of ``_locate``."""
+def _interpolate(level, sampler, i, j, tx, ty):
+    """Return RGBA interpolated between four texels. The last four arguments are from ``_locate``."""
     texels, width, height, stride = level
     zero, last_column, last_row = vec.i32(0), vec.i32(width - 1), vec.i32(height - 1)
     if vec.movemask((i >= zero) & (j >= zero) & (i < last_column) & (j < last_row)) == 255:  # nearly always
@@ -153,21 +165,21 @@ def _interpolate(level, sampler, i, j, fx, fy):
         a, b, c, d = _gather_wrapped(level, sampler, i, j)
     a, b, c, d = _channels(a, sampler), _channels(b, sampler), _channels(c, sampler), _channels(d, sampler)
     rgba = (
-        _bilinear(a[0], b[0], c[0], d[0], fx, fy),
-        _bilinear(a[1], b[1], c[1], d[1], fx, fy),
-        _bilinear(a[2], b[2], c[2], d[2], fx, fy),
-        _bilinear(a[3], b[3], c[3], d[3], fx, fy),
+        _bilinear(a[0], b[0], c[0], d[0], tx, ty),
+        _bilinear(a[1], b[1], c[1], d[1], tx, ty),
+        _bilinear(a[2], b[2], c[2], d[2], tx, ty),
+        _bilinear(a[3], b[3], c[3], d[3], tx, ty),
     )
     return _to_unit(rgba, sampler)
 
 
 @device_function
 def _sample_level(texture, sampler, k, linear, u, v):
-    """Return RGBA of mip level ``k``."""
+    """Return RGBA of mip level ``k``; ``linear``: interpolate, else the nearest texel."""
     level = _load_level(texture, k)
     if linear:
-        i, j, fx, fy = _locate(level, sampler, u, v)
-        return _interpolate(level, sampler, i, j, fx, fy)
+        i, j, tx, ty = _locate(level, sampler, u, v)
+        return _interpolate(level, sampler, i, j, tx, ty)
     return _nearest(level, sampler, u, v)
 
 
@@ -193,7 +205,11 @@ def _lerp4(a, b, t):
 
 @device_function
 def _sample_between(texture, sampler, k, t, u, v):
-    """Return RGBA of a minified texture between the mip levels ``k`` and ``k + 1``, whose share is ``t``."""
+    """Return RGBA of a minified texture, interpolated between the mip levels ``k`` and ``k + 1``.
+
+    Args:
+        t: f32x8, weight of level ``k + 1``.
+    """
     min_linear = texture.min_linear != 0
     rgba = _sample_level(texture, sampler, k, min_linear, u, v)
     if vec.movemask(t > vec.f32(0.0)) != 0:
@@ -211,7 +227,7 @@ def _sample_mipmapped(texture, sampler, u, v, footprint):
     """
     last, mips = texture.level_count - 1, texture.mips
     mag_linear, min_linear = texture.mag_linear != 0, texture.min_linear != 0
-    # Between a linear magnifying and a nearest minifying filter, the border is at half a level.
+    # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
     is_minified = footprint > vec.f32(2.0 if mag_linear and not min_linear and mips != MIPS_NONE else 1.0)
     if vec.movemask(is_minified) == 0:
         return _sample_level(texture, sampler, np.int64(0), mag_linear, u, v)
@@ -227,7 +243,7 @@ def _sample_mipmapped(texture, sampler, u, v, footprint):
     no_level = vec.i32(_NO_LEVEL)
     levels = vec.select(is_minified, levels, no_level)
     k = vec.minimum_of(levels)
-    if vec.movemask(levels == vec.i32(k)) == 255:  # mostly
+    if vec.movemask(levels == vec.i32(k)) == 255:  # nearly always
         return _sample_between(texture, sampler, k, t, u, v)
     rgba = zero, zero, zero, zero
     if vec.movemask(is_minified) != 255:
@@ -244,8 +260,8 @@ def _sample_mipmapped(texture, sampler, u, v, footprint):
 def _half_log2(x):
     """Return ``log2(x) / 2`` for x >= 1, within 1e-6; 64 or more for infinity and NaN.
 
-    The exponent's bits, and for the rest the series of artanh: the last bit of the C library's ``log`` differs between
-    machines.
+    The sum of the exponent and, for the fraction, the series of artanh. The C library's ``log`` is not used, since its
+    last bit differs between machines.
     """
     bits = vec.float_bits(x)
     exponent = vec.to_f32((bits >> vec.i32(23)) - vec.i32(127))
@@ -260,10 +276,11 @@ def _half_log2(x):
 
 @inlined
 def _footprint(uv_transform, uv_gradient, x, width, height):
-    """Return the square of the longer side of eight pixels' footprints, texels.
+    """Return the square of the longer side of eight pixels' footprints, in texels.
 
     Args:
         uv_gradient: pointer to the four rows of PIXELS for the texture's set of coordinates.
+        width, height: size of the first level, texels.
     """
     a, b, _, d, e, _ = uv_transform
     du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + STRIDE)
@@ -275,14 +292,14 @@ def _footprint(uv_transform, uv_gradient, x, width, height):
 
 @inlined
 def _prefetch_level(texture, sampler, footprint, uv):
-    """Prefetch the texels of the larger mip level that eight pixels read."""
+    """Prefetch the texels of the largest mip level that eight pixels read; ``uv``: from ``_transformed_uv``."""
     level = np.int64(0)
     if texture.mips != MIPS_NONE:
         bits = vec.minimum_of(vec.float_bits(vec.maximum(footprint, vec.f32(1.0))))
         level = min((np.int64(bits) - (127 << 23)) >> 24, texture.level_count - 1)
-    chosen = _load_level(texture, level)
-    texels, _, _, stride = chosen
-    i, j, _, _ = _locate(chosen, sampler, uv[0], uv[1])
+    mip_level = _load_level(texture, level)
+    texels, _, _, stride = mip_level
+    i, j, _, _ = _locate(mip_level, sampler, uv[0], uv[1])
     vec.prefetch_pair_rows(texels, j * vec.i32(stride) + i, stride)
 
 
@@ -296,6 +313,7 @@ def _transformed_uv(uv_transform, uv, x):
 
 @inlined
 def _store_texel(rows, x, rgba, alpha):
+    """Store RGB, and A only if ``alpha``, in four rows of PIXELS."""
     store3(rows, x, STRIDE, rgba)
     if alpha:
         vec.store(rows, 3 * STRIDE + x, rgba[3])
@@ -308,8 +326,9 @@ def sample(segment, index, count, rows, alpha):
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels need the rows ``uv_gradient``.
 
     Args:
-        index: of the texture in the job's table.
-        rows: pointer to four rows of PIXELS, of which the last is valid only with ``alpha``.
+        index: index of the texture in the job's table.
+        rows: pointer to four rows of PIXELS that are filled.
+        alpha: True: fill the fourth row, too. Otherwise it is undefined.
     """
     job, pixels = segment.job, segment.pixels
     texture = job.textures[index]
@@ -337,18 +356,18 @@ def sample(segment, index, count, rows, alpha):
             u, v = _transformed_uv(uv_transform, uv, x)
             _store_texel(rows, x, _nearest(level, sampler, u, v), alpha)
     else:
-        # Two passes: a processor waits less for texels that were prefetched many pixels before they are read.
+        # Two passes, so that texels are prefetched long before they are read.
         integer_rows = as_i32(rows)
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
-            i, j, fx, fy = _locate(level, sampler, u, v)
+            i, j, tx, ty = _locate(level, sampler, u, v)
             vec.store(integer_rows, x, i)
             vec.store(integer_rows, STRIDE + x, j)
-            vec.store(rows, 2 * STRIDE + x, fx)
-            vec.store(rows, 3 * STRIDE + x, fy)
+            vec.store(rows, 2 * STRIDE + x, tx)
+            vec.store(rows, 3 * STRIDE + x, ty)
             if prefetches:
                 vec.prefetch_pair_rows(texels, j * vec.i32(stride) + i, stride)
         for x in range(0, count, vec.LANES):
             i, j = vec.load(integer_rows, x), vec.load(integer_rows, STRIDE + x)
-            fx, fy = vec.load(rows, 2 * STRIDE + x), vec.load(rows, 3 * STRIDE + x)
-            _store_texel(rows, x, _interpolate(level, sampler, i, j, fx, fy), alpha)
+            tx, ty = vec.load(rows, 2 * STRIDE + x), vec.load(rows, 3 * STRIDE + x)
+            _store_texel(rows, x, _interpolate(level, sampler, i, j, tx, ty), alpha)

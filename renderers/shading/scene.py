@@ -1,4 +1,4 @@
-"""A draw list as tables that the shading kernels read."""
+"""Conversion of draw lists to the tables that the shading kernels read."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _matrices_at = INSTANCE_MATRICES.at
 class ShadingScene:
     """Tables of a draw list under one look. Independent of the camera, shared between threads.
 
-    Does not refer to the meshes, so keeping it does not keep them alive.
+    It holds no references to the meshes, so that it does not keep them alive.
     """
 
     look: LookName
@@ -43,16 +43,16 @@ class ShadingScene:
     textures: NDArray[Any]
     """(t,) TEXTURE; at least one."""
     cull_back: NDArray[np.bool_] | None
-    """(n,) instances whose back faces are not shaded; None if there are none."""
+    """(n,) True for instances whose back faces are not shaded; None if there are none."""
     transparent: NDArray[np.bool_]
-    """(n,) instances that are blended or cut out after the others, and not opaque everywhere."""
+    """(n,) True for instances that are not opaque everywhere. They are blended or cut out after all others."""
     blended_in_place: NDArray[np.bool_]
-    """(n,) other instances that are blended with what was drawn before them, and hide what is drawn behind them
-    afterwards. The looks of VTK only."""
+    """(n,) True for other instances that are not opaque everywhere, in the looks of VTK. They are blended with the
+    surfaces drawn before them, and hide the surfaces behind them that are drawn later."""
     has_transparency: bool
-    """True if one of the two is set for any instance: an image may need more than one layer."""
+    """True if ``transparent`` or ``blended_in_place`` is set for any instance: an image may need several layers."""
     tables: tuple[int, ...]
-    """Fields of a SHADING_JOB from ``instances`` on."""
+    """The last fields of SHADING_JOB, from ``instances`` on."""
     keep: tuple[Any, ...]
     """Objects that the addresses in the tables point into."""
 
@@ -63,10 +63,10 @@ class ShadingScene:
 
 
 def _is_transparent(instance: Instance, look: LookName) -> bool:
-    """Return True if something behind the instance may be visible through it, whatever is drawn first.
+    """Return True if surfaces behind the instance may be visible through it, in whatever order they are drawn.
 
-    VTK takes surfaces for transparent by their factor's or vertices' alpha, and those that its own exporter writes by
-    their texture as well.
+    VTK treats a surface as transparent if its base colour factor or a vertex colour has an alpha below 1. For materials
+    written by its own exporter, a translucent texture counts as well.
     """
     material = instance.material
     if look in VTK_LOOKS:
@@ -98,7 +98,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
 
     Raises:
         ImageError: an image cannot be decoded.
-        ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
+        ValueError, TypeError: the arrays of a mesh are not as documented in ``Mesh``.
     """
     textures = TextureTable()
     materials = MaterialTable(look, textures)
@@ -109,7 +109,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         check_stop()
         mesh, topology = instance.mesh, instance.mesh.elements.shape[1]
         material = materials.index_of(instance.material, topology == Topology.TRIANGLES)
-        # The set of texture coordinates that generated tangents follow.
+        # Set of texture coordinates from which missing tangents are generated.
         texture = instance.material.normal_texture
         tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1
         fields = buffer_fields.get((id(mesh), tangent_set))
@@ -123,8 +123,8 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     cull_back = np.array([not instance.material.double_sided for instance in instances], np.bool_)
     check_stop()
     transparent = np.array([_is_transparent(instance, look) for instance in instances], np.bool_)
-    in_place = [look in VTK_LOOKS and _has_alpha(instance) for instance in instances]
-    blended_in_place = np.array(in_place, np.bool_) & ~transparent
+    is_blended_in_place = [look in VTK_LOOKS and _has_alpha(instance) for instance in instances]
+    blended_in_place = np.array(is_blended_in_place, np.bool_) & ~transparent
     return ShadingScene(
         look=look,
         instances=table,
@@ -163,16 +163,16 @@ def fill_shading_job(
 
 
 @kernel("void(int64, int64, int64, int64)", releases_gil=False)
-def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, turns_mirrored):
+def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, inverts_mirrored):
     """Fill INSTANCE_MATRICES, each matrix up to a positive factor.
 
-    The matrix of normals is the inverse transpose, defined for flat scales, too.
+    The matrix of normals is the inverse transpose, as a matrix of cofactors: it is defined for scales of 0, too.
 
     Args:
         X_camera_mesh_address: address of (count, 4, 4) float64.
         matrices_address: address of (count,) INSTANCE_MATRICES.
-        turns_mirrored: not 0: normals of mirrored instances point inwards, so that light does not reach them. VTK
-            takes their front faces for back faces.
+        inverts_mirrored: not 0: invert the normals of mirrored instances, so that no light reaches them. VTK treats
+            their front faces as back faces.
     """
     all_matrices = _matrices_at(matrices_address)
     for k in range(count):
@@ -188,8 +188,8 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, tu
             + X[2] * (X[4] * X[9] - X[5] * X[8])
         )
         mirror = -1.0 if determinant < 0.0 else 1.0
-        matrices.mirror = 1.0 if turns_mirrored != 0 else mirror
-        # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
+        matrices.mirror = 1.0 if inverts_mirrored != 0 else mirror
+        # cofactor(A) = det(A) A^-T: remove the determinant's sign (mirrored instances) and its magnitude.
         scale = mirror / max_cofactor if max_cofactor > 0.0 else mirror
         for row in range(3):
             for column in range(3):
@@ -200,7 +200,7 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, tu
 
 @inlined
 def _cofactor(X, row, column):
-    """Return a cofactor of the upper left (3, 3) of a (4, 4) matrix (a pointer)."""
+    """Return a cofactor of the upper left (3, 3) block of a (4, 4) matrix (a pointer to float64)."""
     row1, row2 = 4 * ((row + 1) % 3), 4 * ((row + 2) % 3)
     column1, column2 = (column + 1) % 3, (column + 2) % 3
     return X[row1 + column1] * X[row2 + column2] - X[row1 + column2] * X[row2 + column1]

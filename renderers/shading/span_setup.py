@@ -1,18 +1,21 @@
 """Set-up of spans: weighted sums of the vertices' attributes at the first pixel of a span, and their change per pixel.
 
-The unnormalised barycentric coordinates ``b = det(P) P^-1 d`` of a pixel's ray ``d`` are linear along a row; the
-columns of ``P`` are the vertices in the optical frame. Sums are computed in float64 for eight spans at a time.
+The weights are the barycentric coordinates times their common denominator: ``b = det(P) P^-1 d``. The columns of ``P``
+are the vertices in the optical frame, ``d`` is the pixel's ray. These weights are linear along a row of the image.
+``interpolation`` divides the sums by the sum of the weights. Weights are computed in float64, eight spans at a time.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at
+from renderers.drawlist import Topology
 from renderers.shading.layout import (
     E_COLOR,
     E_COLUMNS,
@@ -30,239 +33,275 @@ from renderers.shading.layout import (
 )
 from renderers.shading.vec3 import cross, dot, minus, times, transform_directions, transform_points
 
+_LINES: Final = int(Topology.LINES)
+_TRIANGLES: Final = int(Topology.TRIANGLES)
+
 
 @inlined
-def _indices(segment, element):
-    """Vertices of eight primitives, i32x8 each; those of lines and points repeat the last one."""
-    elements = segment.instance.indices
-    if segment.instance.topology == 3:
-        return vec.load_elements(elements, element * vec.i32(3))
-    if segment.instance.topology == 2:
-        second = vec.gather(elements, element + element + vec.i32(1))
-        return vec.gather(elements, element + element), second, second
-    only = vec.gather(elements, element)
+def _vertex_indices(segment, primitive):
+    """Return the three vertices of eight primitives, i32x8 each. Lines and points repeat their last vertex.
+
+    Args:
+        primitive: i32x8, indices of primitives of the mesh.
+    """
+    indices = segment.instance.indices
+    if segment.instance.topology == _TRIANGLES:
+        return vec.load_elements(indices, primitive * vec.i32(3))
+    if segment.instance.topology == _LINES:
+        second = vec.gather(indices, primitive + primitive + vec.i32(1))
+        return vec.gather(indices, primitive + primitive), second, second
+    only = vec.gather(indices, primitive)
     return only, only, only
 
 
 @inlined
 def _line_weights(p, q):
-    """For lines, what ``rows`` is for triangles: the weights of the two ends are linear in the ray, as well.
+    """Return the rows of the weights of a line from p to q, and its determinant, as ``_set_up_eight`` uses them.
 
-    With e = q - p, all points p + t e project onto one line of the image with the direction s = e.xy p.z - p.xy e.z.
-    Where the projection's component along s equals the ray's, t is the quotient of two functions linear in the ray.
-    The depth is s . s, the determinant, divided by the sum of the weights.
+    The points of the line are p + t e with e = q - p. All of them project onto one line of the image, whose direction
+    is s = e.xy p.z - p.xy e.z. The pixel shows the point whose projection has the same component along s as the ray.
+    This gives t = numerator / denominator, where both are linear in the ray. The weight of q is the numerator, that of
+    p is denominator - numerator. Their sum is the denominator, and the point's depth is s . s / denominator.
     """
     e = minus(q, p)
     sx, sy = e[0] * p[2] - p[0] * e[2], e[1] * p[2] - p[1] * e[2]
-    none = vec.f64(0.0)
-    numerator = sx * p[2], sy * p[2], none - (p[0] * sx + p[1] * sy)
-    denominator = none - sx * e[2], none - sy * e[2], e[0] * sx + e[1] * sy
-    return (minus(denominator, numerator), numerator, (none, none, none)), sx * sx + sy * sy
+    zero = vec.f64(0.0)
+    numerator = sx * p[2], sy * p[2], zero - (p[0] * sx + p[1] * sy)
+    denominator = zero - sx * e[2], zero - sy * e[2], e[0] * sx + e[1] * sy
+    return (minus(denominator, numerator), numerator, (zero, zero, zero)), sx * sx + sy * sy
 
 
 @inlined
-def _dot_ray(row, dx, dy):
-    return row[0] * dx + row[1] * dy + row[2]
+def _dot_ray(row, ray_x, ray_y):
+    """Return the product of a row of three values with the ray (ray_x, ray_y, 1)."""
+    return row[0] * ray_x + row[1] * ray_y + row[2]
 
 
 @inlined
-def _weighted_sum(w, a, b, c):
-    return w[0] * a + w[1] * b + w[2] * c
+def _weighted_sum(weights, a, b, c):
+    return weights[0] * a + weights[1] * b + weights[2] * c
 
 
 @inlined
-def _weighted_sum3(w, a, b, c, k):
+def _weighted_sum3(weights, a, b, c, k):
+    """Return the weighted sums of the values k, k + 1 and k + 2 of three vertices."""
     return (
-        _weighted_sum(w, a[k], b[k], c[k]),
-        _weighted_sum(w, a[k + 1], b[k + 1], c[k + 1]),
-        _weighted_sum(w, a[k + 2], b[k + 2], c[k + 2]),
+        _weighted_sum(weights, a[k], b[k], c[k]),
+        _weighted_sum(weights, a[k + 1], b[k + 1], c[k + 1]),
+        _weighted_sum(weights, a[k + 2], b[k + 2], c[k + 2]),
     )
 
 
 @inlined
-def _store_weighted_sums(spans, row, count, at, here, step, a, b, c, k):
-    """Store ``count`` attributes of the corners from value ``k`` on, weighted by ``here``, then by ``step``."""
+def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k):
+    """Store weighted sums of the values ``k .. k + count - 1`` of three vertices in ``count`` rows from ``row`` on.
+
+    The sums with ``weight_steps`` are stored in the ``count`` rows after them.
+
+    Args:
+        rows: pointer to a field of SPANS.
+        at: index of the first of the eight spans within a row.
+    """
     for j in range(count):
-        vec.store(spans, (row + j) * SPAN_STRIDE + at, _weighted_sum(here, a[k + j], b[k + j], c[k + j]))
-        vec.store(spans, (row + count + j) * SPAN_STRIDE + at, _weighted_sum(step, a[k + j], b[k + j], c[k + j]))
+        vec.store(rows, (row + j) * SPAN_STRIDE + at, _weighted_sum(weights, a[k + j], b[k + j], c[k + j]))
+        vec.store(rows, (row + count + j) * SPAN_STRIDE + at, _weighted_sum(weight_steps, a[k + j], b[k + j], c[k + j]))
 
 
 @inlined
-def _store3(spans, row, at, values):
-    vec.store(spans, row * SPAN_STRIDE + at, values[0])
-    vec.store(spans, (row + 1) * SPAN_STRIDE + at, values[1])
-    vec.store(spans, (row + 2) * SPAN_STRIDE + at, values[2])
+def _store3(rows, row, at, values):
+    """Store three values in the rows of SPANS from ``row`` on."""
+    vec.store(rows, row * SPAN_STRIDE + at, values[0])
+    vec.store(rows, (row + 1) * SPAN_STRIDE + at, values[1])
+    vec.store(rows, (row + 2) * SPAN_STRIDE + at, values[2])
 
 
 @inlined
-def _to_f32x3(w):
-    return vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2])
+def _to_f32x3(values):
+    return vec.to_f32(values[0]), vec.to_f32(values[1]), vec.to_f32(values[2])
 
 
 @device_function
 def _set_up_eight(segment, span, count, at):
-    """Fill eight values of the rows T_ from ``at`` on, of the spans ``span .. span + count``.
+    """Fill SPANS with at most eight spans from ``span`` on.
+
+    Args:
+        count: number of spans, 1 .. 8.
+        at: index of the first of them within the rows of SPANS.
 
     Returns:
-        True if the normal is constant along each of them.
+        True if the normal is constant along each span.
     """
-    m, maps, job = segment.X_camera_mesh, segment.matrices, segment.job
-    spans, starts, has = segment.spans, segment.starts, segment.attributes
+    X_camera_mesh, matrices, job, material = segment.X_camera_mesh, segment.matrices, segment.job, segment.material
+    spans, starts, attributes = segment.spans, segment.starts, segment.attributes
     vertices, y = segment.instance.vertices, segment.y
-    # Lanes beyond the last span repeat it: their records belong to other instances.
+    zero, one = vec.f64(0.0), vec.f64(1.0)
+    # Lanes beyond the last span repeat it: the ids there belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
-    record = vec.permute(vec.load(segment.ids, span), lane)
-    first = vec.permute(vec.load(starts, span), lane)
-    steps = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first - vec.i32(1))
+    primitive_id = vec.permute(vec.load(segment.ids, span), lane)
+    first_column = vec.permute(vec.load(starts, span), lane)
+    step_count = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first_column - vec.i32(1))
     if segment.columns != 0:
-        first = vec.gather(i32_at(segment.columns), first)
-    i0, i1, i2 = _indices(segment, record - vec.i32(segment.first_id))
-    eight = vec.i32(V_COLUMNS)
+        first_column = vec.gather(i32_at(segment.columns), first_column)
+    i0, i1, i2 = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
+    vertex_values = vec.i32(V_COLUMNS)
     a, b, c = (
-        vec.load_octets(vertices, i0 * eight),
-        vec.load_octets(vertices, i1 * eight),
-        vec.load_octets(vertices, i2 * eight),
+        vec.load_octets(vertices, i0 * vertex_values),
+        vec.load_octets(vertices, i1 * vertex_values),
+        vec.load_octets(vertices, i2 * vertex_values),
     )
-    p0, p1, p2 = transform_points(m, a), transform_points(m, b), transform_points(m, c)
-    none, one = vec.f64(0.0), vec.f64(1.0)
-    # Rows of det(P) P^-1. The determinant ((p1 - p0) x (p2 - p0)) . p0 is negative where a counter-clockwise triangle
-    # is seen from its front. A mirroring map turns that round.
-    rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
-    determinant = dot(p0, rows[0])
-    if segment.instance.topology != 3:
+    p0, p1, p2 = (
+        transform_points(X_camera_mesh, a),
+        transform_points(X_camera_mesh, b),
+        transform_points(X_camera_mesh, c),
+    )
+    pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
+    ray_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
+    ray_y = vec.f64(y + 0.5 - job.cy) * pixel_height
+    # The product of each row with the ray is a vertex's weight. The point's depth is the determinant divided by the
+    # sum of the weights.
+    if segment.instance.topology == _TRIANGLES:
+        rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+        # Negative where the side is visible on which the vertices run counter-clockwise: the front, or the back if the
+        # transform mirrors.
+        determinant = dot(p0, rows[0])
+        sign = vec.select(determinant < zero, zero - one, one)
+    else:
         rows, determinant = _line_weights(p0, p1)
-    side = vec.select(determinant < none, none - one, one)
-    across, down = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)
-    dx, dy = (vec.to_f64(first) + vec.f64(0.5 - job.cx)) * across, vec.f64(y + 0.5 - job.cy) * down
-    if segment.instance.topology != 3:  # the sum of the weights is positive where the line is seen
-        side = vec.select(_dot_ray(rows[0], dx, dy) + _dot_ray(rows[1], dx, dy) < none, none - one, one)
-    # Coverage, exact in 1/256 pixel, may include pixel centres a little outside of the triangle. Negative coordinates
-    # at the ends of a span become 0: nothing is extrapolated.
-    end = dx + steps * across
-    b0, e0 = vec.maximum(side * _dot_ray(rows[0], dx, dy), none), vec.maximum(side * _dot_ray(rows[0], end, dy), none)
-    b1, e1 = vec.maximum(side * _dot_ray(rows[1], dx, dy), none), vec.maximum(side * _dot_ray(rows[1], end, dy), none)
-    b2, e2 = vec.maximum(side * _dot_ray(rows[2], dx, dy), none), vec.maximum(side * _dot_ray(rows[2], end, dy), none)
-    total, last = b0 + b1 + b2, e0 + e1 + e2
-    infinite = vec.f64(math.inf)
-    usable = (total > none) & (total < infinite) & (last > none) & (last < infinite)
-    # Any positive factor will do: with the sum 1 at the first pixel, float32 has all that is needed.
-    scale = vec.select(usable, one / total, none)
-    step = scale / vec.maximum(steps, one)
-    third = vec.f64(1.0 / 3.0)  # the centroid of what cannot be resolved
-    here = _to_f32x3(
+        # Positive in front of the camera.
+        weight_sum = _dot_ray(rows[0], ray_x, ray_y) + _dot_ray(rows[1], ray_x, ray_y)
+        sign = vec.select(weight_sum < zero, zero - one, one)
+    # Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights
+    # at the ends of a span become 0: nothing is extrapolated. b are the weights at the first pixel, e at the last.
+    end_x = ray_x + step_count * pixel_width
+    b0 = vec.maximum(sign * _dot_ray(rows[0], ray_x, ray_y), zero)
+    b1 = vec.maximum(sign * _dot_ray(rows[1], ray_x, ray_y), zero)
+    b2 = vec.maximum(sign * _dot_ray(rows[2], ray_x, ray_y), zero)
+    e0 = vec.maximum(sign * _dot_ray(rows[0], end_x, ray_y), zero)
+    e1 = vec.maximum(sign * _dot_ray(rows[1], end_x, ray_y), zero)
+    e2 = vec.maximum(sign * _dot_ray(rows[2], end_x, ray_y), zero)
+    first_sum, last_sum = b0 + b1 + b2, e0 + e1 + e2
+    infinity = vec.f64(math.inf)
+    is_usable = (first_sum > zero) & (first_sum < infinity) & (last_sum > zero) & (last_sum < infinity)
+    # Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums are
+    # divided by the sum of the weights.
+    scale = vec.select(is_usable, one / first_sum, zero)
+    step_scale = scale / vec.maximum(step_count, one)
+    third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
+    weights = _to_f32x3(
         (
-            vec.select(usable, b0 * scale, third),
-            vec.select(usable, b1 * scale, third),
-            vec.select(usable, b2 * scale, third),
+            vec.select(is_usable, b0 * scale, third),
+            vec.select(is_usable, b1 * scale, third),
+            vec.select(is_usable, b2 * scale, third),
         )
     )
-    change = _to_f32x3(
+    weight_steps = _to_f32x3(
         (
-            vec.select(usable, (e0 - b0) * step, none),
-            vec.select(usable, (e1 - b1) * step, none),
-            vec.select(usable, (e2 - b2) * step, none),
+            vec.select(is_usable, (e0 - b0) * step_scale, zero),
+            vec.select(is_usable, (e1 - b1) * step_scale, zero),
+            vec.select(is_usable, (e2 - b2) * step_scale, zero),
         )
     )
-    mirror = vec.f32(maps.mirror)
-    facing = vec.select(determinant > none, -mirror, mirror)
-    vec.store(spans.begin, at, vec.to_f32(first))
+    mirror = vec.f32(matrices.mirror)
+    facing = vec.select(determinant > zero, -mirror, mirror)
+    vec.store(spans.begin, at, vec.to_f32(first_column))
     vec.store(spans.facing, at, facing)
-    vec.store(spans.total, at, here[0] + here[1] + here[2])
-    vec.store(spans.total, SPAN_STRIDE + at, change[0] + change[1] + change[2])
-    zero, k, constant = vec.f32(0.0), V_NORMAL, True
-    if has & HAS_NORMALS:
-        same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
-        same = same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
-        constant = vec.movemask(same) == 255
-        normal, turn = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
-        if not constant:
-            normal, turn = _weighted_sum3(here, a, b, c, k), _weighted_sum3(change, a, b, c, k)
-        _store3(spans.normal, 0, at, times(transform_directions(maps.normal, normal), facing))
-        _store3(spans.normal, 3, at, times(transform_directions(maps.normal, turn), facing))
-    if not has & HAS_NORMALS or segment.material.has_surface != 0:
-        flat = cross(minus(p1, p0), minus(p2, p0))
-        length = vec.sqrt(dot(flat, flat))
-        usable_normal = (length > none) & (length < infinite)
-        # Against the sign of the determinant: towards the camera.
-        towards = vec.select(usable_normal, (none - side) / vec.select(usable_normal, length, one), none)
-        flat_normal = _to_f32x3(times(flat, towards))
-        if not has & HAS_NORMALS:
+    vec.store(spans.weight_sum, at, weights[0] + weights[1] + weights[2])
+    vec.store(spans.weight_sum, SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
+    zero_f32, k, is_constant = vec.f32(0.0), V_NORMAL, True
+    if attributes & HAS_NORMALS:
+        is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
+        is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
+        is_constant = vec.movemask(is_same) == 255
+        normal, normal_step = (a[k], a[k + 1], a[k + 2]), (zero_f32, zero_f32, zero_f32)
+        if not is_constant:
+            normal, normal_step = _weighted_sum3(weights, a, b, c, k), _weighted_sum3(weight_steps, a, b, c, k)
+        _store3(spans.normal, 0, at, times(transform_directions(matrices.normal, normal), facing))
+        _store3(spans.normal, 3, at, times(transform_directions(matrices.normal, normal_step), facing))
+    if not attributes & HAS_NORMALS or material.has_surface != 0:
+        plane_normal = cross(minus(p1, p0), minus(p2, p0))
+        length = vec.sqrt(dot(plane_normal, plane_normal))
+        has_length = (length > zero) & (length < infinity)
+        # The negative sign of the determinant turns the normal towards the camera.
+        normal_scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
+        flat_normal = _to_f32x3(times(plane_normal, normal_scale))
+        if not attributes & HAS_NORMALS:
             _store3(spans.normal, 0, at, flat_normal)
-            _store3(spans.normal, 3, at, (zero, zero, zero))
+            _store3(spans.normal, 3, at, (zero_f32, zero_f32, zero_f32))
         _store3(spans.flat_normal, 0, at, flat_normal)
-    if has & HAS_UV0:
-        _store_weighted_sums(spans.uv, 0, 2, at, here, change, a, b, c, V_UV0)
-    right = lower = here
-    if segment.material.has_surface != 0:
+    if attributes & HAS_UV0:
+        _store_weighted_sums(spans.uv, 0, 2, at, weights, weight_steps, a, b, c, V_UV0)
+    if material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
-    if segment.material.has_gradients != 0:
-        # Not ``change``: spans of a single pixel have gradients, too.
-        dx, dy = scale * side * across, scale * side * down
-        right = _to_f32x3((rows[0][0] * dx, rows[1][0] * dx, rows[2][0] * dx))
-        lower = _to_f32x3((rows[0][1] * dy, rows[1][1] * dy, rows[2][1] * dy))
-        vec.store(spans.total_gradient, at, right[0] + right[1] + right[2])
-        vec.store(spans.total_gradient, SPAN_STRIDE + at, lower[0] + lower[1] + lower[2])
-        if has & HAS_UV0:
-            _store_weighted_sums(spans.uv_gradient, 0, 2, at, right, lower, a, b, c, V_UV0)
-    if has & (HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
-        extras, wide = segment.instance.extras, vec.i32(E_COLUMNS)
-        d = vec.load_octets(extras, i0 * wide)
-        e = vec.load_octets(extras, i1 * wide)
-        f = vec.load_octets(extras, i2 * wide)
-        if has & HAS_COLORS:
-            _store_weighted_sums(spans.color, 0, 4, at, here, change, d, e, f, E_COLOR)
-        if has & HAS_UV1:
-            _store_weighted_sums(spans.uv, 4, 2, at, here, change, d, e, f, E_UV1)
-            if segment.material.has_gradients != 0:
-                _store_weighted_sums(spans.uv_gradient, 4, 2, at, right, lower, d, e, f, E_UV1)
-        if has & HAS_TANGENTS:
-            tangents = vec.i32(E_TANGENT)
-            d = vec.load_octets(extras, i0 * wide + tangents)
-            e = vec.load_octets(extras, i1 * wide + tangents)
-            f = vec.load_octets(extras, i2 * wide + tangents)
-            along = transform_directions(maps.tangent, _weighted_sum3(here, d, e, f, 0))
-            turn = transform_directions(maps.tangent, _weighted_sum3(change, d, e, f, 0))
-            _store3(spans.tangent, 0, at, along)
-            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(here, d[3], e[3], f[3]))
-            _store3(spans.tangent, 4, at, turn)
-            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(change, d[3], e[3], f[3]))
-    return constant
+    column_steps = row_steps = weights  # the same type; replaced where they are used
+    if material.has_gradients != 0:
+        # Changes of the weights per column and per row of the image. Not ``weight_steps``, which are 0 in spans of a
+        # single pixel.
+        x_scale, y_scale = scale * sign * pixel_width, scale * sign * pixel_height
+        column_steps = _to_f32x3((rows[0][0] * x_scale, rows[1][0] * x_scale, rows[2][0] * x_scale))
+        row_steps = _to_f32x3((rows[0][1] * y_scale, rows[1][1] * y_scale, rows[2][1] * y_scale))
+        vec.store(spans.weight_sum_gradient, at, column_steps[0] + column_steps[1] + column_steps[2])
+        vec.store(spans.weight_sum_gradient, SPAN_STRIDE + at, row_steps[0] + row_steps[1] + row_steps[2])
+        if attributes & HAS_UV0:
+            _store_weighted_sums(spans.uv_gradient, 0, 2, at, column_steps, row_steps, a, b, c, V_UV0)
+    if attributes & (HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
+        extras, extra_values = segment.instance.extras, vec.i32(E_COLUMNS)
+        d = vec.load_octets(extras, i0 * extra_values)
+        e = vec.load_octets(extras, i1 * extra_values)
+        f = vec.load_octets(extras, i2 * extra_values)
+        if attributes & HAS_COLORS:
+            _store_weighted_sums(spans.color, 0, 4, at, weights, weight_steps, d, e, f, E_COLOR)
+        if attributes & HAS_UV1:
+            _store_weighted_sums(spans.uv, 4, 2, at, weights, weight_steps, d, e, f, E_UV1)
+            if material.has_gradients != 0:
+                _store_weighted_sums(spans.uv_gradient, 4, 2, at, column_steps, row_steps, d, e, f, E_UV1)
+        if attributes & HAS_TANGENTS:
+            first_tangent = vec.i32(E_TANGENT)
+            d = vec.load_octets(extras, i0 * extra_values + first_tangent)
+            e = vec.load_octets(extras, i1 * extra_values + first_tangent)
+            f = vec.load_octets(extras, i2 * extra_values + first_tangent)
+            tangent = transform_directions(matrices.tangent, _weighted_sum3(weights, d, e, f, 0))
+            tangent_step = transform_directions(matrices.tangent, _weighted_sum3(weight_steps, d, e, f, 0))
+            _store3(spans.tangent, 0, at, tangent)
+            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights, d[3], e[3], f[3]))
+            _store3(spans.tangent, 4, at, tangent_step)
+            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weight_steps, d[3], e[3], f[3]))
+    return is_constant
 
 
 @inlined
-def _prefetch(segment, span, last_span):
-    """Prefetch what ``_set_up_eight`` reads of the spans two batches ahead, and the indices four batches ahead.
+def _prefetch(segment, span, end_span):
+    """Prefetch vertices of the spans two batches ahead, and indices of those four batches ahead.
 
-    Meshes of many triangles fill no cache: without this, frames of a million triangles take a fifth longer.
+    Meshes of a million triangles do not fit the cache: without this, frames take a fifth longer.
 
     Args:
-        last_span: end of the segment.
+        end_span: end of the segment.
     """
-    records, first = segment.ids, segment.first_id
-    elements, vertices = segment.instance.indices, segment.instance.vertices
-    for k in range(min(span + 2 * vec.LANES, last_span), min(span + 3 * vec.LANES, last_span)):
-        element = 3 * (np.int64(records[k]) - first)
+    primitive_ids, first_id = segment.ids, segment.first_id
+    indices, vertices = segment.instance.indices, segment.instance.vertices
+    for k in range(min(span + 2 * vec.LANES, end_span), min(span + 3 * vec.LANES, end_span)):
+        first_index = 3 * (np.int64(primitive_ids[k]) - first_id)
         for corner in range(3):
-            vec.prefetch(vertices, np.int64(elements[element + corner]) * V_COLUMNS)
-    for k in range(min(span + 4 * vec.LANES, last_span), min(span + 5 * vec.LANES, last_span)):
-        vec.prefetch(elements, 3 * (np.int64(records[k]) - first))
+            vec.prefetch(vertices, np.int64(indices[first_index + corner]) * V_COLUMNS)
+    for k in range(min(span + 4 * vec.LANES, end_span), min(span + 5 * vec.LANES, end_span)):
+        vec.prefetch(indices, 3 * (np.int64(primitive_ids[k]) - first_id))
 
 
 @device_function
-def set_up_spans(segment, span, last_span, end_span):
-    """Fill the rows T_ for the spans ``span .. last_span``, at most PART.
+def set_up_spans(segment, span, part_end_span, end_span):
+    """Fill SPANS with the spans ``span .. part_end_span - 1``, at most PART.
 
     Args:
         end_span: end of the segment.
 
     Returns:
-        True if the normal is constant along each of them.
+        True if the normal is constant along each span.
     """
-    constant = True
-    many = segment.instance.topology == 3 and end_span - span > 4 * vec.LANES
-    for batch in range(span, last_span, vec.LANES):
-        if many:
+    is_constant = True
+    prefetches = segment.instance.topology == _TRIANGLES and end_span - span > 4 * vec.LANES
+    for batch in range(span, part_end_span, vec.LANES):
+        if prefetches:
             _prefetch(segment, batch, end_span)
-        count = min(last_span - batch, vec.LANES)
-        constant = _set_up_eight(segment, batch, count, batch - span) and constant
-    return constant
+        count = min(part_end_span - batch, vec.LANES)
+        is_constant = _set_up_eight(segment, batch, count, batch - span) and is_constant
+    return is_constant

@@ -23,7 +23,7 @@ from renderers.shading.layout import (
 )
 
 _NO_ID: Final = -(2**31)
-"""Differs from every primitive id and from -1."""
+"""Value of pixels beyond the row; differs from every primitive id and from -1."""
 _HIGHEST_BIT: Final = -(2**63)
 
 _segment_at, _spans_at, _pixels_at = SEGMENT.at, SPANS.at, PIXELS.at
@@ -36,8 +36,8 @@ def _span_offsets() -> NDArray[np.int32]:
 
 
 SPAN_OFFSETS: Final = _span_offsets()
-"""(128, 8) int32: each of eight pixels' span, counted from the first pixel's. Rows: bits of the pixels 1 to 7 at which
-a span begins."""
+"""(128, 8) int32: for eight pixels, the index of each pixel's span, counted from the first pixel's span. The row of the
+table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
 @inlined
@@ -56,7 +56,7 @@ def begin_rows(job, memory_address, width):
         memory_address: address of ``row_memory(width)`` int64.
 
     Returns:
-        A SEGMENT, and a pointer to memory for the primitive ids of a row, as ``find_spans`` needs it.
+        A SEGMENT, and a pointer to the working memory of ``find_spans``.
     """
     segment = _segment_at(memory_address)
     segment.job = job
@@ -76,14 +76,16 @@ def begin_rows(job, memory_address, width):
 
 @device_function
 def find_spans(segment, y, columns, pixel_ids, width, ids):
-    """Find the spans of a row.
+    """Find the spans of a row of pixels.
 
-    A span also begins at every PART-th pixel: parts of a segment are whole spans, and float32 is exact along them.
+    A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
+    along a span.
 
     Args:
-        y: row of the image. columns: as in SEGMENT; pixels of a row with columns are spans of their own.
+        y: row of the image.
+        columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
         pixel_ids: pointer to the primitive ids of ``width`` pixels, -1 for none.
-        ids: pointer to memory for ``width`` + 64 int32, and eight before it.
+        ids: pointer to working memory for ``width`` + 64 int32, with eight more before it.
 
     Returns:
         Number of spans.
@@ -106,7 +108,7 @@ def find_spans(segment, y, columns, pixel_ids, width, ids):
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1
         new_spans = vec.count_bits(mask)
-        # Eight at a time: the number of spans is unpredictable.
+        # Eight at a time, since a branch per span would be unpredictable.
         for first in range(count, count + new_spans, vec.LANES):
             for k in range(vec.LANES):
                 starts[first + k] = x + vec.lowest_bit(mask | _HIGHEST_BIT)
@@ -120,10 +122,12 @@ def find_spans(segment, y, columns, pixel_ids, width, ids):
 
 @inlined
 def next_part(segment, span, begin, end):
-    """Return the end of the pixels and the end of the spans of the part of a segment that is shaded next.
+    """Return the end of the next part of a segment: the pixel and the span after it.
 
     Args:
-        span: first span of the part. begin: its first pixel. end: end of the segment's pixels.
+        span: first span of the part.
+        begin: first pixel of the part.
+        end: end of the segment's pixels.
     """
     part_end = min(end, (begin & -PART) + PART)
     masks = segment.masks
@@ -152,7 +156,7 @@ def segment_end(segment, span, span_count, first_id, end_id):
 
 @device_function
 def select_instance(segment, index):
-    """Set the fields of a segment that depend on the instance that its pixels see."""
+    """Set the fields of a segment that depend on the instance, given by its index in the draw list."""
     job = segment.job
     instance = job.instances[index]
     material = job.materials[instance.material]

@@ -1,4 +1,4 @@
-"""The table of a draw list's textures, which ``sampling`` reads."""
+"""Table of a draw list's textures, which ``sampling`` reads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import Texture, Wrap, image_named
+from renderers.drawlist import Texture, Wrap, name_image_errors
 from renderers.shading.layout import MIP_LEVEL, TEXTURE
 from renderers.shading.mipmaps import mip_chain
 from renderers.shading.textures import is_decoded, texels_of
@@ -46,7 +46,7 @@ class TextureTable:
         """Return (n,) TEXTURE, at least one. Decodes the images.
 
         Args:
-            parallel: runs several decoders at a time; None: one after the other.
+            parallel: decodes several images at a time; None: one after the other.
 
         Raises:
             ImageError: an image cannot be decoded; the message names it.
@@ -71,22 +71,22 @@ class TextureTable:
             struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, sampler.min_linear, mips
             struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
             struct["level_count"], struct["levels"] = len(levels), address_of(levels, MIP_LEVEL.dtype)
-            with np.errstate(over="ignore"):  # a posted texture transform beyond float32 is infinite
+            with np.errstate(over="ignore"):  # a transform beyond the range of float32 becomes infinite
                 struct["uv_transform"] = texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
             self.keep += [*images, levels]
         return structs
 
 
 def _decode(textures: Iterable[Texture], parallel: Parallel | None) -> None:
-    """Decode those images of the textures that are not cached.
+    """Decode the textures' images that are not cached.
 
     Args:
-        textures: one texture of each image, whose name error messages use.
+        textures: one texture for each image. Error messages use its name.
     """
     missing = [texture for texture in textures if not is_decoded(texture.image)]
 
     def decode(k: int) -> None:
-        with image_named(missing[k].name):
+        with name_image_errors(missing[k].name):
             texels_of(missing[k].image)
 
     if parallel is not None and len(missing) > 1:

@@ -13,12 +13,12 @@ from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
 MAX_TEXEL_BYTES: Final = 1 << 30
-"""Maximum number of bytes of cached images: sixteen of 4096 x 4096. Limits on files do not limit this: a small file can
-hold a large image."""
+"""Maximum number of bytes of cached images: sixteen of 4096 x 4096. The limit is needed beside those on files, since a
+small file can hold a large image."""
 _CONFLICTING_WIDTH: Final = 1024
-"""Texels: rows whose length is a multiple of this begin in the same set of every cache."""
+"""Texels. Rows whose length is a multiple of this begin in the same set of a processor's cache."""
 _CACHE_LINE: Final = 16
-"""Texels."""
+"""Size of a cache line, texels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,12 +26,13 @@ class Texels:
     """A decoded image."""
 
     rows: NDArray[np.uint8]
-    """(H, at least W, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    """(H, W or more, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
     width: int
+    """W, columns of the image. Further columns of ``rows`` are padding."""
     opaque: bool
     """True if every alpha is 255."""
     translucent: bool
-    """True if an alpha is between 0 and 255, or if there are both (as ``vtkTexture::IsTranslucent``)."""
+    """True if an alpha is neither 0 nor 255, or if both occur, as in ``vtkTexture::IsTranslucent``."""
 
     @property
     def rgba(self) -> NDArray[np.uint8]:
@@ -67,9 +68,9 @@ def texels_of(image: Image) -> Texels:
 
 
 def _padded(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the rows, each padded by a cache line if they would evict each other from the cache.
+    """Return the rows of an image, each padded by a cache line if they would evict each other from the cache.
 
-    Halves the time of frames that show such a texture rotated by 90 degrees.
+    Padding halves the time of frames that show such a texture rotated by 90 degrees.
     """
     height, width = pixels.shape[:2]
     if width % _CONFLICTING_WIDTH:
@@ -80,5 +81,5 @@ def _padded(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def is_decoded(image: Image) -> bool:
-    """Return True if ``texels_of`` need not decode the image."""
+    """Return True if the decoded image is cached."""
     return _decoded.get(image) is not None

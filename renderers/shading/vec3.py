@@ -1,4 +1,4 @@
-"""Arithmetic that shading kernels share: three-component vectors, each component a vector of lanes or a scalar."""
+"""Arithmetic of 3-vectors in shading kernels. Each of the three components is a SIMD vector or a scalar."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def dot(a, b):
 
 @inlined
 def scale_to(v, length):
-    """Return the factor that gives f32x8 vectors this length; 0 for vectors without a direction."""
+    """Return the factor that scales vectors (f32x8) to this length; 0 for vectors of length 0 and NaN."""
     old_length, zero = vec.sqrt(dot(v, v)), vec.f32(0.0)
     return vec.select(old_length > zero, length / old_length, zero)
 
@@ -72,19 +72,19 @@ def transform_directions(matrix, d):
 
 @inlined
 def broadcast3(values, k):
-    """Return the values k, k + 1 and k + 2 behind a pointer to float32, each in all lanes."""
+    """Return the values k, k + 1 and k + 2 of an array of float32 (a pointer), each in all lanes."""
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
 @inlined
 def load3(rows, k, stride):
-    """Return three rows at the pixels k .. k + 7."""
+    """Return the values k .. k + 7 of three rows, which are ``stride`` values apart."""
     return vec.load(rows, k), vec.load(rows, k + stride), vec.load(rows, k + 2 * stride)
 
 
 @inlined
 def store3(rows, k, stride, values):
-    """Write three rows at the pixels k .. k + 7."""
+    """Store the values k .. k + 7 of three rows, which are ``stride`` values apart."""
     vec.store(rows, k, values[0])
     vec.store(rows, k + stride, values[1])
     vec.store(rows, k + 2 * stride, values[2])

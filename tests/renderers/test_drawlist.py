@@ -14,7 +14,7 @@ from renderers.drawlist import (
     Mesh,
     PosedInstances,
     Topology,
-    image_named,
+    name_image_errors,
     used_vertices,
 )
 
@@ -90,8 +90,8 @@ def test_draw_lists_that_differ_in_poses_have_one_identity() -> None:
 
 @pytest.mark.parametrize(("name", "message"), [("wood", "wood: torn"), ("", "image: torn")])
 def test_errors_get_the_name_of_the_image(name: str, message: str) -> None:
-    with pytest.raises(ImageError) as raised, image_named(name):
+    with pytest.raises(ImageError) as raised, name_image_errors(name):
         raise ImageError("torn")
     assert str(raised.value) == message
-    with pytest.raises(ValueError, match=r"^other$"), image_named(name):
+    with pytest.raises(ValueError, match=r"^other$"), name_image_errors(name):
         raise ValueError("other")

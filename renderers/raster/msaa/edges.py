@@ -135,7 +135,7 @@ def _find_entries(frame, band, rows, columns, entries):
         columns: pointer to stride + 8 int32 of scratch.
         entries: an _ENTRIES with room for all entries of a row.
     """
-    stride, width, room = frame.stride, frame.width, band.room
+    stride, width, room = frame.stride, frame.width, band.max_entries
     lane_lists, sample_ids = frame.lane_lists, band.sample_ids
     groups, cache = _new_groups(), _new_cache()
     cache.first_id = cache.end_id = cache.indices = 0
@@ -181,7 +181,7 @@ def draw_samples(frame_address, first_row, end_row, band_address):
 def find_edges(frame_address, first_row, end_row, band_address):
     """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
     frame, band = frame_at(frame_address), sample_band_at(band_address)
-    room = band.room + _MAX_MOVE + vec.LANES
+    room = band.max_entries + _MAX_MOVE + vec.LANES
     first_entry = frame.stride + vec.LANES + _MAX_MOVE
     heap = allocate(4 * (first_entry + 2 * room))
     entries = _new_entries()
@@ -203,7 +203,7 @@ def _mix_colors(band, stride, width, first_row, end_row, background, image_addre
         background: red, green, blue, lowest byte first.
         image_address: address of (H, W, 3) uint8, which has the colours of the band's ids.
     """
-    room = band.room
+    room = band.max_entries
     heap = allocate(12 * width)
     sums = i32_at(heap)
     for y in range(first_row, end_row):
@@ -253,8 +253,8 @@ def shade_mixed(own_address, band_address, stride, first_row, end_row):
         for k in range(_JOB_VALUES):
             i64_at(address(entry_job))[k] = i64_at(job_address)[k]
         # Shading counts rows from the image's first one.
-        offset = 4 * first_row * band.room
-        entry_job.width, entry_job.stride = max_count, band.room
+        offset = 4 * first_row * band.max_entries
+        entry_job.width, entry_job.stride = max_count, band.max_entries
         entry_job.columns = address(band.entry_columns) - offset
         entry_job.counts = i32_at(address(band.counts) - 4 * first_row)
         entry_job.color = u8_at(address(band.entry_colors) - 3 * first_row * max_count)

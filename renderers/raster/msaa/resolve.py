@@ -33,7 +33,7 @@ def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, sample
         scratch: must live as long as bands are drawn.
         stride: pixels from one row of ids to the next.
     """
-    room = (samples - 1) * camera.width
+    max_entries = (samples - 1) * camera.width
     counts = {  # of values of 4 bytes
         "sample_ids": BAND_ROWS * stride * LANES,
         "sample_inv_z": BAND_ROWS * stride * LANES,
@@ -43,18 +43,18 @@ def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, sample
         "slots": BAND_ROWS * stride,
         "owners": BAND_ROWS * stride,
         "counts": BAND_ROWS,
-        "entry_ids": BAND_ROWS * room,
-        "entry_columns": BAND_ROWS * room,
-        "entry_weights": BAND_ROWS * room // 4,
+        "entry_ids": BAND_ROWS * max_entries,
+        "entry_columns": BAND_ROWS * max_entries,
+        "entry_weights": BAND_ROWS * max_entries // 4,
         "mixed_counts": BAND_ROWS,
         "mixed": BAND_ROWS * stride,
-        "entry_colors": BAND_ROWS * room * 3 // 4,
+        "entry_colors": BAND_ROWS * max_entries * 3 // 4,
     }
     nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
     first = scratch.take("samples", threads * nbytes // 4, np.int32)[1]
     memory, address = scratch.take("sample bands", threads * SAMPLE_BAND.size // 8, np.int64)
     bands = memory[: threads * SAMPLE_BAND.size // 8].view(SAMPLE_BAND.dtype)
-    bands["room"] = room
+    bands["max_entries"] = max_entries
     for field, count in counts.items():
         bands[field] = first + nbytes * np.arange(threads)
         first += 4 * (count + _GAP)

@@ -10,20 +10,20 @@ from renderers.shading.layout import SHADING_JOB
 DIRECT: Final = 0
 """Write the image."""
 GATHER: Final = 1
-"""Add a translucent layer behind those gathered so far."""
+"""Blend a translucent layer behind the layers gathered so far."""
 UNDER: Final = 2
-"""Write the image beneath the gathered layers."""
+"""Write the image, blended behind the gathered layers."""
 
 HEADLIGHT_JOB: Final = Struct(
     "HeadlightJob",
     {
         "shading": SHADING_JOB,
-        "pbr": I64,  # 1: look pbr; 0: phong or plain
+        "pbr": I64,  # 1: pbr or gltf; 0: phong or plain
         "mode": I64,  # DIRECT, GATHER or UNDER
         "width": I64,  # pixels of the image
         "height": I64,
         "stride": I64,  # values from one row of primitive ids to the next
-        "background": I64,  # red, green, blue, lowest byte first
+        "background": I64,  # RGB, red in the lowest byte
         "color": pointer_to(U8),  # (height, width, 3)
         "gathered": pointer_to(F32),  # (4, height, width + 8), see output_merge
         "gamma_cells": pointer_to(I32),  # gamma.GAMMA_CELLS

@@ -1,7 +1,7 @@
-"""Lighting of a part of a segment: the looks ``phong``, ``plain`` and ``pbr``, eight pixels at a time.
+"""Lighting of a part of a segment in the headlight looks, eight pixels at a time.
 
-A ``line`` is as in ``output_merge``. Functions with ``begin`` shade the first ``count`` PIXELS, which are those from
-``begin`` on in the line.
+``packed_row`` is explained in ``output_merge``. Functions with a parameter ``begin`` shade the first ``count`` PIXELS,
+which are the row's pixels from ``begin`` on.
 """
 
 from __future__ import annotations
@@ -39,20 +39,25 @@ def _base_color(material, pixels, has_rows, x):
 
 
 @inlined
-def _put_pixels(job, pixels, pbr, direct, line, begin, x, rgb):
-    """Write eight shaded pixels to the line or, for translucent layers, to the rows ``base_color``."""
+def _store_pixels(job, pixels, pbr, direct, packed_row, begin, x, rgb):
+    """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
+
+    Args:
+        pbr: True: encode linear colours by gamma.
+        direct: True: store packed pixels in ``packed_row`` instead.
+    """
     if direct:
-        write_pixels(job, pbr, line, begin + x, rgb[0], rgb[1], rgb[2])
+        write_pixels(job, pbr, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
     else:
         store3(pixels.base_color, x, STRIDE, rgb)
 
 
 @device_function
-def _shade_unlit(job, segment, has_rows, begin, count, line):
+def _shade_unlit(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour."""
     direct, pbr, material, pixels = job.mode == DIRECT, job.pbr != 0, segment.material, segment.pixels
     for x in range(0, count, vec.LANES):
-        _put_pixels(job, pixels, pbr, direct, line, begin, x, _base_color(material, pixels, has_rows, x))
+        _store_pixels(job, pixels, pbr, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
 
 
 @inlined
@@ -62,34 +67,34 @@ def _headlight_cosine(normal):
 
 
 @device_function
-def _shade_phong(job, segment, has_rows, begin, count, line):
+def _shade_phong(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
     direct, pixels = job.mode == DIRECT, segment.pixels
     if has_rows:
         for x in range(0, count, vec.LANES):
             cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
             color = times(load3(pixels.base_color, x, STRIDE), cosine)
-            _put_pixels(job, pixels, False, direct, line, begin, x, color)
+            _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
         return
     base_color = broadcast3(segment.material.base_color, 0)
     for x in range(0, count, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(pixels.normal, x, STRIDE)))
-        write_pixels(job, False, line, begin + x, r, g, b)
+        write_pixels(job, False, packed_row, begin + x, r, g, b)
 
 
 @device_function
-def _shade_pbr(job, segment, has_rows, begin, count, line):
-    """Show metallic-roughness as VTK evaluates it, occlusion and emission."""
-    material, pixels, columns, camera = segment.material, segment.pixels, segment.columns, segment.job
+def _shade_pbr(job, segment, has_rows, begin, count, packed_row):
+    """Show metallic-roughness reflection as VTK evaluates it, with occlusion and emission."""
+    material, pixels, columns, shading_job = segment.material, segment.pixels, segment.columns, segment.job
     has_roughness_map, has_emissive_map = material.metallic_roughness_texture >= 0, material.emissive_texture >= 0
-    left, inv_fx = vec.f32(0.5 - camera.cx), vec.f32(1.0 / camera.fx)
-    ray_y = vec.f32((segment.y + 0.5 - camera.cy) / camera.fy)
+    center_offset, inv_fx = vec.f32(0.5 - shading_job.cx), vec.f32(1.0 / shading_job.fx)
+    ray_y = vec.f32((segment.y + 0.5 - shading_job.cy) / shading_job.fy)
     roughness_factor, metallic_factor = vec.f32(material.roughness), vec.f32(material.metallic)
-    # Two passes: each leaves a processor room to work on several pixels at a time.
+    # Two loops with short bodies, so that a processor overlaps their iterations.
     for x in range(0, count, vec.LANES):
         column = pixel_columns(columns, begin + x)
         normal = load3(pixels.normal, x, STRIDE)
-        n_l, n_v, v_l = headlight_cosines(normal, (vec.to_f32(column) + left) * inv_fx, ray_y)
+        n_l, n_v, v_l = headlight_cosines(normal, (vec.to_f32(column) + center_offset) * inv_fx, ray_y)
         roughness = roughness_factor
         if has_roughness_map:
             roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
@@ -112,7 +117,7 @@ def _shade_pbr(job, segment, has_rows, begin, count, line):
             vtk_reflected(n_l, specular, fresnel, diffuse[1], f0[1], f90_minus_f0[1]) * unoccluded + emitted[1],
             vtk_reflected(n_l, specular, fresnel, diffuse[2], f0[2], f90_minus_f0[2]) * unoccluded + emitted[2],
         )
-        _put_pixels(job, pixels, True, direct, line, begin, x, rgb)
+        _store_pixels(job, pixels, True, direct, packed_row, begin, x, rgb)
 
 
 @inlined
@@ -122,40 +127,40 @@ def is_uniform_phong(job, segment):
 
 
 @device_function
-def fill_spans(segment, span, last_span, line):
-    """Write spans of ``is_uniform_phong`` whose normals are constant, after ``set_up_spans``.
+def fill_spans(segment, span, part_end_span, packed_row):
+    """Write spans of one colour each: ``is_uniform_phong``, with a constant normal along each span.
 
-    Walls, floors and meshes without normals.
+    Walls, floors and meshes without normals have such spans. ``set_up_spans`` has filled SPANS.
     """
     base_color, normals, starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
-    own_colors = np.empty(vec.LANES, np.int32)
-    colors = i32_at(np.int64(own_colors.ctypes.data))
-    for first in range(span, last_span, vec.LANES):
+    color_memory = np.empty(vec.LANES, np.int32)
+    colors = i32_at(np.int64(color_memory.ctypes.data))
+    for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
         vec.store(colors, 0, packed(r, g, b))
-        for k in range(min(last_span - first, vec.LANES)):
+        for k in range(min(part_end_span - first, vec.LANES)):
             color = vec.i32(np.int64(colors[k]))
             for x in range(starts[first + k], starts[first + k + 1], vec.LANES):
-                vec.store(line, x, color)
-    own_colors[0] = 0  # the pointer above does not keep the array alive
+                vec.store(packed_row, x, color)
+    color_memory[0] = 0  # the pointer above does not keep the array alive
 
 
 @device_function
-def shade(job, segment, begin, end, line):
+def shade(job, segment, begin, end, packed_row):
     """Shade the pixels ``begin .. end - 1``, at most PART, whose attributes are the first values of PIXELS.
 
-    In the mode ``DIRECT`` they are packed into the line, with up to seven further ones. In the other modes colour and
-    alpha are written to the rows ``base_color``.
+    In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
+    and alpha are stored in the rows ``base_color``.
     """
     count, material = end - begin, segment.material
     has_rows = has_varying_color(segment) or job.mode != DIRECT
     if has_rows:
         fill_base_color(segment, count, job.mode != DIRECT)
     if material.unlit != 0:
-        _shade_unlit(job, segment, has_rows, begin, count, line)
+        _shade_unlit(job, segment, has_rows, begin, count, packed_row)
     elif job.pbr == 0:
-        _shade_phong(job, segment, has_rows, begin, count, line)
+        _shade_phong(job, segment, has_rows, begin, count, packed_row)
     else:
         sample_maps(segment, count)
         apply_normal_map(segment, count)
-        _shade_pbr(job, segment, has_rows, begin, count, line)
+        _shade_pbr(job, segment, has_rows, begin, count, packed_row)

@@ -1,7 +1,8 @@
 """From shaded pixels to the image: bytes, translucent layers, background.
 
-A *line* is a pointer to a row of packed pixels, int32, red in the lowest byte. *Gathered* layers are four channels of
-float32, one after the other: red, green, blue and transmittance. Their rows are eight values longer than the image's.
+A *packed row* is a pointer to a row of pixels, int32 each, red in the lowest byte. *Gathered* layers are the
+translucent layers blended so far: four channels of float32, one after the other, for red, green, blue and
+transmittance. Their rows are eight values longer than those of the image.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
 
 _PREFETCH_DISTANCE: Final = 1024
-"""Pixels by which the image is prefetched ahead of writing."""
+"""Number of pixels between the one that is written and the one that is prefetched."""
 
 
 @inlined
@@ -31,17 +32,17 @@ def packed(r, g, b):
 
 
 @inlined
-def write_pixels(job, pbr, line, x, r, g, b):
-    """Pack eight shaded pixels (f32x8 each) into a line."""
+def write_pixels(job, pbr, packed_row, x, r, g, b):
+    """Store eight shaded pixels (f32x8 each) in a packed row; ``pbr``: encode linear colours by gamma."""
     if pbr:
-        vec.store(line, x, encoded_pixels(r, g, b, job.gamma_cells))
+        vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
-        vec.store(line, x, packed(r, g, b))
+        vec.store(packed_row, x, packed(r, g, b))
 
 
 @inlined
 def _encoded(job, c):
-    """Return the value that ``write_pixels`` would round to a byte, 0 .. 1, f32x8."""
+    """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte, f32x8."""
     if job.pbr != 0:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
@@ -49,19 +50,19 @@ def _encoded(job, c):
 
 @inlined
 def _gathered_row(job, y):
-    """Return a pointer to a row of the gathered layers, and the number of values of one of their channels."""
+    """Return a pointer to a row of the gathered layers, and the number of values of a whole channel."""
     row_values = job.width + vec.LANES
     return f32_at(address(job.gathered) + 4 * row_values * y), row_values * job.height
 
 
 @device_function
 def gather(job, segment, begin, end):
-    """Add pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
-    gathered, channel = _gathered_row(job, segment.y)
+    """Blend pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
+    gathered, channel_size = _gathered_row(job, segment.y)
     pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
-        transmittance = vec.load_volatile(gathered, 3 * channel + x)
+        transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
         alpha = vec.load(pixels.base_color, 3 * STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
             alpha = vec.select(alpha == alpha, saturate(alpha), one)  # NaN is opaque
@@ -72,66 +73,69 @@ def gather(job, segment, begin, end):
         share = transmittance * alpha
         is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
-            color = vec.load_volatile(gathered, k * channel + x)
+            color = vec.load_volatile(gathered, k * channel_size + x)
             added = share * _encoded(job, vec.load(pixels.base_color, k * STRIDE + x - begin))
-            vec.store(gathered, k * channel + x, vec.select(is_added, color + added, color))
-        vec.store(gathered, 3 * channel + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
+            vec.store(gathered, k * channel_size + x, vec.select(is_added, color + added, color))
+        vec.store(gathered, 3 * channel_size + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
 
 
 @inlined
-def _beneath(gathered, channel, x, r, g, b):
-    """Return packed pixels of colours (f32x8 each) beneath the gathered layers."""
-    transmittance = vec.load(gathered, 3 * channel + x)
+def _beneath(gathered, channel_size, x, r, g, b):
+    """Return packed pixels of colours (f32x8 each), blended behind the gathered layers."""
+    transmittance = vec.load(gathered, 3 * channel_size + x)
     return packed(
         vec.load(gathered, x) + transmittance * r,
-        vec.load(gathered, channel + x) + transmittance * g,
-        vec.load(gathered, 2 * channel + x) + transmittance * b,
+        vec.load(gathered, channel_size + x) + transmittance * g,
+        vec.load(gathered, 2 * channel_size + x) + transmittance * b,
     )
 
 
 @device_function
-def write_under(job, segment, begin, end, line):
-    """Write shaded pixels beneath the gathered layers."""
-    gathered, channel = _gathered_row(job, segment.y)
+def write_under(job, segment, begin, end, packed_row):
+    """Write shaded pixels, blended behind the gathered layers."""
+    gathered, channel_size = _gathered_row(job, segment.y)
     pixels = segment.pixels
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, STRIDE)
-        vec.store(line, x, _beneath(gathered, channel, x, _encoded(job, r), _encoded(job, g), _encoded(job, b)))
+        vec.store(
+            packed_row, x, _beneath(gathered, channel_size, x, _encoded(job, r), _encoded(job, g), _encoded(job, b))
+        )
 
 
 @inlined
 def _background_channel(background, k):
+    """Return one channel of the background, 0 .. 1, f32x8."""
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
 @device_function
-def write_background(job, y, begin, end, line):
-    """Write pixels without a surface."""
+def write_background(job, y, begin, end, packed_row):
+    """Write the background to the pixels ``begin .. end - 1``, blended behind the gathered layers if there are any."""
     background = job.background
     if job.mode == DIRECT:
         color = vec.i32(background)
         for x in range(begin, end, vec.LANES):
-            vec.store(line, x, color)
+            vec.store(packed_row, x, color)
     elif job.mode == UNDER:
-        gathered, channel = _gathered_row(job, y)
+        gathered, channel_size = _gathered_row(job, y)
         r, g, b = (
             _background_channel(background, 0),
             _background_channel(background, 1),
             _background_channel(background, 2),
         )
         for x in range(begin, end, vec.LANES):
-            vec.store(line, x, _beneath(gathered, channel, x, r, g, b))
+            vec.store(packed_row, x, _beneath(gathered, channel_size, x, r, g, b))
 
 
 @device_function
-def write_image_row(job, y, width, line):
-    """Write the first ``width`` pixels of a line to row ``y`` of the image."""
+def write_image_row(job, y, width, packed_row):
+    """Write the first ``width`` pixels of a packed row to row ``y`` of the image."""
     color = u8_at(address(job.color) + 3 * y * job.width)
-    # A vector store overruns by up to four bytes, which the next one of the same row must overwrite.
+    # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
     vector_end = max(width - 2, 0) // vec.LANES * vec.LANES
     for x in range(0, vector_end, vec.LANES):
         vec.prefetch(color, 3 * (x + _PREFETCH_DISTANCE))
-        vec.store_rgb(color, 3 * x, vec.load(line, x))
+        vec.store_rgb(color, 3 * x, vec.load(packed_row, x))
     for x in range(vector_end, width):
         for k in range(3):
-            color[3 * x + k] = line[x] >> (8 * k)
+            color[3 * x + k] = packed_row[x] >> (8 * k)

@@ -1,4 +1,4 @@
-"""Colour image of the headlight looks: the layers it needs, shaded band by band."""
+"""Rendering of the colour image in the headlight looks: its layers, shaded band by band."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from renderers.compiler.pointers import Table, address_of, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Look
-from renderers.shading.depth_peeling import overdrawn, peeled
+from renderers.shading.depth_peeling import peeled, surfaces_in_drawing_order
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, HEADLIGHT_JOB, UNDER
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -36,34 +36,37 @@ def paint(
 ) -> None:
     """Render the colour image.
 
-    Opaque instances take one visibility buffer. Others are gathered in layers, front to back, in the colour space of
-    the stored image, as RenderEngineVtk does; each pixel is rounded once. ``depth_peeling`` has the order.
+    All opaque instances take one visibility buffer. Other instances are gathered in layers, front to back, in the order
+    of ``depth_peeling``. They are blended in the colour space of the stored image, as in RenderEngineVtk. Each pixel is
+    rounded once.
 
     Args:
-        rasterizer: renders visibility and runs bands.
+        rasterizer: renders visibility buffers, and runs bands in parallel.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
     """
-    cull, transparent = shading.cull_back, shading.transparent
+    cull_back, transparent = shading.cull_back, shading.transparent
     if not shading.has_transparency:
-        with rasterizer.visibility(scene, camera, cull_back=cull) as visible:
+        with rasterizer.visibility(scene, camera, cull_back=cull_back) as visible:
             _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
         return
     gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
     gathered[3] = 1.0
     transmittance = gathered[3, :, : camera.width]
     has_layers, in_drawing_order = False, look.name in VTK_LOOKS
-    with rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull) as behind:
+    with rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull_back) as behind:
         if transparent.any():
             for layer in peeled(
-                rasterizer, scene, camera, transparent, cull, behind, in_drawing_order=in_drawing_order
+                rasterizer, scene, camera, transparent, cull_back, behind, in_drawing_order=in_drawing_order
             ):
                 has_layers = True
                 _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-                # Nothing is visible behind an opaque pixel: no more layers there.
+                # No more layers where a layer is opaque: nothing is visible behind it.
                 layer.ids[transmittance <= 0.0] = -1
         if shading.blended_in_place.any():
-            for layer in overdrawn(rasterizer, scene, camera, ~transparent, cull, behind, transmittance):
+            for layer in surfaces_in_drawing_order(
+                rasterizer, scene, camera, ~transparent, cull_back, behind, transmittance
+            ):
                 has_layers = True
                 _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
             behind.ids[:] = -1  # only the background is left
@@ -94,7 +97,7 @@ class HeadlightJob:
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
             mode, gathered: as in HEADLIGHT_JOB.
-            table: allocates working memory, which must not be used otherwise while this object is alive.
+            table: function that allocates memory for the job. This object alone uses it while it is alive.
             keep: objects that the addresses point into.
         """
         if shading.look != look.name:

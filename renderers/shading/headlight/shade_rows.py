@@ -1,4 +1,4 @@
-"""Kernel of the headlight looks: shades rows of an image segment by segment."""
+"""Kernel of the headlight looks, which shades rows of an image segment by segment."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from renderers.shading.spans import begin_rows, find_spans, next_part, row_memor
 
 
 @device_function
-def _shade_segment(job, segment, span, end_span, line):
+def _shade_segment(job, segment, span, end_span, packed_row):
     """Shade the spans ``span .. end_span - 1`` of the selected instance."""
     starts, is_uniform = segment.starts, is_uniform_phong(job, segment)
     begin, end = np.int64(starts[span]), np.int64(starts[end_span])
     while begin < end:
-        part_end, last_span = next_part(segment, span, begin, end)
-        has_constant_normals = set_up_spans(segment, span, last_span, end_span)
+        part_end, part_end_span = next_part(segment, span, begin, end)
+        has_constant_normals = set_up_spans(segment, span, part_end_span, end_span)
         if has_constant_normals and is_uniform:
-            fill_spans(segment, span, last_span, line)
+            fill_spans(segment, span, part_end_span, packed_row)
         else:
             interpolate(segment, begin, part_end)
-            shade(job, segment, begin, part_end, line)
+            shade(job, segment, begin, part_end, packed_row)
         if job.mode == GATHER:
             gather(job, segment, begin, part_end)
         elif job.mode != DIRECT:
-            write_under(job, segment, begin, part_end, line)
-        begin, span = part_end, last_span
+            write_under(job, segment, begin, part_end, packed_row)
+        begin, span = part_end, part_end_span
 
 
 @inlined
 def _row_columns(job, y):
-    """Return the number of primitive ids of a row, and the address of their image columns; 0: id k is in column k."""
+    """Return the number of primitive ids of a row, and SEGMENT's ``columns`` for them."""
     if job.columns == 0:
         return job.width, np.int64(0)
     return np.int64(job.counts[y]), job.columns + 4 * y * job.stride
@@ -55,8 +55,8 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
     """
     job = headlight_job_at(job_address)
     own_memory = np.empty(row_memory(job.width), np.int64)
-    own_line = np.empty(job.width + 2 * vec.LANES, np.int32)
-    line = i32_at(np.int64(own_line.ctypes.data))
+    own_row = np.empty(job.width + 2 * vec.LANES, np.int32)
+    packed_row = i32_at(np.int64(own_row.ctypes.data))
     segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), job.width)
     starts, span_ids, first_ids = segment.starts, segment.ids, job.shading.first_ids
     instance = np.int64(0)
@@ -68,13 +68,13 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
             primitive_id = np.int64(span_ids[span])
             if primitive_id < 0:
                 end_span = segment_end(segment, span, span_count, np.int64(-1), np.int64(0))
-                write_background(job, y, np.int64(starts[span]), np.int64(starts[end_span]), line)
+                write_background(job, y, np.int64(starts[span]), np.int64(starts[end_span]), packed_row)
             else:
                 instance = instance_of(first_ids, job.shading.instance_count, primitive_id, instance)
                 end_span = segment_end(segment, span, span_count, first_ids[instance], first_ids[instance + 1])
                 select_instance(segment, instance)
-                _shade_segment(job, segment, span, end_span, line)
+                _shade_segment(job, segment, span, end_span, packed_row)
             span = end_span
         if job.mode != GATHER:
-            write_image_row(job, y, count, line)
-    own_memory[0] = own_line[0] = 0  # the pointers above do not keep the arrays alive
+            write_image_row(job, y, count, packed_row)
+    own_memory[0] = own_row[0] = 0  # the pointers above do not keep the arrays alive

@@ -17,7 +17,7 @@ MAX_HDR_PIXELS: Final = 8192 * 4096
 _MAX_RADIANCE: Final = 65504.0
 """Larger values of a Radiance image are reduced to this, the largest float16."""
 _PAINTED_SIZE: Final = (256, 512)
-"""Height and width of environments without an image, pixels."""
+"""Height and width of images painted from a rig, pixels."""
 
 
 class SurroundingsError(ValueError):
@@ -25,7 +25,7 @@ class SurroundingsError(ValueError):
 
 
 def radiance_of(surroundings: Surroundings) -> NDArray[np.float32]:
-    """Return an environment as an equirectangular image, (H, W, 3) float32, without the rotation by ``turn``.
+    """Return an environment as an equirectangular image, (H, W, 3) float32, before the rotation by ``turn``.
 
     Raises:
         SurroundingsError: see ``read_hdr``.
@@ -41,6 +41,7 @@ def radiance_of(surroundings: Surroundings) -> NDArray[np.float32]:
 
 
 def _hemisphere_radiance(hemisphere: Hemisphere, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the radiance of a hemisphere in each direction, (H, W, 3) float64. ``directions``: (H, W, 3), unit."""
     sky, ground = np.array(hemisphere.sky), np.array(hemisphere.ground)
     radiance: NDArray[np.float64] = ground + (0.5 + 0.5 * directions[..., 2:]) * (sky - ground)
     return radiance
@@ -56,8 +57,8 @@ def _softbox_coverage(box: Softbox, directions: NDArray[np.float64]) -> NDArray[
     is_ahead = cosine > 0.0
     depth = np.where(is_ahead, cosine, 1.0)
     coverage: NDArray[np.float64] = is_ahead.astype(np.float64)
-    for axis, half_angle in ((across, box.width), (up, box.height)):
-        distance = np.abs(directions @ axis) / depth / math.tan(half_angle)  # 1 at the edge
+    for axis, half_angle in ((across, box.half_width), (up, box.half_height)):
+        distance = np.abs(directions @ axis) / depth / math.tan(half_angle)  # from the centre; 1 at the edge
         t = np.clip((1.0 - distance) / box.softness + 0.5, 0.0, 1.0)
         coverage = coverage * t * t * (3.0 - 2.0 * t)
     return coverage

@@ -1,9 +1,10 @@
 """Image-based light: the environment as a table of irradiance, and as tables of radiance filtered for each roughness.
 
-Sources: Karis, "Real Shading in Unreal Engine 4" (2013), for the split of the specular integral into filtered radiance
-and a table of the BRDF, each filtered with the normal as the direction of view; Krivanek and Colbert, "Real-time
-Shading with Filtered Importance Sampling" (2008), for the solid angle that a sample stands for. Irradiance is a table
-and not nine spherical harmonics (Ramamoorthi and Hanrahan 2001): those are wrong by a quarter in a room with windows.
+The specular integral is split into filtered radiance and a table of the BRDF, as in Karis, "Real Shading in Unreal
+Engine 4" (2013). Radiance is filtered as if the viewer looked along the normal. Each sample reads a pixel of the size
+of its solid angle, as in Krivanek and Colbert, "Real-time Shading with Filtered Importance Sampling" (2008). Irradiance
+is a table, since nine spherical harmonics (Ramamoorthi and Hanrahan 2001) are wrong by a quarter in a room with
+windows.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ LEVELS: Final = len(LEVEL_SIZES)
 IRRADIANCE_SIZE: Final = 32
 """Side of the table of irradiance, texels."""
 _FILTER_SAMPLES: Final = 128
-"""Number of directions that are averaged for a texel."""
+"""Number of directions that are sampled for a texel."""
 _SPLIT_SUM_SIZE: Final = 32
-"""Side of the table of the BRDF's integral."""
+"""Side of the table of the BRDF's integral, entries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +45,7 @@ class Environment:
     levels: tuple[NDArray[np.float32], ...]
     """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by ascending roughness."""
     texels: NDArray[np.float32]
-    """All levels and then the irradiance, flat, four values per texel, of which the last is unused."""
+    """All levels and then the irradiance, flat. Texels have four values; the last is unused."""
     tables: NDArray[np.int32]
     """(LEVELS + 1, 2) int32: offset in ``texels`` and side N of each table."""
 
@@ -70,8 +71,8 @@ def _environment(surroundings: Surroundings) -> Environment:
 
 
 def _filtered(radiance: NDArray[np.float32]) -> Environment:
-    """Filter an equirectangular image of the world, (H, W, 3) float32."""
-    if radiance.shape[0] > 512:  # more details than the finest table has
+    """Return the filtered environment of an equirectangular image, (H, W, 3) float32, of the world frame."""
+    if radiance.shape[0] > 512:  # it has more details than the finest table
         radiance = cv2.resize(radiance, (1024, 512), interpolation=cv2.INTER_AREA).astype(np.float32)
     pyramid = [np.ascontiguousarray(radiance, np.float32)]
     while pyramid[-1].shape[0] > 2:
@@ -99,8 +100,8 @@ def _filtered(radiance: NDArray[np.float32]) -> Environment:
 
 
 def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return ``Environment.irradiance`` of an equirectangular image, (H, W, 3) float32."""
-    # The cosine blurs details of a degree or two.
+    """Return ``Environment.irradiance`` for an equirectangular image, (H, W, 3) float32."""
+    # 64 x 128 pixels are enough: the cosine blurs smaller details.
     height, width = min(radiance.shape[0], 64), min(radiance.shape[1], 128)
     small = cv2.resize(radiance, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)
     row_edges = np.cos(math.pi * np.arange(height + 1) / height)
@@ -112,7 +113,7 @@ def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _hammersley(count: int) -> NDArray[np.float64]:
-    """Return (count, 2): evenly distributed points of the unit square (van der Corput in base 2)."""
+    """Return the Hammersley set: evenly distributed points of the unit square, (count, 2) float64."""
     k = np.arange(count)
     radical_inverse = np.zeros(count)
     for bit in range(20):
@@ -122,15 +123,18 @@ def _hammersley(count: int) -> NDArray[np.float64]:
 
 @kernel("void(float32[::1], int64[::1], int64[:,::1], float64[:,::1], float64, float64[:,::1], float32[:,::1])")
 def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
-    """Fill the mean radiance around each direction, weighted by GGX for a viewer in that direction (Karis 2013).
+    """Fill ``means`` with the radiance around each direction, weighted by GGX for a viewer there (Karis 2013).
 
-    Half vectors h are sampled by importance, each from the image whose pixels cover the sample's solid angle. Light
-    comes from l; n is the direction whose mean is computed.
+    Half vectors h are importance-sampled. Each reads the image whose pixels have the solid angle of the sample. n is
+    the direction for which the mean is computed, l the direction that light comes from.
 
     Args:
-        values: all images of a pyramid of equirectangular images, flat.
-        offsets: (P,), where each image begins. sizes: (P, 2), their heights and widths.
-        directions: (D, 3), unit. samples: (S, 2), points of the unit square. means: (D, 3).
+        values: pyramid of P equirectangular images, flat.
+        offsets: (P,), index of each image's first value.
+        sizes: (P, 2), height and width of each image.
+        directions: (D, 3), unit vectors.
+        samples: (S, 2), points of the unit square.
+        means: (D, 3), filled.
     """
     a2 = roughness**4
     pixel_angle = 4.0 * math.pi / (sizes[0, 0] * sizes[0, 1])
@@ -151,7 +155,7 @@ def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
             sine = math.sqrt(max(0.0, 1.0 - n_h * n_h))
             phi = 2.0 * math.pi * samples[s, 1]
             hx, hy = sine * math.cos(phi), sine * math.sin(phi)
-            # The viewer looks along n, so that l has twice the angle of h.
+            # The viewer looks along n, so that the angle between n and l is twice that between n and h.
             n_l = 2.0 * n_h * n_h - 1.0
             if n_l <= 0.0:
                 continue
@@ -199,13 +203,13 @@ def _sample_pyramid(values, offsets, sizes, level, x, y, z):
 
 @lru_cache(maxsize=1)
 def split_sum() -> NDArray[np.float32]:
-    """Return the integral of the specular BRDF over a white hemisphere (Karis 2013).
+    """Return the integral of the specular BRDF over a white hemisphere, F0 * scale + F90 * bias (Karis 2013).
 
-    The BRDF is GGX with the height-correlated Smith term. Its integral is F0 * scale + bias.
+    The BRDF is GGX with the height-correlated Smith term.
 
     Returns:
-        (_SPLIT_SUM_SIZE, _SPLIT_SUM_SIZE, 2) float32: scale and bias, by the cosine between normal and view, and by the
-        roughness, 0 to 1 each.
+        (_SPLIT_SUM_SIZE, _SPLIT_SUM_SIZE, 2) float32: scale and bias. The first axis is the cosine between normal and
+        view, the second the roughness, 0 to 1 each.
     """
     samples = _hammersley(512)
     cosines = np.linspace(0.0, 1.0, _SPLIT_SUM_SIZE)[:, None, None]

@@ -15,7 +15,7 @@ from renderers.shading.vec3 import broadcast3, dot, load3, minus, saturate, stor
 
 @device_function
 def light_surfaces(lighting, surfaces, count):
-    """Fill the rows ``to_camera`` and ``color`` of ``count`` surfaces, the latter with tone-mapped linear RGB.
+    """Fill the rows ``to_camera`` and ``color`` of the first ``count`` surfaces.
 
     Args:
         lighting: a LIGHTING.
@@ -43,7 +43,7 @@ def light_surfaces(lighting, surfaces, count):
 
 @inlined
 def _direction_and_attenuation(light, point):
-    """Return unit vectors from points to a light, and the shares of its colour that arrive there without shadows."""
+    """Return unit vectors from points to a light, and the factors of its colour at the points, without shadows."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     direction = broadcast3(light.direction, 0)
     if light.kind == DIRECTIONAL:
@@ -65,7 +65,7 @@ def _direction_and_attenuation(light, point):
 
 @device_function
 def _add_light(lighting, light, surfaces, count):
-    """Add the reflection of one light at ``count`` surfaces to the rows ``color``."""
+    """Add the reflection of one light to the rows ``color`` of the first ``count`` surfaces."""
     zero = vec.f32(0.0)
     light_r, light_g, light_b = broadcast3(light.color, 0)
     for x in range(0, count, vec.LANES):
@@ -76,7 +76,7 @@ def _add_light(lighting, light, surfaces, count):
         attenuation = vec.select(n_l > zero, attenuation, zero)
         if light.shadow_map >= 0:
             flat_normal = load3(surfaces.flat_normal, x, STRIDE)
-            # The back of a triangle is in its own shadow.
+            # A triangle shadows its own back.
             attenuation = vec.select(dot(flat_normal, to_light) > zero, attenuation, zero)
             if vec.movemask(attenuation > zero) != 0:
                 shadow_map = lighting.shadow_maps[light.shadow_map]
@@ -104,7 +104,7 @@ def _add_light(lighting, light, surfaces, count):
 
 @inlined
 def _octahedral_uv(direction):
-    """Return the position of directions of any length in an octahedral table, 0 .. 1 each; the centre for 0."""
+    """Return the position (u, v) of directions in an octahedral table, 0 .. 1 each; the centre for a zero vector."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
     total = vec.absolute(direction[0]) + vec.absolute(direction[1]) + vec.absolute(direction[2])
     scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
@@ -120,7 +120,8 @@ def _sample_environment(lighting, table, direction):
     """Sample octahedral tables bilinearly at directions of the world. Return RGB.
 
     Args:
-        table: i32x8, index of the table at each lane: a level of ``Environment``, or LEVELS for the irradiance.
+        table: i32x8, index of the table for each lane: a level of ``Environment``, or LEVELS for the irradiance.
+        direction: three f32x8, of any length.
     """
     tables = lighting.environment_tables
     two, four = vec.i32(2), vec.i32(4)
@@ -131,14 +132,14 @@ def _sample_environment(lighting, table, direction):
     x = vec.minimum(vec.maximum(u * size + half, vec.f32(0.0)), size + half)
     y = vec.minimum(vec.maximum(v * size + half, vec.f32(0.0)), size + half)
     i, j = vec.to_i32(x), vec.to_i32(y)
-    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
-    gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
+    tx, ty = x - vec.to_f32(i), y - vec.to_f32(j)
+    one_minus_tx, one_minus_ty = vec.f32(1.0) - tx, vec.f32(1.0) - ty
     row_values = (side + two) * four
     first = offset + j * row_values + i * four
-    # Two neighbouring texels of four values each.
+    # Each load reads two neighbouring texels of four values.
     upper = vec.load_octets(lighting.environment_texels, first)
     lower = vec.load_octets(lighting.environment_texels, first + row_values)
-    w00, w10, w01, w11 = gx * gy, fx * gy, gx * fy, fx * fy
+    w00, w10, w01, w11 = one_minus_tx * one_minus_ty, tx * one_minus_ty, one_minus_tx * ty, tx * ty
     return (
         upper[0] * w00 + upper[4] * w10 + lower[0] * w01 + lower[4] * w11,
         upper[1] * w00 + upper[5] * w10 + lower[1] * w01 + lower[5] * w11,
@@ -148,25 +149,25 @@ def _sample_environment(lighting, table, direction):
 
 @device_function
 def _sample_split_sum(table, side, n_v, roughness):
-    """Return scale and bias of ``environment_map.split_sum``, bilinear. Both coordinates are 0 .. 1."""
+    """Return scale and bias of ``environment_map.split_sum``, interpolated. ``n_v`` and ``roughness`` are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
     i, j = vec.minimum(vec.to_i32(x), last), vec.minimum(vec.to_i32(y), last)
-    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
+    tx, ty = x - vec.to_f32(i), y - vec.to_f32(j)
     first = (i * vec.i32(side) + j) * two
-    w00, w10, w01, w11 = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-    # Scale and bias at one roughness and at the next, for one cosine and for the next.
-    near = vec.load_quads(table, first)
-    far = vec.load_quads(table, first + vec.i32(2 * side))
+    w00, w10, w01, w11 = (one - tx) * (one - ty), tx * (one - ty), (one - tx) * ty, tx * ty
+    # Scale and bias at one roughness and at the next one, for the lower and for the higher cosine.
+    lower_cosine = vec.load_quads(table, first)
+    higher_cosine = vec.load_quads(table, first + vec.i32(2 * side))
     return (
-        near[0] * w00 + far[0] * w10 + near[2] * w01 + far[2] * w11,
-        near[1] * w00 + far[1] * w10 + near[3] * w01 + far[3] * w11,
+        lower_cosine[0] * w00 + higher_cosine[0] * w10 + lower_cosine[2] * w01 + higher_cosine[2] * w11,
+        lower_cosine[1] * w00 + higher_cosine[1] * w10 + lower_cosine[3] * w01 + higher_cosine[3] * w11,
     )
 
 
 @device_function
 def _add_environment(lighting, surfaces, count):
-    """Add the reflection of the environment at ``count`` surfaces to the rows ``color``."""
+    """Add the reflection of the environment to the rows ``color`` of the first ``count`` surfaces."""
     R_world_camera = lighting.R_world_camera
     one, two = vec.f32(1.0), vec.f32(2.0)
     for x in range(0, count, vec.LANES):
@@ -174,15 +175,15 @@ def _add_environment(lighting, surfaces, count):
         view = load3(surfaces.to_camera, x, STRIDE)
         roughness = saturate(vec.load(surfaces.roughness, x))
         n_v = dot(normal, view)
-        # The dominant direction of reflection is between the mirrored one and, for rough surfaces, the normal (Lagarde
-        # and de Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
+        # The rougher a surface, the more its dominant direction of reflection turns from the mirrored direction to the
+        # normal (Lagarde and de Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
         alpha = roughness * roughness
-        mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
-        along_normal = one - mirror + mirror * two * n_v
+        mirror_share = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
+        along_normal = one - mirror_share + mirror_share * two * n_v
         reflection = (
-            along_normal * normal[0] - mirror * view[0],
-            along_normal * normal[1] - mirror * view[1],
-            along_normal * normal[2] - mirror * view[2],
+            along_normal * normal[0] - mirror_share * view[0],
+            along_normal * normal[1] - mirror_share * view[1],
+            along_normal * normal[2] - mirror_share * view[2],
         )
         n_v = saturate(n_v)
         scale, bias = _sample_split_sum(lighting.split_sum, lighting.split_sum_side, n_v, roughness)

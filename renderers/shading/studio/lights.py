@@ -20,7 +20,7 @@ _KINDS: Final = {LightKind.DIRECTIONAL: DIRECTIONAL, LightKind.POINT: POINT, Lig
 
 
 def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: Camera) -> NDArray[Any]:
-    """Return one LIGHT per light, and at least one.
+    """Return an array of LIGHT, one per light and at least one.
 
     Args:
         shadow_maps: each light's index among the shadow maps, or -1.

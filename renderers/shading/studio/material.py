@@ -1,4 +1,4 @@
-"""Surfaces at pixels: from interpolated attributes and a glTF material to the SURFACES that are lit."""
+"""Evaluation of glTF materials at pixels: fills the SURFACES that are lit from interpolated attributes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def fill_surfaces(segment, fill, count, surfaces, first):
         first: index of the first pixel's surface.
 
     Returns:
-        True if the surfaces are to be lit. If not, ``emitted`` is the colour of unlit ones.
+        True if the surfaces must be lit. Otherwise they are unlit, and ``emitted`` is their colour, or only ``alpha``
+        was filled.
     """
     material, pixels = segment.material, segment.pixels
     fill_base_color(segment, count, fill != COLOR)
@@ -53,7 +54,7 @@ def fill_surfaces(segment, fill, count, surfaces, first):
 
 @device_function
 def _fill_alpha(material, pixels, count, surfaces, first):
-    """Fill the row ``alpha`` by the material's alpha mode."""
+    """Fill the row ``alpha`` according to the material's alpha mode."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     for x in range(0, count, vec.LANES):
         alpha = vec.load(pixels.base_color, 3 * STRIDE + x)

@@ -41,7 +41,7 @@ def octahedral_directions(size: int) -> NDArray[np.float64]:
 def with_border(table: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return an octahedral table (N, N, C) with a border of one texel for bilinear sampling, (N + 2, N + 2, C).
 
-    The neighbours of an edge's texels are the texels of the same edge in reverse order.
+    Beyond each edge lie the texels of the same edge in reverse order.
     """
     bordered: NDArray[np.float32] = np.pad(table, ((1, 1), (1, 1), (0, 0)))
     bordered[0, 1:-1], bordered[-1, 1:-1] = table[0, ::-1], table[-1, ::-1]

@@ -1,4 +1,4 @@
-"""Colour image of the look ``studio``."""
+"""Rendering of the colour image in the look ``studio``: shadow maps, visibility, shading, blending."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def paint(
 ) -> None:
     """Render the colour image.
 
-    Opaque surfaces are rasterized with all samples at once and shaded once per pixel and surface. A scene with
-    translucent or cut-out surfaces is peeled and shaded at each sample position, since its textures may contain edges.
-    Colours are tone-mapped before they are blended.
+    A scene of opaque surfaces is rasterized with all samples at once. Each surface is shaded once per pixel. A scene
+    with translucent or cut-out surfaces is peeled and shaded at each sample position, since the alpha of textures may
+    have edges. Colours are tone-mapped before they are blended.
 
     Args:
-        rasterizer: renders visibility and runs bands.
+        rasterizer: renders visibility buffers, and runs bands in parallel.
         shading: prepared from the scene's instances for the look ``studio``.
         samples: 1, 4 or 8 per pixel.
         background: RGB as stored in the image.
@@ -64,9 +64,9 @@ def paint(
 
     Raises:
         SurroundingsError: the rig's image of the surroundings cannot be used.
-        ValueError: ``samples``.
+        ValueError: ``samples`` is not 1, 4 or 8.
     """
-    cull = shading.cull_back
+    cull_back = shading.cull_back
     opaque = ~shading.transparent if shading.has_transparency else None
     cameras = sample_cameras(camera, samples)
     lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
@@ -74,7 +74,7 @@ def paint(
     with ExitStack() as stack:
         visible: Visibility | None = None
         if has_shadows or opaque is not None or samples == 1:
-            visible = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
+            visible = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back))
         shadow_maps: list[ShadowMap] = []
         map_of_light = [-1] * len(lights)
         if has_shadows and visible is not None:
@@ -97,8 +97,8 @@ def paint(
             if samples == 1 and visible is not None:
                 _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
             else:
-                begin_edges = partial(_edge_shader, shading, lighting, camera, output_address)
-                rasterizer.shade_samples(scene, camera, samples, begin_edges, cull_back=cull)
+                make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
+                rasterizer.shade_samples(scene, camera, samples, make_shader, cull_back=cull_back)
             return
         shape = camera.height, 4, layout.channel_values(camera.width)
         mean = np.zeros(shape, np.float32)
@@ -107,8 +107,10 @@ def paint(
             target = address_of(accumulated, np.float32)
             view = visible
             if view is None or sample_camera is not cameras[0]:
-                view = stack.enter_context(rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull))
-            for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull, view):
+                view = stack.enter_context(
+                    rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull_back)
+                )
+            for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull_back, view):
                 _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
                 layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
             _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
@@ -138,6 +140,7 @@ def _shade_layer(
     """Shade a layer; see ``shade_rows``.
 
     Args:
+        mode: as in ``shade_rows``.
         target: address of the accumulated rows; 0: none.
         output: address of an OUTPUT; 0: none.
     """
@@ -148,13 +151,13 @@ def _shade_layer(
         shade_rows(mode, job_address, ids + 4 * begin * width, 0, width, width, begin, end, target, output)
 
     _for_bands(rasterizer, camera.height, shade)
-    del keep
+    del keep  # the addresses in the job were valid until here
 
 
 def _solid_pixels(
     rasterizer: Rasterizer, shading: ShadingScene, layer: Visibility, camera: Camera
 ) -> NDArray[np.bool_]:
-    """Return where a layer is not cut out, (H, W)."""
+    """Return a mask of the pixels where a layer is not cut out, (H, W)."""
     alpha = np.zeros((camera.height, layout.channel_values(camera.width)), np.float32)
     target = address_of(alpha, np.float32)
     _shade_layer(rasterizer, shading, _no_lighting(), layer, camera, WRITE_ALPHA, target, 0)
@@ -162,10 +165,10 @@ def _solid_pixels(
     return solid
 
 
-def _edge_shader(
+def _sampled_shader(
     shading: ShadingScene, lighting: _Lighting, camera: Camera, output: int, view: SampledView
 ) -> SampledShader:
-    """Return the shader of a band's samples. ``output`` is the address of an OUTPUT."""
+    """Return the shader of bands with several samples per pixel. ``output`` is the address of an OUTPUT."""
     from renderers.visibility_buffer import SampledShader
 
     job, keep = _job(shading, lighting, view.X_camera_mesh, view.first_ids, camera)
@@ -189,7 +192,7 @@ def _output(background: tuple[int, int, int], color: NDArray[np.uint8]) -> NDArr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lighting:
-    """Light of an image, in its camera's frame."""
+    """LIGHTING of an image, in its camera's frame."""
 
     struct: NDArray[Any]
     """One LIGHTING."""
@@ -208,9 +211,9 @@ def _no_lighting() -> _Lighting:
 def _lighting(
     rig: Rig, lights: Sequence[Light], shadow_maps: Sequence[ShadowMap], map_of_light: Sequence[int], camera: Camera
 ) -> _Lighting:
-    """Return the light of an image; ``map_of_light`` is the index of each light's shadow map, or -1."""
-    dark = _no_lighting()
-    struct = dark.struct
+    """Return the LIGHTING of an image; ``map_of_light`` has the index of each light's shadow map, or -1."""
+    unlit = _no_lighting()
+    struct = unlit.struct
     light_array, map_array = light_structs(lights, map_of_light, camera), shadow_map_structs(shadow_maps, camera)
     struct["lights"] = address_of(light_array, layout.LIGHT.dtype)
     struct["light_count"] = len(lights)
@@ -226,7 +229,7 @@ def _lighting(
         struct["environment_tables"] = address_of(environment.tables, np.int32)
         struct["split_sum"] = address_of(split_sum(), np.float32)
         struct["split_sum_side"] = len(split_sum())
-    return _Lighting(struct, (*dark.keep, light_array, map_array, shadow_maps, environment))
+    return _Lighting(struct, (*unlit.keep, light_array, map_array, shadow_maps, environment))
 
 
 def _job(

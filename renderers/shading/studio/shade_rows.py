@@ -1,7 +1,7 @@
-"""Kernels of the look ``studio``: surfaces are gathered segment by segment, lit together, and blended into their row.
+"""Kernels of the look ``studio``, which gather surfaces segment by segment, light them together, and blend them.
 
-An *accumulated row* is four channels of ``channel_values(width)`` float32: tone-mapped linear RGB times coverage, and
-coverage.
+An *accumulated row* is the memory that surfaces of a row of pixels are blended into: four channels of
+``channel_values(width)`` float32. The first three are tone-mapped linear RGB times coverage, the fourth is coverage.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from renderers.shading.studio.tone_mapping import write_image_row
 ADD: Final = 0
 """Add the layer's colours with full coverage, whatever their alpha."""
 BENEATH: Final = 1
-"""Blend the layer behind the accumulated ones."""
+"""Blend the layer behind the accumulated layers."""
 EDGES: Final = 2
-"""Add the surfaces that samples see: the ids and entries of a ``msaa.SAMPLE_BAND``, weighted by their samples."""
+"""Add the surfaces of a ``msaa.SAMPLE_BAND``, each weighted by the number of samples that see it."""
 WRITE_ALPHA: Final = 3
 """Only write alpha."""
 
@@ -40,15 +40,15 @@ _ROW: Final = Struct(
     "StudioRow",
     {
         "mode": I64,  # ADD, BENEATH, EDGES or WRITE_ALPHA
-        "accumulated": pointer_to(F32),  # accumulated row, or with WRITE_ALPHA a row of alpha
-        "channel": I64,  # values of one of its channels
-        "surfaces": SURFACES,  # gathered, but not yet lit
+        "accumulated": pointer_to(F32),  # accumulated row; with WRITE_ALPHA a row of alpha
+        "channel_size": I64,  # number of values of one of its channels
+        "surfaces": SURFACES,  # surfaces that are gathered, but not lit yet
         "columns": pointer_to(I32),  # image columns of the gathered surfaces
         "gathered": I64,  # number of gathered surfaces
-        "weights": pointer_to(U8),  # samples of 8 of each pixel, if the segment has columns
+        "weights": pointer_to(U8),  # samples (of 8) that see each pixel's surface; read only if the segment has columns
     },
 )
-"""A row that is being shaded."""
+"""State of the row that is being shaded."""
 
 _job_at, _output_at, _edge_shader_at = STUDIO_JOB.at, OUTPUT.at, EDGE_SHADER.at
 _surfaces_at, _new_row = SURFACES.at, _ROW.local
@@ -56,14 +56,14 @@ _SURFACES_VALUES: Final = SURFACES.size // 4
 
 
 @inlined
-def _blend_one(mode, accumulated, channel, x, surfaces, color, k):
-    """Blend surface k into column x."""
+def _blend_one(mode, accumulated, channel_size, x, surfaces, color, k):
+    """Blend surface k into column x. ``color``: as in ``_blend``."""
     share = surfaces.alpha[k]
     if mode == BENEATH:
-        share *= max(np.float32(1.0) - accumulated[3 * channel + x], np.float32(0.0))
+        share *= max(np.float32(1.0) - accumulated[3 * channel_size + x], np.float32(0.0))
     for c in range(3):
-        accumulated[c * channel + x] += share * color[c * STRIDE + k]
-    accumulated[3 * channel + x] += share
+        accumulated[c * channel_size + x] += share * color[c * STRIDE + k]
+    accumulated[3 * channel_size + x] += share
 
 
 @device_function
@@ -71,26 +71,27 @@ def _blend(row, color, begin, end):
     """Blend the gathered surfaces ``begin .. end - 1`` into their columns.
 
     Args:
-        color: pointer to three rows of SURFACES.
+        color: pointer to the three rows of SURFACES that are the surfaces' colour.
     """
-    mode, accumulated, channel, surfaces, columns = row.mode, row.accumulated, row.channel, row.surfaces, row.columns
+    mode, surfaces, columns = row.mode, row.surfaces, row.columns
+    accumulated, channel_size = row.accumulated, row.channel_size
     lane, one, zero = vec.iota(), vec.f32(1.0), vec.f32(0.0)
     for k in range(begin, end, vec.LANES):
         x, count = np.int64(columns[k]), end - k
         in_range = lane < vec.i32(count)
         if vec.movemask(in_range & (vec.load(columns, k) != vec.i32(x) + lane)) != 0:  # not neighbouring columns
             for j in range(min(count, vec.LANES)):
-                _blend_one(mode, accumulated, channel, np.int64(columns[k + j]), surfaces, color, k + j)
+                _blend_one(mode, accumulated, channel_size, np.int64(columns[k + j]), surfaces, color, k + j)
             continue
         share = vec.load(surfaces.alpha, k)
-        coverage = vec.load(accumulated, 3 * channel + x)
+        coverage = vec.load(accumulated, 3 * channel_size + x)
         if mode == BENEATH:
             share = share * vec.maximum(one - coverage, zero)
         for c in range(3):
-            old = vec.load(accumulated, c * channel + x)
+            old = vec.load(accumulated, c * channel_size + x)
             added = share * vec.load(color, c * STRIDE + k)
-            vec.store(accumulated, c * channel + x, old + vec.select(in_range, added, zero))
-        vec.store(accumulated, 3 * channel + x, coverage + vec.select(in_range, share, zero))
+            vec.store(accumulated, c * channel_size + x, old + vec.select(in_range, added, zero))
+        vec.store(accumulated, 3 * channel_size + x, coverage + vec.select(in_range, share, zero))
 
 
 @device_function
@@ -104,9 +105,9 @@ def _light_and_blend(job, row):
 
 @device_function
 def _fill_columns(segment, row, begin, end):
-    """Fill the columns and ``alpha`` of surfaces behind the gathered ones, the segment's pixels ``begin .. end - 1``.
+    """Append the columns and ``alpha`` of the segment's pixels ``begin .. end - 1`` to those of the gathered surfaces.
 
-    Alpha is 1, or the share of samples if the segment has columns.
+    Alpha is 1. If the segment has columns, it is the share of the samples that see the surface.
     """
     first, columns, alpha, weights = row.gathered, row.columns, row.surfaces.alpha, row.weights
     one, pixel_columns_address = vec.f32(1.0), segment.columns
@@ -122,7 +123,7 @@ def _fill_columns(segment, row, begin, end):
 def _gather(job, segment, row, span, end_span):
     """Gather the surfaces of the spans ``span .. end_span - 1`` of the selected instance.
 
-    If there is no room for them, those gathered before are lit first.
+    If there is not enough memory for them, the surfaces gathered before are lit first.
     """
     fill = np.int64(COLOR)
     if row.mode == BENEATH:
@@ -132,11 +133,11 @@ def _gather(job, segment, row, span, end_span):
     surfaces, starts = row.surfaces, segment.starts
     begin, end = np.int64(starts[span]), np.int64(starts[end_span])
     while begin < end:
-        part_end, last_span = next_part(segment, span, begin, end)
+        part_end, part_end_span = next_part(segment, span, begin, end)
         count = part_end - begin
         if row.gathered + count > PART:
             _light_and_blend(job, row)
-        set_up_spans(segment, span, last_span, end_span)
+        set_up_spans(segment, span, part_end_span, end_span)
         interpolate(segment, begin, part_end)
         _fill_columns(segment, row, begin, part_end)
         first = row.gathered
@@ -148,21 +149,21 @@ def _gather(job, segment, row, span, end_span):
             row.gathered = first + count
         else:
             _blend(row, surfaces.emitted, first, first + count)
-        begin, span = part_end, last_span
+        begin, span = part_end, part_end_span
 
 
 @device_function
 def _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids):
-    """Shade the pixels of one row and blend them into it.
+    """Shade the pixels of one row and blend them into its accumulated row.
 
     Args:
         ids: pointer to the primitive ids of ``count`` pixels.
         columns: as in SEGMENT.
-        instance: where the search for the first id's instance begins.
+        instance: index of the instance that probably owns the first primitive.
         row_ids: as ``begin_rows`` returns it.
 
     Returns:
-        The last instance, for the next row.
+        Index of the last instance, as ``instance`` for the next row.
     """
     first_ids, span_ids = job.shading.first_ids, segment.ids
     span_count = find_spans(segment, y, columns, ids, count, row_ids)
@@ -182,17 +183,17 @@ def _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids):
 
 
 @inlined
-def _scale_mixed_pixels(accumulated, channel, mixed, count):
-    """Multiply the pixels of a row that other surfaces share by the samples that see their own surface.
+def _scale_mixed_pixels(accumulated, channel_size, mixed, count):
+    """Scale the mixed pixels of a row by the share of the samples that see the pixel's main surface.
 
     Args:
-        mixed: pointer to ``count`` values of ``msaa.SAMPLE_BAND``'s field of this name.
+        mixed: pointer to ``count`` values of the field ``mixed`` of ``msaa.SAMPLE_BAND``.
     """
     for k in range(count):
         value = np.int64(mixed[k])
         share = np.float32((value >> 4) & 15) * np.float32(0.125)
         for c in range(4):
-            accumulated[c * channel + (value >> 8)] *= share
+            accumulated[c * channel_size + (value >> 8)] *= share
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64, int64, int64)")
@@ -204,27 +205,27 @@ def shade_rows(
     Args:
         mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``WRITE_ALPHA``.
         job_address: address of a STUDIO_JOB.
-        ids_address: address of the first row's primitive ids: int32 per pixel, -1 for none, rows ``stride`` values
-            apart.
+        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, -1 for none. The rows are
+            ``stride`` values apart.
         band_address: address of the band's ``msaa.SAMPLE_BAND``; read only for ``EDGES``.
         target_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image, or for
             ``WRITE_ALPHA`` of (H, channel_values(width)) float32. 0: rows are finished and written to the output.
         output_address: address of an OUTPUT; read only without ``target_address``.
     """
-    channel = channel_values_in_kernel(width)
+    channel_size = channel_values_in_kernel(width)
     job, band, output = _job_at(job_address), sample_band_at(band_address), _output_at(output_address)
     max_pixels = width
     if mode == EDGES:
-        max_pixels = max(width, band.room)
+        max_pixels = max(width, band.max_entries)
     own_memory = np.empty(row_memory(max_pixels), np.int64)
     own_surfaces = np.zeros(_SURFACES_VALUES, np.float32)
     own_columns = np.zeros(STRIDE, np.int32)
-    own_row = np.zeros(4 * channel, np.float32)
-    own_bytes = np.empty(3 * channel + 4, np.uint8)
+    own_row = np.zeros(4 * channel_size, np.float32)
+    own_bytes = np.empty(3 * channel_size + 4, np.uint8)
     rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
     segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), max_pixels)
     row = _new_row()
-    row.mode, row.channel, row.gathered = mode, channel, 0
+    row.mode, row.channel_size, row.gathered = mode, channel_size, 0
     row.accumulated = f32_at(np.int64(own_row.ctypes.data))
     row.surfaces = _surfaces_at(np.int64(own_surfaces.ctypes.data))
     row.columns = i32_at(np.int64(own_columns.ctypes.data))
@@ -234,16 +235,16 @@ def shade_rows(
             break
         band_row = y - row_begin
         if target_address != 0:
-            row.accumulated = f32_at(target_address + (4 if mode == WRITE_ALPHA else 16) * y * channel)
+            row.accumulated = f32_at(target_address + (4 if mode == WRITE_ALPHA else 16) * y * channel_size)
         else:
-            for x in range(0, 4 * channel, vec.LANES):
+            for x in range(0, 4 * channel_size, vec.LANES):
                 vec.store(row.accumulated, x, vec.f32(0.0))
         ids = i32_at(ids_address + 4 * band_row * stride)
         instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance, row_ids)
         if mode == EDGES:
             mixed = i32_at(address(band.mixed) + 4 * band_row * stride)
-            _scale_mixed_pixels(row.accumulated, channel, mixed, band.mixed_counts[band_row])
-            first_entry = band_row * band.room
+            _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
+            first_entry = band_row * band.max_entries
             ids = i32_at(address(band.entry_ids) + 4 * first_entry)
             columns, count = address(band.entry_columns) + 4 * first_entry, np.int64(band.counts[band_row])
             row.weights = u8_at(address(band.entry_weights) + first_entry)
@@ -256,7 +257,7 @@ def shade_rows(
 
 @kernel("void(int64, int64, int64, int64, int64)")
 def shade_edges(shader_address, band_address, stride, row_begin, row_end):
-    """Shade a band's pixels and those at edges, and finish its rows; see ``visibility_buffer.SampledShader``.
+    """Shade all surfaces of a band of samples, and write its rows; see ``visibility_buffer.SampledShader``.
 
     Args:
         shader_address: address of an EDGE_SHADER.

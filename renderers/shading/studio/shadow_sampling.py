@@ -10,23 +10,24 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 
 DEPTH_BIAS: Final = np.float32(1.0 + 1e-6)
-"""Relative bias against self-shadowing, above the rounding of the map's float32 depths."""
+"""Factor of a receiver's 1/z against self-shadowing, above the rounding of the map's float32."""
 
 
 @inlined
 def _transform_row(m, k, x, y, z):
-    """Return the product of a vector with the matrix row of three values that begins at value ``k``."""
+    """Return the product of (x, y, z) with the three values ``k .. k + 2`` of a matrix (a pointer to float64)."""
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 
 @inlined
 def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
-    """Add a column's weight to a row's sum where no caster is in front of the receiver's plane.
+    """Return the sum of a filter row, plus the weight of one column where no caster is in front of the receiver.
 
     Args:
-        inv_z: of the map at this column.
-        column, width: index of the column in the filter, and number of its columns; others add nothing.
-        plane, plane_du: 1/z of the plane at column 0, and its change per column.
+        inv_z: 1/z in the map at this column.
+        column: index of the column in the filter. Beyond ``width``, the number of columns, nothing is added.
+        plane, plane_du: 1/z of the receiver's plane at column 0, and its change per column.
+        fu: position of the point between two texels, 0 .. 1.
     """
     if column >= width:
         return row_sum
@@ -43,11 +44,13 @@ def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
 
 @device_function
 def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, fv):
-    """Return the weighted means of the depth comparisons around eight points.
+    """Return the weighted means of the depth comparisons around eight points, 0 .. 1.
 
     Args:
+        inv_z, side: as in SHADOW_MAP.
+        radius: as in ``unshadowed_share``.
         first_texel: index of the upper left texel of the filter.
-        plane, plane_du, plane_dv: 1/z of the receiver's plane there, and its change per column and row.
+        plane, plane_du, plane_dv: 1/z of the receiver's plane at that texel, and its change per column and per row.
         fu, fv: position of the point between texels, 0 .. 1.
     """
     width = 2 * radius + 2
@@ -83,14 +86,14 @@ def unshadowed_share(shadow_map, radius, point, normal):
 
     Args:
         shadow_map: a SHADOW_MAP.
-        radius: of the filter, texels: (2 radius + 1)^2 bilinear samples.
+        radius: radius of the filter, texels. The filter takes (2 radius + 1)^2 bilinear samples.
         point: points in the camera's frame, three f32x8.
         normal: unit normals of their triangles, towards the light, in the camera's frame.
     """
     X_light_camera = shadow_map.X_light_camera
     x, y, z = vec.to_f64(point[0]), vec.to_f64(point[1]), vec.to_f64(point[2])
     nx, ny, nz = vec.to_f64(normal[0]), vec.to_f64(normal[1]), vec.to_f64(normal[2])
-    # Normal and point in the light's frame; the point is offset along the normal.
+    # In the light's frame: l is the normal; p is the point, which is offset along the normal below.
     lx = _transform_row(X_light_camera, 0, nx, ny, nz)
     ly = _transform_row(X_light_camera, 4, nx, ny, nz)
     lz = _transform_row(X_light_camera, 8, nx, ny, nz)
@@ -104,21 +107,21 @@ def unshadowed_share(shadow_map, radius, point, normal):
     focal_length, center, half = vec.f64(shadow_map.focal_length), vec.f64(shadow_map.center), vec.f64(0.5)
     u, v = focal_length * px * inv_z + center, focal_length * py * inv_z + center
     side = shadow_map.side
-    # Eight columns are loaded at a time, which would overrun the map in its last row.
+    # The margin also keeps loads of eight columns within the map.
     lower, upper = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
     is_inside = is_ahead & (u > lower) & (u < upper) & (v > lower) & (v < upper)
     u, v = vec.select(is_inside, u, center) - half, vec.select(is_inside, v, center) - half
-    # A plane n.p = d has 1/z = n.ray / d, which is linear over the map.
+    # For a plane l.p = d, 1/z = l.ray / d, which is linear over the map.
     d = lx * px + ly * py + lz * pz
     faces_light = d < vec.f64(-1e-9) * pz
     scale = vec.select(faces_light, vec.f64(1.0) / (focal_length * d), vec.f64(0.0))
     plane_du, plane_dv = lx * scale, ly * scale
     i, j = vec.floor(u), vec.floor(v)
     fu, fv = u - i, v - j
-    reach = vec.f64(float(radius))
-    plane = inv_z - plane_du * (reach + fu) - plane_dv * (reach + fv)
-    radii = vec.i32(radius)
-    first_texel = (vec.to_i32(j) - radii) * vec.i32(side) + vec.to_i32(i) - radii
+    radius_f64 = vec.f64(float(radius))
+    plane = inv_z - plane_du * (radius_f64 + fu) - plane_dv * (radius_f64 + fv)
+    radius_i32 = vec.i32(radius)
+    first_texel = (vec.to_i32(j) - radius_i32) * vec.i32(side) + vec.to_i32(i) - radius_i32
     share = _filtered(
         shadow_map.inv_z,
         side,

@@ -1,11 +1,11 @@
 """Shadow maps: views of the scene from lights, rendered by the rasterizer. ``shadow_sampling`` reads them.
 
-The camera of a directional light is so far away that its rays differ by half a degree at most, as the sun's do. Maps
-are fitted to the visible points (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011) instead of the
-whole scene, which may have a floor of a hundred metres. Size and centre of a map change in steps, so that a camera that
-moves a little reuses the last map. A map depends on scene, light and step only, never on earlier images. Borders of
-shadows are filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights. The receiver's
-plane gives its depth at every texel, so that a plane never shadows itself.
+The camera of a directional light is so far away that its rays differ by half a degree at most, as sunlight does. Maps
+are fitted to the visible points (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011), since the whole
+scene may have a floor of a hundred metres. Size and centre of a map change in steps, so that the map is reused when the
+camera moves a little. A map depends on scene, light and step only, never on earlier images. Borders of shadows are
+filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights. The depth of the receiver's
+plane is computed for every texel, so that a plane never shadows itself.
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ MAX_MAP_BYTES: Final = 128 << 20
 MAPS_PER_SCENE: Final = 8
 """Maximum number of cached maps per scene: two steps of the fit for each of four lights."""
 MAX_CUT_OUT_LAYERS: Final = 8
-"""Maximum number of cut-out surfaces behind one another that cast shadows. All of them are rendered once per layer."""
+"""Maximum number of cut-out surfaces behind one another that cast shadows. Each layer takes one pass over them."""
 _DIRECTIONAL_DISTANCE: Final = 100.0
 """Distance of the camera of a directional light, in radii of the region that the map covers."""
 _NORMAL_OFFSET: Final = 1.5
-"""Offset of receivers along their normal, texels: the triangles of a curved mesh are not its surface."""
+"""Offset of receivers along their normal, texels. The triangles of a curved mesh lie beside the ideal surface."""
 _FIT_POINTS: Final = 4096
 """Approximate number of visible points that a map is fitted to."""
 _MAX_DEPTH_RATIO: Final = 1.5
-"""Visible points farther than this times the third quartile of the depths have no shadows."""
+"""Points deeper than this factor times the third quartile of the visible depths receive no shadows."""
 _MAX_TEXEL_PIXELS: Final = 1.25
 """Maximum size of a texel in pixels of the image at the median distance. The filter takes five texels, so that finer
 texels are hardly visible."""
 _MIN_SIDE: Final = 512
-"""Minimum side of a map, texels. It takes a millisecond."""
+"""Minimum side of a map, texels. Such a map is rendered in a millisecond."""
 _SIZE_STEPS: Final = (0.5946035575013605, 0.7071067811865476, 0.8408964152537145, 1.0)
-"""Radii of a map within an octave, 2^(k/4)."""
+"""Radii of maps within an octave, 2^(k/4)."""
 _CENTER_STEP: Final = 0.125
-"""Step of the centre of a map, in its radii."""
+"""Step of a map's centre, as a share of the map's radius."""
 _STEP_MARGIN: Final = 16.0 / 15.0
-"""Factor of the radius of a map that covers half a step of its centre."""
+"""Factor of a map's radius, so that the map covers all points although its centre is rounded to a step."""
 
 SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
-"""Function of a layer and its camera that returns where the layer is not cut out, (H, W)."""
+"""Function of a layer and its camera that returns a mask of the pixels where the layer is not cut out, (H, W)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class ShadowMap:
 
     camera: Camera
     inv_z: NDArray[np.float32]
-    """(side, side) float32: 1 / distance along the light's axis of the nearest caster; negative: none."""
+    """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); negative: no caster."""
 
 
 _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
@@ -85,7 +85,7 @@ def map_side(max_side: int, extent: float, pixel_metres: float) -> int:
 
 
 def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
-    """Return which instances cast shadows, (n,): triangles whose material is not blended."""
+    """Return a mask of the instances that cast shadows, (n,): those of triangles whose material is not blended."""
     return np.array(
         [i.mesh.topology is Topology.TRIANGLES and i.material.alpha_mode is not AlphaMode.BLEND for i in instances],
         np.bool_,
@@ -93,7 +93,7 @@ def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
 
 
 def visible_points(layer: Visibility, camera: Camera) -> NDArray[np.float64]:
-    """Return visible points of the world, on a grid of pixels, (n, 3) float64. Far ones are left out."""
+    """Return the points of the world that a grid of pixels shows, (n, 3) float64, without distant ones."""
     height, width = layer.ids.shape
     step = max(1, round(math.sqrt(height * width / _FIT_POINTS)))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
@@ -110,7 +110,7 @@ def visible_points(layer: Visibility, camera: Camera) -> NDArray[np.float64]:
 
 
 def metres_per_pixel(points: NDArray[np.float64], camera: Camera) -> float:
-    """Return the size of a pixel at the median depth of points (n, 3) of the world."""
+    """Return the size of a pixel at the median depth of points (n, 3) of the world; 0 without points."""
     if not len(points):
         return 0.0
     depth = (points - camera.X_world_camera[:3, 3]) @ camera.X_world_camera[:3, 2]
@@ -154,7 +154,7 @@ def _spot_camera(
 def _directional_camera(
     R_world_light: NDArray[np.float64], points: NDArray[np.float64], max_side: int, pixel_metres: float
 ) -> Camera:
-    """Return the far camera of a directional light; its map covers the points, and radius and centre go in steps."""
+    """Return the distant camera of a directional light. Its map covers the points; radius and centre are in steps."""
     points_light = points @ R_world_light
     low, high = points_light.min(axis=0), points_light.max(axis=0)
     mantissa, exponent = math.frexp(_STEP_MARGIN * max(0.5 * float((high - low)[:2].max()), 1e-6) * 1.02)
@@ -163,7 +163,7 @@ def _directional_camera(
     center = np.round(0.5 * (low + high)[:2] / step) * step
     nearest, farthest = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
     distance = _DIRECTIONAL_DISTANCE * max(radius, 0.5 * (farthest - nearest))
-    radius *= 1.0 + (farthest - nearest) / distance  # objects nearer to the light look larger
+    radius *= 1.0 + (farthest - nearest) / distance  # objects nearer to the camera look larger
     side = map_side(max_side, 2.0 * radius, pixel_metres)
     position = R_world_light @ np.array((*center, nearest - distance))
     return _map_camera(side, 0.5 * side * distance / radius, 1e-2 * distance, R_world_light, position)
@@ -189,10 +189,10 @@ def shadow_map_of(
     transparent: NDArray[np.bool_],
     solid_pixels: SolidPixels,
 ) -> ShadowMap:
-    """Return the map of a light's camera, from the cache if possible.
+    """Return the map for a light's camera, from the cache if possible.
 
     Args:
-        transparent: (n,), instances that may be cut out.
+        transparent: (n,), mask of the instances that may be cut out.
     """
     for shadow_map in _maps.get(scene) or ():
         if _is_same_view(shadow_map.camera, camera):
@@ -223,10 +223,10 @@ def render_shadow_maps(
     transparent: NDArray[np.bool_],
     solid_pixels: SolidPixels,
 ) -> tuple[list[ShadowMap], list[int]]:
-    """Return the maps of the first ``max_maps`` lights that can have one, and each light's index among them or -1.
+    """Return the maps of the first ``max_maps`` lights that can have one, and each light's index of its map or -1.
 
     Args:
-        points: (n, 3), visible points of the world.
+        points: (n, 3), visible points of the world, from ``visible_points``.
         max_side, pixel_metres: as in ``map_side``.
         transparent, solid_pixels: as in ``shadow_map_of``.
     """
@@ -242,7 +242,7 @@ def render_shadow_maps(
 
 
 def shadow_map_structs(maps: Sequence[ShadowMap], camera: Camera) -> NDArray[Any]:
-    """Return one SHADOW_MAP per map, and at least one. Their addresses are valid as long as ``maps``."""
+    """Return an array of SHADOW_MAP, one per map and at least one. Valid while ``maps`` is alive."""
     structs = np.zeros(max(len(maps), 1), SHADOW_MAP.dtype)
     for struct, shadow_map in zip(structs, maps, strict=False):
         light = shadow_map.camera

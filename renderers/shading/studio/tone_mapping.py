@@ -1,9 +1,11 @@
 """Tone curves, and the encoding of finished rows as sRGB bytes.
 
-Khronos' "PBR Neutral" (specification 1.0, 2024): colours below 0.76 keep hue and saturation, brighter ones are
-compressed towards white. "ACES": Stephen Hill's fit of the Academy's reference rendering and output transforms (sRGB to
-AP1 with their saturation, one rational function, back), with the exposure of 1 / 0.6 that three.js, Babylon.js and the
-Khronos sample viewer apply first. "None": values are clamped.
+- ``neutral``: Khronos' PBR Neutral (specification 1.0, 2024). Colours below 0.76 keep hue and saturation, brighter ones
+  are compressed towards white.
+- ``aces``: Stephen Hill's fit of the Academy's reference rendering and output transforms: a matrix, one rational
+  function, and a matrix back. Colours are first multiplied by 1 / 0.6, as in three.js, Babylon.js and the Khronos
+  sample viewer.
+- ``none``: values are clamped to 0 .. 1.
 """
 
 from __future__ import annotations
@@ -22,8 +24,9 @@ from renderers.shading.studio.layout import OUTPUT, channel_values_in_kernel
 from renderers.shading.vec3 import broadcast3, load3, saturate
 
 TONES: Final = ("neutral", "aces", "none")
+"""Names of the tone curves; kernels get the index."""
 _NEUTRAL_START: Final = 0.8 - 0.04
-"""Peak from which "PBR Neutral" compresses."""
+"""Largest channel from which PBR Neutral compresses colours."""
 _NEUTRAL_DESATURATION: Final = 0.15
 _ACES_EXPOSURE: Final = 1.0 / 0.6
 
@@ -68,7 +71,7 @@ def _aces_channel(v):
 @inlined
 def _aces(r, g, b):
     """Apply Hill's fit to linear colours. NaN becomes 0."""
-    # From 1e6 on, the curve is white to the last digit. Squares of much larger values would not be finite.
+    # From 1e6 on, the curve is white to the last digit. The squares of much larger values would overflow.
     zero, limit, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
     r = vec.minimum(vec.maximum(r, zero), limit) * exposure
     g = vec.minimum(vec.maximum(g, zero), limit) * exposure
@@ -100,20 +103,19 @@ def tone_map(tone, r, g, b):
 
 @device_function
 def write_image_row(accumulated, output, y, width, rgb_bytes):
-    """Blend an accumulated row over the background, and write row ``y`` of the image, encoded as sRGB.
+    """Blend a row of surfaces over the background, and write row ``y`` of the image, encoded as sRGB.
 
     Args:
-        accumulated: pointer to four channels of ``channel_values(width)`` float32: linear colour times coverage, and
-            coverage.
+        accumulated: pointer to an accumulated row, see ``shade_rows``.
         output: an OUTPUT.
-        rgb_bytes: pointer to 3 channel_values(width) + 4 bytes of working memory.
+        rgb_bytes: pointer to 3 * channel_values(width) + 4 bytes of working memory.
     """
-    channel = channel_values_in_kernel(width)
+    channel_size = channel_values_in_kernel(width)
     zero, one, min_share = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6)
     background_r, background_g, background_b = broadcast3(output.background, 0)
     for x in range(0, width, vec.LANES):
-        r, g, b = load3(accumulated, x, channel)
-        background_share = one - vec.load(accumulated, 3 * channel + x)
+        r, g, b = load3(accumulated, x, channel_size)
+        background_share = one - vec.load(accumulated, 3 * channel_size + x)
         background_share = vec.select(background_share > min_share, background_share, zero)
         pixels = encoded_pixels(
             r + background_share * background_r,
@@ -132,12 +134,12 @@ def write_image_rows(accumulated_address, output_address, width, row_begin, row_
     """Call ``write_image_row`` for the rows ``row_begin .. row_end - 1``.
 
     Args:
-        accumulated_address: address of (H, 4, channel_values(width)) float32, see ``write_image_row``.
+        accumulated_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image.
         output_address: address of an OUTPUT.
     """
-    channel, output = channel_values_in_kernel(width), _output_at(output_address)
-    own_bytes = np.empty(3 * channel + 4, np.uint8)
+    channel_size, output = channel_values_in_kernel(width), _output_at(output_address)
+    own_bytes = np.empty(3 * channel_size + 4, np.uint8)
     rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
     for y in range(row_begin, row_end):
-        write_image_row(f32_at(accumulated_address + 16 * y * channel), output, y, width, rgb_bytes)
+        write_image_row(f32_at(accumulated_address + 16 * y * channel_size), output, y, width, rgb_bytes)
     own_bytes[0] = 0  # the pointer above does not keep the array alive

@@ -21,8 +21,8 @@ from renderers.shading.scene import compute_instance_matrices
 
 
 @njit
-def _call(address, points, maps, count, turns_mirrored):
-    call_kernel(address, (points, maps, count, turns_mirrored))
+def _call(address, points, maps, count, inverts_mirrored):
+    call_kernel(address, (points, maps, count, inverts_mirrored))
 
 
 def test_calling_a_kernel_by_address() -> None:
