@@ -1,4 +1,4 @@
-"""The cache class of renderers and gateway: bounded in bytes, least recently used first out, thread-safe."""
+"""The cache class of renderers and gateway: limited in bytes, evicts the least recently used, thread-safe."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ V = TypeVar("V")
 
 
 class Cache(Generic[K, V]):
-    """Values by key. Callers share the values, which must not change.
+    """Values by key. Callers share the values and must not change them.
 
     The sum of the sizes and the number of values are limited; the least recently used are evicted first. A value larger
     than ``max_bytes`` is not kept.
@@ -32,7 +32,7 @@ class Cache(Generic[K, V]):
         self._nbytes = 0
         self._hits = 0
         self._misses = 0
-        # Keys of collected objects. Objects may be collected within a method of this class that holds the lock.
+        # Keys of collected objects whose entries are not dropped yet. Objects may be collected while the lock is held.
         self._collected: deque[Hashable] = deque()
 
     @property
@@ -58,7 +58,7 @@ class Cache(Generic[K, V]):
             return len(self._entries)
 
     def get(self, key: K) -> V | None:
-        """Return the value, now the most recently used; None if there is none."""
+        """Return the value of a key and mark it as the most recently used; None if there is no value."""
         internal_key = _identity(key) if self._weak else key
         with self._lock:
             self._drop_collected()
@@ -71,7 +71,7 @@ class Cache(Generic[K, V]):
             return entry[0]
 
     def put(self, key: K, value: V, nbytes: int) -> None:
-        """Keep a value of ``nbytes`` bytes; it replaces the key's former value."""
+        """Store a value of ``nbytes`` bytes, replacing the key's previous value."""
         internal_key = _identity(key) if self._weak else key
         with self._lock:
             self._drop_collected()
@@ -86,17 +86,17 @@ class Cache(Generic[K, V]):
                 self._drop(next(iter(self._entries)))
 
     def clear(self) -> None:
-        """Drop all values; the counts of hits and misses stay."""
+        """Drop all values. The counts of hits and misses are kept."""
         with self._lock:
             self._entries.clear()
             self._nbytes = 0
 
     def _references(self, key: K, internal_key: Hashable) -> tuple[ref[Any], ...]:
-        """Return weak references to a key's objects that drop its entry when one is collected."""
+        """Return weak references to the key's objects. When one is collected, the key's entry is dropped."""
 
         def on_collected(_: ref[Any]) -> None:
             self._collected.append(internal_key)
-            if self._lock.acquire(blocking=False):  # otherwise the next call drops the entry
+            if self._lock.acquire(blocking=False):  # otherwise the next method call drops the entry
                 try:
                     self._drop_collected()
                 finally:
@@ -116,4 +116,5 @@ class Cache(Generic[K, V]):
 
 
 def _identity(key: Any) -> Hashable:
+    """Return the ``id`` of an object, or those of a tuple of objects."""
     return tuple([id(each) for each in key]) if isinstance(key, tuple) else id(key)

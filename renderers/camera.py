@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 OPENGL_FROM_OPTICAL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
-"""(4, 4) float64: ``X_world_optical = X_world_opengl @ OPENGL_FROM_OPTICAL``. glTF and OpenGL
-cameras look along -Z with +Y up, the optical frame along +Z with +Y down."""
+"""(4, 4) float64: ``X_world_optical = X_world_opengl @ OPENGL_FROM_OPTICAL``. In glTF and OpenGL, cameras look along -Z
+with +Y up. In the optical frame they look along +Z with +Y down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """A pinhole camera with arbitrary principal point and fx != fy.
+    """A pinhole camera. The principal point is arbitrary, and fx and fy may differ.
 
     Pixel (i, j) (column, row; (0, 0) is top-left) is sampled along the ray
     ``((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)`` of the optical frame, as in Drake and rc_visard.
@@ -55,5 +55,5 @@ class Camera:
 
     @property
     def X_camera_world(self) -> NDArray[np.float64]:
-        """(4, 4) float64: world to optical frame, the inverse pose."""
+        """(4, 4) float64: transform from the world to the optical frame, the inverse of ``X_world_camera``."""
         return np.linalg.inv(self.X_world_camera).astype(np.float64, copy=False)

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 
 def srgb_from_linear(value: float) -> float:
-    """Return the sRGB encoding of a linear value. Values outside of 0 .. 1 follow the same curve."""
+    """Return the sRGB encoding of a linear value. The same formula applies outside of 0 .. 1."""
     return 1.055 * value ** (1.0 / 2.4) - 0.055 if value > 0.0031308 else 12.92 * value
 
 
 def linear_from_srgb(value: float) -> float:
-    """Return the linear value of an sRGB encoding. Values outside of 0 .. 1 follow the same curve."""
+    """Return the linear value of an sRGB-encoded one. The same formula applies outside of 0 .. 1."""
     return ((value + 0.055) / 1.055) ** 2.4 if value > 0.04045 else value / 12.92
 
 
 def linear_colors_from_srgb(colors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return linear colours of sRGB-encoded ones, (N, 3) or (N, 4) float32, 0 to 1. Alpha, the fourth column, stays."""
+    """Decode sRGB colours, (N, 3) or (N, 4) float32, 0 to 1, to linear ones. Alpha, the fourth column, is copied."""
     linear = colors.copy()
     linear[:, :3] = linear_values_from_srgb(colors[:, :3])
     return linear
@@ -36,4 +36,4 @@ def srgb_values_from_linear(linear: NDArray[Any]) -> NDArray[Any]:
 
 
 LINEAR_FROM_BYTE: Final[NDArray[np.float32]] = linear_values_from_srgb(np.arange(256) / 255.0).astype(np.float32)
-"""(256,) float32, linear value of each sRGB byte. Texels are converted before filtering, as required by glTF 2.0."""
+"""(256,) float32, linear value of each sRGB byte. Texels are decoded before filtering, as required by glTF 2.0."""

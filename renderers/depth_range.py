@@ -1,4 +1,4 @@
-"""Depth range of a sensor, applied to rendered depth images."""
+"""Applies the depth range of a sensor to rendered depth images."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) 
 
     Args:
         depth: (H, W) float32, C-contiguous, metres along the optical axis; inf is the background.
-        min_depth: metres; depths up to it become 0.
-        max_depth: metres; depths from it on become inf.
+        min_depth: metres; this depth and smaller ones become 0.
+        max_depth: metres; this depth and larger ones become inf.
     """
     _limit_depth(address_of(depth, np.float32), depth.size, min_depth, max_depth)
 

@@ -2,8 +2,8 @@
 
 The parameters and the rule for the ends of edges are VTK's, because Drake's RenderEngineVtk enables VTK's FXAA. Only
 colours are filtered, never depth or labels. Names in kernels: c, n, s, w, e are the lumas of a pixel and of its
-neighbours north, south, west and east. North is the row below: rows of OpenGL go upwards, which decides between
-neighbours of equal contrast.
+neighbours north, south, west and east. North is the row below, since rows of OpenGL go upwards. The difference matters
+where both neighbours have the same contrast.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
 HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
-"""Minimum range of the lumas (0 to 255) of a pixel and its four neighbours for smoothing."""
+"""Minimum range of the lumas (0 to 255) of a pixel and its four neighbours. Pixels below it are not smoothed."""
 RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
-"""Minimum range relative to the largest of the lumas."""
+"""Minimum range of these lumas relative to the largest one."""
 SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
-"""Minimum difference between a single-pixel spot and the mean of its neighbours, relative to the range."""
+"""Minimum difference between a single-pixel spot and the mean of its four neighbours, relative to the lumas' range."""
 SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
-"""Maximum share of the neighbours' mean in a single-pixel spot."""
+"""Maximum share of the neighbours' mean that is blended into a single-pixel spot."""
 MAX_SEARCH: Final = 12
-"""Maximum distance in which the ends of an edge are searched, pixels in either direction."""
+"""Maximum distance at which the end of an edge is searched, pixels, in each direction."""
 
 
 def fxaa(color: NDArray[np.uint8]) -> None:
@@ -42,7 +42,7 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     """
     height, width = color.shape[:2]
     copy, luma = np.empty(color.shape, np.uint8), np.empty((height, width), np.float32)
-    may_be_edge = np.ones(width, np.uint8)  # the first and last columns are not examined by _find_edges
+    may_be_edge = np.ones(width, np.uint8)  # _find_edges leaves the first and last columns at 1
     addresses = address_of(color, np.uint8), address_of(copy, np.uint8), address_of(luma, np.float32)
     stop = current_stop()
     _smooth(*addresses, address_of(may_be_edge, np.uint8), width, height, stop.address)
@@ -55,8 +55,9 @@ def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
 
     Args:
         color_at: address of (height, width, 3) uint8, the image.
-        copy_at, luma_at: addresses of as many uint8 and of (height, width) float32 of scratch.
-        may_be_edge_at: address of (width,) uint8 of scratch, of which the first and last are not 0.
+        copy_at: address of (height, width, 3) uint8 of working memory.
+        luma_at: address of (height, width) float32 of working memory.
+        may_be_edge_at: address of (width,) uint8 of working memory. The first and last values must be 1.
     """
     color, source, luma, may_be_edge = u8_at(color_at), u8_at(copy_at), f32_at(luma_at), u8_at(may_be_edge_at)
     for i in range(3 * height * width):
@@ -84,9 +85,12 @@ def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
 
 @device_function
 def _find_edges(luma, row, north, south, width, may_be_edge):
-    """Set ``may_be_edge`` for the inner pixels of a row; ``row``, ``north``, ``south``: where rows begin in ``luma``.
+    """Set ``may_be_edge`` for the pixels of a row, except the first and the last.
 
-    Most of the time is spent here, because images are mostly flat. LLVM vectorises the loop.
+    Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop.
+
+    Args:
+        row, north, south: index of the first pixel of the row and of its neighbours in ``luma``.
     """
     for x in range(1, width - 1):
         c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
@@ -97,18 +101,18 @@ def _find_edges(luma, row, north, south, width, may_be_edge):
 
 @device_function
 def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
-    """Smooth one pixel. ``source`` and ``luma`` are of the image before."""
+    """Smooth one pixel. ``source`` and ``luma`` are those of the unsmoothed image."""
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
     west, east = max(x - 1, 0), min(x + 1, width - 1)
     c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + west], luma[row + east]
     nw, ne, sw, se = luma[north + west], luma[north + east], luma[south + west], luma[south + east]
-    # The direction of the edge, from second differences across rows and columns. The middle one counts twice.
+    # The direction of the edge, from second differences across columns and across rows. The middle ones count twice.
     two = np.float32(2.0)
     across_columns = abs(nw + ne - two * n) + two * abs(w + e - two * c) + abs(sw + se - two * s)
     across_rows = abs(nw + sw - two * w) + two * abs(n + s - two * c) + abs(ne + se - two * e)
     is_horizontal = across_rows >= across_columns
-    # The pixel across the edge: of the two neighbours perpendicular to it, the one of higher contrast.
+    # The pixel across the edge: of the two neighbours perpendicular to the edge, the one of higher contrast.
     north_or_west, south_or_east = (n, s) if is_horizontal else (w, e)
     if abs(c - north_or_west) >= abs(c - south_or_east):
         luma_across = north_or_west
@@ -116,11 +120,11 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
     else:
         luma_across = south_or_east
         pixel_across = south + x if is_horizontal else row + east
-    # Along the edge: the number of pixels of the image on either side of this one, and their stride.
-    room_before, room_after, stride = (x, width - 1 - x, 1) if is_horizontal else (y, height - 1 - y, width)
-    before, luma_before = _edge_end(luma, row + x, pixel_across, -stride, room_before, c, luma_across)
-    after, luma_after = _edge_end(luma, row + x, pixel_across, stride, room_after, c, luma_across)
-    # If both ends are equally far, either will do: the shift is 0.
+    # Along the edge: the number of pixels of the image before and after this one, and their stride.
+    pixels_before, pixels_after, stride = (x, width - 1 - x, 1) if is_horizontal else (y, height - 1 - y, width)
+    before, luma_before = _edge_end(luma, row + x, pixel_across, -stride, pixels_before, c, luma_across)
+    after, luma_after = _edge_end(luma, row + x, pixel_across, stride, pixels_after, c, luma_across)
+    # If both ends are equally far, the shift is 0 for either.
     luma_end = luma_before if before < after else luma_after
     shift = np.float32(0.0)
     if abs(luma_end - luma_across) < abs(luma_end - c):
@@ -133,33 +137,33 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
         own = np.float32(source[3 * (row + x) + k])
         value = own + shift * (np.float32(source[3 * pixel_across + k]) - own)
         if blend > np.float32(0.0):
-            # Sums of bytes are exact in any order.
             total = np.int32(0)
-            for line in (north, row, south):
+            for row_start in (north, row, south):
                 total += (
-                    np.int32(source[3 * (line + west) + k])
-                    + np.int32(source[3 * (line + x) + k])
-                    + np.int32(source[3 * (line + east) + k])
+                    np.int32(source[3 * (row_start + west) + k])
+                    + np.int32(source[3 * (row_start + x) + k])
+                    + np.int32(source[3 * (row_start + east) + k])
                 )
             value = value + blend * (np.float32(total) / np.float32(9.0) - value)
         color[3 * (row + x) + k] = np.uint8(value + np.float32(0.5))
 
 
 @device_function
-def _edge_end(luma, pixel, pixel_across, stride, room, c, luma_across):
+def _edge_end(luma, pixel, pixel_across, stride, max_distance, c, luma_across):
     """Return the distance of the edge's end in pixels, and the luma there on the pixel's own side.
 
-    VTK's rule: the edge ends where a pixel on one side is more like the other side, which also finds the ends of lines
-    one pixel wide.
+    As in VTK, the edge ends where the luma on one side is closer to the luma that the other side has at the start. This
+    also finds the ends of lines one pixel wide.
 
     Args:
-        pixel, pixel_across: indices of a pixel and of the one across the edge, with lumas ``c`` and ``luma_across``.
-        stride: from a pixel to the next one along the edge.
-        room: number of pixels up to the border of the image, beyond which the last one is repeated.
+        pixel, pixel_across: indices of a pixel and of the one across the edge.
+        stride: difference of the indices of neighbouring pixels along the edge.
+        max_distance: number of pixels up to the border of the image. Beyond it, the last pixel is repeated.
+        c, luma_across: lumas of the two pixels.
     """
     distance, own = 1, c
     for _ in range(MAX_SEARCH):
-        offset = min(distance, room) * stride
+        offset = min(distance, max_distance) * stride
         own, across = luma[pixel + offset], luma[pixel_across + offset]
         if abs(across - luma_across) > abs(across - c) or abs(own - c) > abs(own - luma_across):
             break

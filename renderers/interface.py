@@ -17,7 +17,7 @@ from renderers.light_rig import STUDIO, Rig
 LookName = Literal["phong", "pbr", "gltf", "plain", "studio"]
 SampleCount = Literal[1, 4, 8]
 VTK_LOOKS: Final[tuple[LookName, ...]] = ("phong", "pbr")
-"""Looks that draw what RenderEngineVtk draws, where that deviates from the glTF specification, too."""
+"""Looks that reproduce RenderEngineVtk, even where it deviates from the glTF specification."""
 
 
 class Output(Flag):
@@ -32,21 +32,27 @@ class Output(Flag):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Shading of the colour image; depth and labels do not depend on it."""
+    """Shading of the colour image. The other outputs do not depend on it."""
 
     name: LookName = "phong"
-    """``phong``: as RenderEngineVtk without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as stored,
-    no gamma. ``pbr``: as RenderEngineVtk with glTF meshes: metallic-roughness, linear light, gamma 1/2.2. Both blend,
-    filter and mirror as VTK does. ``gltf``: light and gamma of ``pbr``, materials as the glTF specification says.
-    ``plain``: for Director and the browser view: as ``phong``, but linear colour factors are first encoded as sRGB, so
-    that a surface that faces the camera has exactly the published colour. ``studio``: for presentation: all glTF
-    materials under ``rig``, with shadows, reflections and tone mapping."""
+    """Name of the look:
+
+    - ``phong``: as RenderEngineVtk without glTF meshes. One headlight with Lambert shading, textures as stored, no
+      gamma. Blending, texture filters and mirrored instances are as in VTK.
+    - ``pbr``: as RenderEngineVtk with glTF meshes. Metallic-roughness in linear light, gamma 1/2.2. Blending, texture
+      filters and mirrored instances are as in VTK.
+    - ``gltf``: light and gamma of ``pbr``, materials as in the glTF specification.
+    - ``plain``: for Director and the browser view. As ``phong``, but linear colour factors are encoded as sRGB, so that
+      a surface that faces the camera has exactly the published colour.
+    - ``studio``: for presentation. All glTF materials under the lights of ``rig``, with shadows, reflections and tone
+      mapping.
+    """
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB as stored in the image; Drake's default."""
+    """RGB of the background as stored in the image. The default is Drake's."""
     samples: SampleCount = 1
-    """Samples per pixel of the colour image. Depth and labels always have one: they are never mixed."""
+    """Samples per pixel of the colour image. The other outputs always have one, since their values cannot be mixed."""
     rig: Rig = STUDIO
-    """Lights of the ``studio`` look; the others have one headlight."""
+    """Lights of the look ``studio``. The other looks have one headlight."""
 
 
 @dataclass(slots=True, eq=False)

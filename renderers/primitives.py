@@ -1,7 +1,7 @@
 """Unit meshes of box, sphere, capsule, cylinder and cone. Instances share a mesh and scale it by their transform.
 
 Every mesh is closed, wound counter-clockwise seen from outside, and has unit outward normals: smooth on curved faces,
-flat on plane ones. Vertices of curved solids lie exactly on the ideal surface, faces inside it.
+flat on plane ones. Vertices of curved solids lie exactly on the ideal surface, so that their faces lie inside it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SEGMENTS: Final = 48
 """Sides of sphere, capsule and cylinder. The silhouette of an inscribed 48-gon is off by r (1 - cos(pi / 48)), 0.2 %
 of r: half a pixel for a sphere 470 pixels wide. Director uses 24."""
 RINGS: Final = 24
-"""Bands of a sphere from pole to pole, so that its quads are about square."""
+"""Bands of a sphere from pole to pole. With this number, quads at the equator are about square."""
 CONE_SEGMENTS: Final = 32
 """Sides of a cone."""
 
@@ -48,10 +48,10 @@ def circle(segments: int) -> Vertices:
 
 
 def band(lower: NDArray[np.integer], upper: NDArray[np.integer]) -> Triangles:
-    """Return the triangles between closed rings of n vertices each, counter-clockwise seen from outside.
+    """Return the triangles between two closed rings of n vertices each, counter-clockwise seen from outside.
 
     Args:
-        lower: (n,) vertex indices, counter-clockwise seen from above; or (S, n) for many rings.
+        lower: (n,) vertex indices, counter-clockwise seen from above; or (S, n) for S pairs of rings.
         upper: vertex indices of the rings above, of the same shape.
 
     Returns:
@@ -80,10 +80,12 @@ def box() -> Mesh:
             normal, u_axis = np.zeros(3), np.zeros(3)
             normal[axis], u_axis[(axis + 1) % 3] = sign, 1.0
             v_axis = np.cross(normal, u_axis)
-            corner = len(positions)
+            first_vertex = len(positions)
             positions.extend(0.5 * (normal + u * u_axis + v * v_axis) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
             normals.extend([normal] * 4)
-            triangles.extend(((corner, corner + 1, corner + 2), (corner, corner + 2, corner + 3)))
+            triangles.extend(
+                ((first_vertex, first_vertex + 1, first_vertex + 2), (first_vertex, first_vertex + 2, first_vertex + 3))
+            )
     return frozen_mesh(np.array(positions), np.array(triangles), np.array(normals))
 
 
@@ -104,10 +106,11 @@ def capsule(aspect: float) -> Mesh:
 
 
 def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Triangles]:
-    """Return a unit sphere, cut at the equator; each half is moved by ``half_length`` along z, away from the other.
+    """Return positions and triangles of a unit sphere whose halves are moved apart along z.
 
     Args:
-        rings: even if ``half_length`` is not 0.
+        rings: number of bands from pole to pole; even if ``half_length`` is not 0.
+        half_length: distance by which each half is moved.
     """
     around = circle(segments)
     polar = np.arange(1, rings) * (math.pi / rings)
@@ -158,14 +161,14 @@ def cone(segments: int = CONE_SEGMENTS) -> Mesh:
     around = circle(segments)
     base = np.zeros((segments, 3))
     base[:, :2], base[:, 2] = around, -1.0
-    slope = np.zeros((segments, 3))
-    slope[:, :2], slope[:, 2] = around, 1.0
-    slope *= math.sqrt(0.5)
-    # The tip has one vertex per side, with the normal of the side's middle: a shared one would shade as a star.
-    tips = slope + np.roll(slope, -1, axis=0)
-    tips /= np.linalg.norm(tips, axis=1, keepdims=True)
+    side_normals = np.zeros((segments, 3))
+    side_normals[:, :2], side_normals[:, 2] = around, 1.0
+    side_normals *= math.sqrt(0.5)
+    # The tip has one vertex per side, with the normal of the side's middle. A shared vertex would be shaded as a star.
+    tip_normals = side_normals + np.roll(side_normals, -1, axis=0)
+    tip_normals /= np.linalg.norm(tip_normals, axis=1, keepdims=True)
     positions = np.concatenate((base, np.zeros((segments, 3)), base, [(0.0, 0.0, -1.0)]))
-    normals = np.concatenate((slope, tips, np.tile((0.0, 0.0, -1.0), (segments + 1, 1))))
+    normals = np.concatenate((side_normals, tip_normals, np.tile((0.0, 0.0, -1.0), (segments + 1, 1))))
     ring = np.arange(segments)
     sides = np.stack((ring, np.roll(ring, -1), ring + segments), axis=1)
     triangles = np.concatenate((sides, fan(3 * segments, ring + 2 * segments, up=False)))

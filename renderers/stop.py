@@ -1,7 +1,7 @@
-"""Cancellation: a flag that kernels read by address, and Python code by ``check_stop``.
+"""Cancellation of long calls: a flag that kernels read by its address, and Python code by ``check_stop``.
 
-The current flag is a context variable. As a parameter, some forty functions of reader, renderer and looks would only
-pass it on.
+The current flag is a context variable. As a parameter, it would have to be passed on by some forty functions of reader,
+renderer and looks.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class StopFlag:
         """
         if self._error is None:
             self._error = error
-        self._value.value = 1  # after the error: threads that see the value read the error
+        self._value.value = 1  # after the error, which threads read once they see the value
 
     def check(self) -> None:
         """Raise the error of the flag if it is set."""
@@ -48,7 +48,7 @@ class StopFlag:
             raise type(self._error)(*self._error.args)
 
     def run(self, call: Callable[[], T]) -> T:
-        """Return ``call()``, made with this flag as the current one."""
+        """Call ``call`` with this flag as the current one, and return its result."""
         token = _current.set(self)
         try:
             return call()
@@ -57,7 +57,7 @@ class StopFlag:
 
 
 def run_within(seconds: float, call: Callable[[], T], error: Exception) -> T:
-    """Return ``call()``, cancelled with ``error`` after ``seconds``; 0: no limit."""
+    """Call ``call`` and return its result. After ``seconds``, cancel it with ``error``; 0: no limit."""
     flag = StopFlag()
     if seconds <= 0.0:
         return flag.run(call)
@@ -74,7 +74,7 @@ _current: ContextVar[StopFlag] = ContextVar("stop_flag", default=StopFlag())  # 
 
 
 def current_stop() -> StopFlag:
-    """Return the current flag, or one that is never set. New threads do not inherit it."""
+    """Return the current flag. Outside of ``StopFlag.run`` and in new threads, this is a flag that is never set."""
     return _current.get()
 
 

@@ -14,19 +14,22 @@ from renderers.primitives import Triangles, Vertices, band, circle, fan, frozen_
 TUBE_SIDES: Final = 24
 """Sides of a tube, as in Director's tube filter."""
 VERTEX_BUDGET: Final = 400_000
-"""Maximum number of ring vertices of a tube (about 10 MB); long lines get fewer sides."""
+"""Maximum number of ring vertices of a tube (about 10 MB). Long lines get fewer sides."""
 MIN_SIDES: Final = 6
-"""Minimum number of sides; a line so long that it would need fewer gets no tube."""
+"""Minimum number of sides. Lines that are too long for this number get no tube."""
 SMOOTH_COSINE: Final = 0.9
 """Minimum cosine of the bend of a joint with smooth normals (26 degrees)."""
 MITRE_COSINE: Final = -0.1
 """Minimum cosine of the bend of a mitre joint (96 degrees, where the mitre extends to 1 / cos(48 deg) = 1.49 radii). At
-sharper bends each side ends square and a ball fills the joint."""
+sharper bends both segments end square, and a ball fills the joint."""
 
 
 def clean_polyline(points: NDArray[np.floating], limit: float, *, closed: bool) -> NDArray[np.float64]:
-    """Return the points, (N, 3) float64, without non-finite ones, consecutive duplicates, and coordinates of at least
-    ``limit`` metres."""
+    """Return the usable points of a polyline, (N, 3) float64.
+
+    Points with a coordinate that is not finite or at least ``limit`` metres, and consecutive duplicates, are dropped.
+    If ``closed``, the last point is dropped if it equals the first one.
+    """
     clean = np.asarray(points, dtype=np.float64)
     clean = clean[(np.abs(clean) < limit).all(axis=1)]
     if len(clean) > 1:
@@ -44,13 +47,12 @@ def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) ->
     """Return the surface of a tube with outward normals, wound counter-clockwise from outside.
 
     Args:
-        points: (N, 3) float64, a ``clean_polyline``.
+        points: (N, 3) float64, metres, from ``clean_polyline``.
         radius: metres, > 0.
-        closed: join the last point to the first.
+        closed: connect the last point to the first.
 
     Returns:
-        None for fewer than two points, and for lines so long that a tube of ``MIN_SIDES`` would exceed
-        ``VERTEX_BUDGET``.
+        None for fewer than two points, and for lines whose tube of ``MIN_SIDES`` would exceed ``VERTEX_BUDGET``.
     """
     count = len(points)
     closed = closed and count > 2
@@ -67,33 +69,33 @@ def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) ->
     mitred, smooth = bend_cosines > MITRE_COSINE, bend_cosines > SMOOTH_COSINE
     frames = _transported_frames(directions, mitred)
     around = circle(sides)
-    across = np.cross(directions, frames)
-    offsets = around[None, :, :1] * frames[:, None, :] + around[None, :, 1:] * across[:, None, :]
+    perpendiculars = np.cross(directions, frames)
+    offsets = around[None, :, :1] * frames[:, None, :] + around[None, :, 1:] * perpendiculars[:, None, :]
 
-    # Every segment has a ring at its start. At a smooth joint, it is also the end of the previous segment; a segment
-    # whose end is not smooth has a second ring there.
+    # Every segment has a ring at its start. At a smooth joint, that ring is also the end of the previous segment. A
+    # segment whose end is not smooth has a second ring there.
     bisectors = np.where(mitred[:, None], previous_directions + directions, directions)
     bisectors /= np.linalg.norm(bisectors, axis=1, keepdims=True)
-    two_ringed = np.flatnonzero(~np.roll(smooth, -1))
-    following = (two_ringed + 1) % len(directions)
-    end_planes = np.where(mitred[following][:, None], bisectors[following], directions[two_ringed])
+    with_end_ring = np.flatnonzero(~np.roll(smooth, -1))
+    next_segment = (with_end_ring + 1) % len(directions)
+    end_planes = np.where(mitred[next_segment][:, None], bisectors[next_segment], directions[with_end_ring])
     start_offsets = _projected_along(offsets, directions, bisectors)
     start_rings = points[: len(directions), None, :] + radius * start_offsets
-    end_rings = points[(two_ringed + 1) % count, None, :] + radius * _projected_along(
-        offsets[two_ringed], directions[two_ringed], end_planes
+    end_rings = points[(with_end_ring + 1) % count, None, :] + radius * _projected_along(
+        offsets[with_end_ring], directions[with_end_ring], end_planes
     )
-    # The offsets of two neighbours are mirror images in the mitre plane, so their mean is the part within the plane.
+    # The offsets of neighbouring segments are mirror images in the mitre plane: their mean is their part in the plane.
     normals = np.where(smooth[:, None, None], _unit_within(offsets, bisectors), offsets)
 
     index = np.arange((len(start_rings) + len(end_rings)) * sides).reshape(-1, sides)
     end_index = np.roll(index[: len(directions)], -1, axis=0)
     if smooth[0]:
         end_index[-1] = np.roll(end_index[-1], -_closing_shift(directions, frames, sides))
-    end_index[two_ringed] = index[len(directions) :]
+    end_index[with_end_ring] = index[len(directions) :]
     builder = _MeshBuilder()
     builder.add(
         np.concatenate((start_rings, end_rings)).reshape(-1, 3),
-        np.concatenate((normals, offsets[two_ringed])).reshape(-1, 3),
+        np.concatenate((normals, offsets[with_end_ring])).reshape(-1, 3),
         band(index[: len(directions)], end_index),
     )
     if not closed:
@@ -107,24 +109,25 @@ def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) ->
 def _projected_along(
     offsets: NDArray[np.float64], directions: NDArray[np.float64], planes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the offsets moved along their segments into the planes with these normals, (S, sides, 3)."""
+    """Return the offsets, moved along their segments into planes, (S, sides, 3); ``planes``: (S, 3) normals."""
     distance = np.einsum("skc,sc->sk", offsets, planes) / np.einsum("sc,sc->s", directions, planes)[:, None]
     moved: NDArray[np.float64] = offsets - distance[:, :, None] * directions[:, None, :]
     return moved
 
 
 def _unit_within(offsets: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit vectors along the offsets' projections into the planes with these normals, (S, sides, 3)."""
+    """Return the unit projections of the offsets into planes, (S, sides, 3); ``planes``: (S, 3) unit normals."""
     projected = offsets - np.einsum("skc,sc->sk", offsets, planes)[:, :, None] * planes[:, None, :]
     normalized: NDArray[np.float64] = projected / np.linalg.norm(projected, axis=2, keepdims=True)
     return normalized
 
 
 def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return a unit vector u across each segment, (S, 3), transported over mitre joints by the smallest rotation.
+    """Return a unit vector u perpendicular to each segment, (S, 3).
 
-    With this rotation, rings of neighbours coincide on the mitre plane. (dx, dy, dz) is a segment's direction,
-    (px, py, pz) that of the previous one. Plain floats: NumPy takes a microsecond per operation on three numbers.
+    Over mitre joints, u is transported by the smallest rotation, so that the rings of neighbouring segments coincide on
+    the mitre plane. (dx, dy, dz) is a segment's direction, (px, py, pz) that of the previous one. The loop uses plain
+    floats, since NumPy takes a microsecond per operation on three numbers.
     """
     frames: list[tuple[float, float, float]] = []
     ux = uy = uz = px = py = pz = 0.0
@@ -146,9 +149,9 @@ def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool
 
 
 def _closing_shift(directions: NDArray[np.float64], frames: NDArray[np.float64], sides: int) -> int:
-    """Return the angle between the first frame and the one transported once around a closed line, in sides, rounded.
+    """Return the number of sides by which the first frame turns when it is transported around a closed line, rounded.
 
-    The last segment is twisted by the rest, less than half a side.
+    The last segment is twisted by the rounding error, at most half a side.
     """
     last, first, u = directions[-1], directions[0], frames[-1]
     transported = u - (u @ first) / (1.0 + last @ first) * (last + first)
@@ -159,12 +162,13 @@ def _closing_shift(directions: NDArray[np.float64], frames: NDArray[np.float64],
 def _cap(
     ring: NDArray[np.float64], centre: NDArray[np.float64], normal: NDArray[np.float64], *, up: bool
 ) -> tuple[Vertices, Vertices, Triangles]:
+    """Return positions, normals and triangles of a disc that closes a ring; ``up`` as in ``fan``."""
     positions = np.concatenate((ring, centre[None]))
     return positions, np.tile(normal, (len(positions), 1)), fan(len(ring), np.arange(len(ring)), up=up)
 
 
 def _add_balls(builder: _MeshBuilder, centres: NDArray[np.float64], radius: float) -> None:
-    """Add a ball at each sharp joint: coarser balls if there are many."""
+    """Add a ball at each sharp joint. If there are many, the balls are coarser."""
     if not len(centres):
         return
     ball = sphere(TUBE_SIDES, 12) if len(centres) <= 256 else sphere(12, 6) if len(centres) <= 4096 else sphere(8, 4)

@@ -2,8 +2,7 @@
 
 A primitive is one triangle, line or point of one instance. Primitive ids count over the whole draw list: id ``p`` is
 primitive ``p - first_ids[i]`` of instance ``i`` where ``first_ids[i] <= p < first_ids[i + 1]``
-(``renderers.primitive_ids``). They depend on the draw list only, not on camera, selection or threads. Shading calls
-them *records*.
+(``renderers.primitive_ids``). They depend on the draw list only, not on camera, selection or threads.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ class Visibility:
     """One layer of visible surfaces. Its pixel arrays are pooled: ``close`` when done with them."""
 
     ids: NDArray[np.int32]
-    """(H, W) int32, C-contiguous: primitive id that the pixel sees; -1: none."""
+    """(H, W) int32, C-contiguous: id of the primitive that the pixel sees; -1: none."""
     inv_z: NDArray[np.float32]
     """(H, W) float32, C-contiguous: 1 / (distance along the optical axis), 1/m; undefined where ``ids`` is -1."""
     first_ids: NDArray[np.int64]
-    """(I + 1,) int64: first primitive id of every instance of the draw list; last, the number of primitives."""
+    """(I + 1,) int64: first primitive id of every instance of the draw list; the last value is the number of ids."""
     X_camera_mesh: NDArray[np.float64]
     """(I, 4, 4) float64, C-contiguous: transforms from each instance's mesh frame to the camera's optical frame.
 
@@ -56,14 +55,14 @@ class Visibility:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledView:
-    """Tables shared by all bands of an image with several samples per pixel."""
+    """View of a scene with several samples per pixel: the tables that all bands share."""
 
     first_ids: NDArray[np.int64]
     """As in ``Visibility``."""
     X_camera_mesh: NDArray[np.float64]
     """As in ``Visibility``."""
     stride: int
-    """Values from one row of a band's primitive ids to the next."""
+    """Number of values from one row of a band's primitive ids to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +70,8 @@ class SampledShader:
     """Shading of bands with several samples per pixel."""
 
     kernel: int
-    """Address of a kernel of five int64: ``job``, the address of the band's ``msaa.SAMPLE_BAND``, the view's stride,
-    and the band's first row in the image and the one after its last. Called from any thread."""
+    """Address of a kernel that any thread calls with five int64: ``job``, the address of the band's
+    ``msaa.SAMPLE_BAND``, ``SampledView.stride``, the band's first row in the image, and the row after its last."""
     job: int
     """First argument of the kernel."""
     keep: object
@@ -94,18 +93,18 @@ class Rasterizer(Protocol):
         earlier: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
-        """Return the nearest surface of every pixel; of two at the same depth, the one with the lower primitive id.
+        """Return the nearest surface of every pixel. At equal depth, the lower primitive id wins.
 
         Args:
             select: (I,) bool; only these instances are drawn. None: all.
             cull_back: (I,) bool; triangles of these instances that face away from the camera are not drawn. The
                 front is the side from which a triangle's vertices run counter-clockwise in the mesh's own frame,
                 so a mirrored instance keeps its fronts. None: both sides are drawn.
-            beyond: only surfaces strictly behind this layer, by depth and then by id, are drawn (depth peeling).
-                Where that layer sees nothing, nothing is drawn.
-            before: only surfaces strictly in front of this layer are drawn. Where that layer sees nothing, all are.
-            earlier: (H, W) int32; only primitives with ids below these are drawn.
-            latest: return the surface with the highest id instead of the nearest one; its ``inv_z`` is undefined.
+            beyond: layer; only surfaces strictly behind it, by depth and then by id, are drawn (depth peeling). Where
+                the layer sees nothing, nothing is drawn.
+            before: layer; only surfaces strictly in front of it are drawn. Where the layer sees nothing, all are.
+            earlier: (H, W) int32, ids; only primitives with lower ids than these are drawn.
+            latest: return the surface with the highest id instead of the nearest one; ``inv_z`` is undefined then.
         """
         ...
 
@@ -129,9 +128,9 @@ class Rasterizer(Protocol):
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """Call ``work(0) .. work(units - 1)`` in any order, from the calling thread and from idle helper threads.
 
-        ``work`` should spend its time in kernels, which release the GIL. Its first exception is raised here after all
-        calls have ended.
-        For pixels, ``units`` is ``band_count(height)`` and unit ``u`` the rows ``u * BAND_ROWS`` and on.
+        ``work`` should spend its time in kernels, which release the GIL. The first exception of the calls is raised
+        again after all of them have ended. For pixels, ``units`` is ``band_count(height)``. Unit ``u`` is the band that
+        begins at row ``u * BAND_ROWS``.
         """
         ...
 
