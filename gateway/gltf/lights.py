@@ -1,7 +1,7 @@
 """KHR_lights_punctual: the document's lights, placed by the nodes that refer to them.
 
-Unusable lights are warnings, not errors: only some looks use lights, and where Drake's client merges several files, it
-does not adapt their references to lights.
+An invalid light is left out with a warning, because only some looks use lights, and because Drake's client does not
+adapt the references to lights when it merges several files.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EXTENSION: Final = "KHR_lights_punctual"
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
-    """Return the lights in the document's extensions."""
+    """Return the document's lights; none, with a warning, if their JSON is invalid."""
     raw = extension_json(document.extensions, EXTENSION)
     if raw is None:
         return []
@@ -41,7 +41,7 @@ def place_lights(
 
     Args:
         sources: Result of ``read_lights``.
-        limit: Maximum number of lights; the remaining ones are left out with a warning.
+        limit: Maximum number of lights; further lights are left out with a warning.
     """
     lights: list[Light] = []
     if not sources:
@@ -64,6 +64,14 @@ def place_lights(
 
 
 def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
+    """Return a light at the pose of its node.
+
+    Args:
+        name: ``lights[2]``, for messages.
+
+    Raises:
+        GltfError: A property is invalid, or the node's transform has no direction.
+    """
     try:
         kind = LightKind(source.type)
     except ValueError:

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 import msgspec
 
 Extensions: TypeAlias = dict[str, msgspec.Raw] | None
-"""JSON text of extensions by name, not parsed."""
+"""Extensions by name, each as JSON text that is not parsed yet."""
 
 
 DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
@@ -18,8 +18,8 @@ DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
-    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec looks
-    for a name first after the field that it found last."""
+    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec is
+    fastest if the text has the order of the fields."""
 
 
 class Asset(_Object):
