@@ -17,22 +17,22 @@ from renderers.drawlist import LABEL_NONE, DrawList
 
 
 class ListedNode(msgspec.Struct):
-    """One node. Parents come before their children."""
+    """One node of the scene."""
 
     path: list[str | int]
-    """Names from the root."""
+    """Names from the root to the node."""
     kinds: list[str]
     """Kinds of the node's own parts, as the client named them."""
     has_geometry: bool
-    """True if geometry was ever set, even if it is empty."""
+    """True if a client has set the node's geometry, even if it is empty."""
     visible: bool
-    """The node's own flag; a node is also hidden if an ancestor is."""
+    """The node's own flag. A node is also hidden if an ancestor's flag is false."""
     label: int | None
     """Label in label images, as red + 256 green + 65536 blue; null without geometry."""
     bounds: list[list[float]] | None
-    """World bounds of the visible subtree as minimum and maximum corner, metres; null if nothing is drawn."""
+    """Bounds of the visible subtree in the world: minimum and maximum corner, metres. Null if nothing is drawn."""
     transform: list[list[float]]
-    """(4, 4), row-major, X_world_node; values that are not finite are null."""
+    """X_world_node, (4, 4), row-major. Values that are not finite are null."""
 
 
 class Listing(msgspec.Struct):
@@ -41,11 +41,11 @@ class Listing(msgspec.Struct):
     revision: int
     """Revision of the live tree."""
     nodes: list[ListedNode]
-    """The first nodes, up to the server's limit."""
+    """The first nodes, up to the server's limit. Parents come before their children."""
     node_count: int
     """Number of nodes of the whole tree."""
     bounds: list[list[float]] | None
-    """World bounds of the whole scene."""
+    """Bounds of the whole scene, as ``ListedNode.bounds``."""
 
 
 def list_scene(
@@ -56,11 +56,12 @@ def list_scene(
     Args:
         draw_list: The snapshot's draw list, with labels from ``labels``.
         boxes: World bounds of the draw list's instances.
+        max_nodes: Maximum number of nodes in the result.
     """
     index_of: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []
-    """Index of each node's parent; the root's is its own."""
+    """Index of each node's parent in ``nodes``; 0 for the root."""
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
     with np.errstate(all="ignore"):
         while stack and len(nodes) < max_nodes:
@@ -98,7 +99,7 @@ def _set_bounds(
     boxes: list[Bounds | None],
     labels: LabelTable,
 ) -> None:
-    """Set the bounds of all nodes from their instances and children, leaves first."""
+    """Set the bounds of all nodes from their instances and their children's bounds, children first."""
     boxes_of: dict[int, list[Any]] = {}
     for instance, box in zip(draw_list.instances, boxes, strict=True):
         path = labels.path_of(instance.label)

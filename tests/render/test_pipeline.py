@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from typing import Any
 
 import cv2
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from gateway.gltf import GltfError, HashedDocument
 from gateway.render.config import RenderConfig
-from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
@@ -68,12 +66,6 @@ def test_wrong_scene_hash_is_refused() -> None:
     renderer.close()
     assert wrong in str(caught.value)
     assert hashlib.sha256(data).hexdigest() in str(caught.value)
-
-
-def test_millimetres_round_and_saturate() -> None:
-    metres = np.array([[0.0, 0.0004, 0.0006, 1.2344, 1.2346, 65.534, 65.5349, 65.536, 1e9, math.inf]], np.float32)
-    expected = np.array([[0, 0, 1, 1234, 1235, 65534, 65535, 65535, 65535, 65535]], np.uint16)
-    np.testing.assert_array_equal(millimetres(metres), expected)
 
 
 def test_fxaa_can_be_turned_off() -> None:
