@@ -190,20 +190,20 @@ _DEFAULT_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=Tr
 """White, diffuse and double-sided, as Director draws meshes without a material."""
 
 
-def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
-    """Return the sRGB colours of vertices or points, (count, 4) float32 in 0 .. 1; None if there are none."""
+def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.float32] | None:
+    """Return the sRGB colours of vertices or points, (vertex_count, 4) float32 in 0 .. 1; None if there are none."""
     visual = getattr(geometry, "visual", None)
     if visual is None or getattr(visual, "kind", None) != "vertex":
         colors = getattr(geometry, "colors", None)
     else:
         colors = visual.vertex_colors
-    if colors is None or np.shape(colors) != (count, 4):
+    if colors is None or np.shape(colors) != (vertex_count, 4):
         return None
     return np.ascontiguousarray(np.asarray(colors, dtype=np.float32) / 255.0)
 
 
-def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
-    """Return texture coordinates (count, 2) and the material.
+def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
+    """Return texture coordinates (vertex_count, 2) and the material.
 
     The texture coordinates start at the image's top left corner, as in glTF; those in the files at its bottom left.
     None if the material has no texture.
@@ -216,7 +216,7 @@ def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray
         return None, _DEFAULT_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
-    if coordinates is not None and np.shape(coordinates) == (count, 2) and np.isfinite(coordinates).all():
+    if coordinates is not None and np.shape(coordinates) == (vertex_count, 2) and np.isfinite(coordinates).all():
         uv = np.array(coordinates, dtype=np.float32)
         uv[:, 1] = 1.0 - uv[:, 1]
     texture = getattr(file_material, "baseColorTexture", None) or getattr(file_material, "image", None)

@@ -1,4 +1,4 @@
-"""Cameras of the scene's nodes."""
+"""Cameras of a glTF document, placed by the nodes that refer to them."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
         GltfError: A node refers to a camera that does not exist.
     """
     cameras = []
-    for position, node in enumerate(nodes.sources):
+    for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        source = checked_item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
+        source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
         perspective = source.perspective
         projection = perspective or source.orthographic
         camera = GltfCamera(
             index=node.camera,
             name=source.name or node.name or "",
-            X_world_camera=_optical_pose(nodes.X_world_node[position]),
+            X_world_camera=_optical_pose(X_world_node),
             yfov=None if perspective is None else perspective.yfov,
             znear=0.0 if projection is None or projection.znear is None else projection.znear,
             zfar=None if projection is None else projection.zfar,

@@ -77,7 +77,7 @@ class DocumentContent:
     """Primitives by mesh index. Only the meshes in use are here, in the order of their first use."""
     element_counts: Mapping[int, int]
     """Number of triangles, lines and points by mesh index."""
-    morphed_meshes: int
+    morphed_mesh_count: int
     """Number of meshes with ``weights`` that are not all zero."""
     warnings: tuple[str, ...]
     """Sentences about properties that were ignored or repaired."""

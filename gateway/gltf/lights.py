@@ -46,7 +46,7 @@ def place_lights(
     lights: list[Light] = []
     if not sources:
         return ()
-    for position, (index, node) in enumerate(zip(nodes.indices, nodes.sources, strict=True)):
+    for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         raw = extension_json(node.extensions, EXTENSION)
         if raw is None:
             continue
@@ -57,7 +57,7 @@ def place_lights(
         try:
             light = msgspec.json.decode(raw, type=schema.LightReference).light
             source = checked_item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
-            lights.append(_light(source, f"lights[{light}]", nodes.X_world_node[position]))
+            lights.append(_light(source, f"lights[{light}]", X_world_node))
         except (msgspec.MsgspecError, GltfError) as error:
             warnings.append(f"{error}: the light is left out")
     return tuple(lights)

@@ -27,7 +27,7 @@ from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 from renderers.stop import check_stop
 
-_COMPONENTS: Final = {
+_COMPONENT_COUNTS: Final = {
     "POSITION": (3,),
     "NORMAL": (3,),
     "TANGENT": (4,),
@@ -62,11 +62,11 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     position: Accessor
     indices: Accessor | None
     attributes: dict[str, Accessor]
-    """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENTS`` that can be used."""
+    """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENT_COUNTS`` that can be used."""
 
     @property
     def key(self) -> MeshKey:
-        accessors = (self.indices, *map(self.attributes.get, _COMPONENTS))
+        accessors = (self.indices, *map(self.attributes.get, _COMPONENT_COUNTS))
         return bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
 
 
@@ -148,11 +148,11 @@ class Meshes:
             raise GltfError(f"{name}: {_DRACO} is not supported")
         attributes = {"POSITION": position}
         for attribute, index in references.items():
-            if index is None or attribute not in _COMPONENTS or attribute == "POSITION":
+            if index is None or attribute not in _COMPONENT_COUNTS or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
             accessor = self._accessors.get(index, path)
-            if accessor.components not in _COMPONENTS[attribute]:
+            if accessor.components not in _COMPONENT_COUNTS[attribute]:
                 self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
                 self._warnings.append(f"{path}: {accessor.count} values for {position.count} vertices, ignored")

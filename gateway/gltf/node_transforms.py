@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gateway.gltf import schema
 from gateway.gltf.errors import GltfError
 from gateway.gltf.parser import finite_vector_or_default
-from gateway.scene.transforms import IDENTITY, Matrix, affine_product, from_poses
+from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 
 _AFFINE_TOLERANCE: Final = 1e-6
 """Maximum deviation of a matrix's last row from (0, 0, 0, 1)."""
@@ -20,7 +20,7 @@ _DEFAULT_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
 _DEFAULT_SCALE: Final = (1.0, 1.0, 1.0)
 
 
-def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
+def local_matrices(nodes: list[schema.Node], indices: list[int]) -> NDArray[np.float64]:
     """Return X_parent_node of each node.
 
     Args:
@@ -82,7 +82,9 @@ def _property_rows(
     return rows
 
 
-def world_matrices(X_parent_node: Matrix, parents: list[int], levels: list[list[int]]) -> Matrix:
+def world_matrices(
+    X_parent_node: NDArray[np.float64], parents: list[int], levels: list[list[int]]
+) -> NDArray[np.float64]:
     """Return X_world_node of each node: the product of the matrices from its root to the node.
 
     Args:

@@ -126,7 +126,7 @@ def _read_content(
         lights=lights,
         parts=parts,
         element_counts=element_counts,
-        morphed_meshes=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
+        morphed_mesh_count=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )
@@ -173,6 +173,6 @@ def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[s
     mesh_nodes = [node for node in nodes.sources if node.mesh is not None]
     if skin_count := sum(1 for node in mesh_nodes if node.skin is not None):
         warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")
-    if morph_count := content.morphed_meshes + sum(1 for node in mesh_nodes if node.weights and any(node.weights)):
+    if morph_count := content.morphed_mesh_count + sum(1 for node in mesh_nodes if node.weights and any(node.weights)):
         warnings.append(f"weights: morph targets are ignored, {morph_count} meshes are drawn as they are stored")
     return warnings

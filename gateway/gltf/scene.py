@@ -1,4 +1,4 @@
-"""Result of ``read_gltf``."""
+"""A scene read from a glTF document: the result of ``read_gltf``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera of a request: intrinsics from the form, the pose from the scene's camera node."""
+"""Camera of a render request: intrinsics from the form, the pose from the scene's camera node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handling of one HTTP request to the render endpoint: body in, image or error message out."""
+"""Handles one HTTP request to the render endpoint: receives the body, returns an image or an error message."""
 
 from __future__ import annotations
 
@@ -54,29 +54,29 @@ class RenderHandler:
             image = await while_connected(self._http, self._render(request, self._admission))
         except RequestError as error:
             _log.warning("render request rejected", status=error.status, reason=error.sentence)
-            return await self._failure(error.status, error.sentence, request)
+            return await self._error_response(error.status, error.sentence, request)
         except UnavailableErrors as error:
             sentence = unavailable_message(error)
             _log.warning("render request not served", reason=sentence, request_id=self._request_id)
             self._headers |= retry_after(error)
             outcome = "slow" if isinstance(error, DeadlineExceeded) else ""
-            return await self._failure(503, sentence, request, outcome=outcome)
+            return await self._error_response(503, sentence, request, outcome=outcome)
         except asyncio.CancelledError:  # the grace period at shutdown is over
             self._headers["Retry-After"] = "1"
-            return await self._failure(503, "the server shut down before the image was ready", request)
+            return await self._error_response(503, "the server shut down before the image was ready", request)
         except ClientDisconnect:
             _log.info("render client disconnected before its image was ready", received=self._received_bytes)
-            return await self._failure(CLIENT_GONE, "the client disconnected", request)
+            return await self._error_response(CLIENT_GONE, "the client disconnected", request)
         except Exception:  # noqa: BLE001 - the client gets a sentence, the log the traceback
             _log.exception("render request failed", request_id=self._request_id)
             sentence = f"internal error while rendering; the server's log has the details under {self._request_id}"
-            return await self._failure(500, sentence, request)
+            return await self._error_response(500, sentence, request)
         finally:
             if self._admission is not None:
                 self._admission.release()
             self._service.release_bytes(self._received_bytes)
         self._record(200, request, image, "")
-        return self._success(request, image)
+        return self._image_response(request, image)
 
     async def _receive_form(self) -> Form:
         """Receive the body and parse it piece by piece.
@@ -113,7 +113,7 @@ class RenderHandler:
         image, self._queue_seconds = await self._service.render(request, admission)
         return image
 
-    def _success(self, request: RenderRequest, image: EncodedImage) -> Response:
+    def _image_response(self, request: RenderRequest, image: EncodedImage) -> Response:
         for warning in (*request.warnings, *image.warnings):
             _log.warning("render request has a problem", warning=warning)
         stage_seconds = (("queue", self._queue_seconds), *image.stage_seconds)
@@ -129,7 +129,7 @@ class RenderHandler:
         self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stage_seconds)
         return Response(image.body, headers=self._headers, media_type=image.media_type)
 
-    async def _failure(
+    async def _error_response(
         self, status: int, sentence: str, request: RenderRequest | None, *, outcome: str = ""
     ) -> Response:
         """Return an error response. Store the request for replay if the error is reproducible and there is a store.

@@ -77,7 +77,7 @@ class RenderService:
 
     @property
     def arriving(self) -> int:
-        """Requests with a place in the queue whose bodies are arriving."""
+        """Number of requests whose bodies are arriving and that have a place in the queue."""
         return len(self._admitted)
 
     def admit(self) -> Admission:

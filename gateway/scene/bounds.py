@@ -45,6 +45,7 @@ class _Hull:
 
 _hulls: WeakKeyDictionary[Mesh, _Hull] = WeakKeyDictionary()
 _focus_boxes: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
+"""Results of ``focus_bounds``, each in a tuple, because a result may be None."""
 _lock = threading.Lock()
 
 
@@ -197,10 +198,10 @@ def focus_bounds(draw_list: DrawList) -> Bounds | None:
 def _focus_bounds(draw_list: DrawList) -> Bounds | None:
     boxes = [box for box in instance_bounds(draw_list.instances) if box is not None]
     solid_boxes = [box for box in boxes if not _is_flat(box)]
-    solid = union(solid_boxes)
-    if solid is None:
+    solid_box = union(solid_boxes)
+    if solid_box is None:
         return union(boxes)
-    max_flat_length = _GROUND_RATIO * float(np.linalg.norm(solid[1] - solid[0]))
+    max_flat_length = _GROUND_RATIO * float(np.linalg.norm(solid_box[1] - solid_box[0]))
     flat_boxes = [box for box in boxes if _is_flat(box) and (box[1] - box[0]).max() <= max_flat_length]
     return union(solid_boxes + flat_boxes)
 

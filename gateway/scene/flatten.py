@@ -39,6 +39,7 @@ class _Entry:
 
     __slots__ = (
         "X_node_mesh",
+        "X_world_node",
         "children",
         "first_index",
         "instances",
@@ -47,15 +48,14 @@ class _Entry:
         "path",
         "subtree_changed",
         "subtree_instances",
-        "world",
     )
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.node: Node | None = None
         """The node in the last tree; None for a new entry."""
-        self.world: Matrix = IDENTITY
-        """X_world_node, (4, 4)."""
+        self.X_world_node: Matrix = IDENTITY
+        """(4, 4) float64."""
         self.children: dict[PathElement, _Entry] = {}
         """Entries of the children that are visible and have geometry below them."""
         self.meshes: list[tuple[Mesh, Material, int]] = []
@@ -146,7 +146,7 @@ class _TreeFlattener:
             moved_nodes: list[Node] = []
             parent_matrices: list[Matrix] = []
             parents: list[tuple[_Entry, Node, bool]] = []
-            for entry, node, parent_world, parent_moved in level:
+            for entry, node, X_world_parent, parent_moved in level:
                 old_node = entry.node
                 entry.subtree_changed = True
                 entry.node = node
@@ -157,7 +157,7 @@ class _TreeFlattener:
                 if moved:
                     moved_entries.append(entry)
                     moved_nodes.append(node)
-                    parent_matrices.append(parent_world)
+                    parent_matrices.append(X_world_parent)
                 elif parts_changed:
                     outdated.append(entry)
                 if node.children or entry.children:
@@ -165,8 +165,8 @@ class _TreeFlattener:
             if moved_entries:
                 with np.errstate(all="ignore"):
                     worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
-                for entry, world in zip(moved_entries, worlds, strict=True):
-                    entry.world = world
+                for entry, X_world_node in zip(moved_entries, worlds, strict=True):
+                    entry.X_world_node = X_world_node
                 outdated.extend(moved_entries)
             level = []
             for entry, node, moved in parents:
@@ -199,7 +199,7 @@ class _TreeFlattener:
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
         for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
             if moved or child_entry.node is not child:
-                level.append((child_entry, child, entry.world, moved))
+                level.append((child_entry, child, entry.X_world_node, moved))
 
     def _make_instances(self, entries: list[_Entry]) -> None:
         """Create the instances of entries from their world matrices, with one matrix product for all of them."""
@@ -210,7 +210,7 @@ class _TreeFlattener:
         if not entries_with_meshes:
             return
         counts = [len(X_node_mesh) for _, X_node_mesh in entries_with_meshes]
-        worlds = np.repeat(np.array([entry.world for entry, _ in entries_with_meshes]), counts, axis=0)
+        worlds = np.repeat(np.array([entry.X_world_node for entry, _ in entries_with_meshes]), counts, axis=0)
         with np.errstate(all="ignore"):
             X_world_mesh = np.matmul(worlds, np.concatenate([X_node_mesh for _, X_node_mesh in entries_with_meshes]))
             drawable = (np.abs(X_world_mesh) < DRAWABLE).all(axis=(1, 2)).tolist()

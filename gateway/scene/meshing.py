@@ -42,7 +42,7 @@ flat solid, such as a box of height 0, invertible for normals."""
 MIN_EXTENT: Final = 1e-12
 """Minimum extent of a shape, metres. A smaller one counts as zero, so that squares and ratios stay within float32."""
 MAX_EXTENT: Final = 1e15
-"""Maximum extent of a shape, metres. A larger one counts as infinite, for the same reason."""
+"""Maximum extent of a shape, metres. A larger one counts as infinite, so that squares stay within float32."""
 
 PlacedMesh = tuple[Mesh, Material, Matrix]
 """(mesh, material, X_part_mesh)."""

@@ -1,4 +1,4 @@
-"""The JSON of ``GET /scene``."""
+"""Makes the JSON of ``GET /scene``."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def list_scene(
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
     with np.errstate(all="ignore"):
         while stack and len(nodes) < max_nodes:
-            path, node, parent_world, parent_index = stack.pop()
-            world = parent_world @ node.matrix
+            path, node, X_world_parent, parent_index = stack.pop()
+            X_world_node = X_world_parent @ node.matrix
             index = index_of[path] = len(nodes)
-            nodes.append(_listed_node(path, node, world, labels))
+            nodes.append(_listed_node(path, node, X_world_node, labels))
             parents.append(parent_index)
-            stack.extend(((*path, name), child, world, index) for name, child in reversed(node.children.items()))
+            stack.extend(((*path, name), child, X_world_node, index) for name, child in reversed(node.children.items()))
     _set_bounds(nodes, parents, index_of, draw_list, boxes, labels)
     bounds = union([box for box in boxes if box is not None])
     return msgspec.json.encode(
@@ -78,7 +78,7 @@ def list_scene(
     )
 
 
-def _listed_node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
+def _listed_node(path: Path, node: Node, X_world_node: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
     return ListedNode(
         path=[json_element(element) for element in path],
@@ -87,7 +87,7 @@ def _listed_node(path: Path, node: Node, world: NDArray[np.float64], labels: Lab
         visible=node.visible,
         label=None if label == LABEL_NONE else label,
         bounds=None,
-        transform=world.tolist(),
+        transform=X_world_node.tolist(),
     )
 
 
@@ -100,15 +100,15 @@ def _set_bounds(
     labels: LabelTable,
 ) -> None:
     """Set the bounds of all nodes from their instances and their children's bounds, children first."""
-    boxes_of: dict[int, list[Any]] = {}
+    boxes_by_node: dict[int, list[Any]] = {}
     for instance, box in zip(draw_list.instances, boxes, strict=True):
         path = labels.path_of(instance.label)
         if box is not None and path in index_of:
-            boxes_of.setdefault(index_of[path], []).append(box)
+            boxes_by_node.setdefault(index_of[path], []).append(box)
     for index in range(len(nodes) - 1, -1, -1):
-        box = union(boxes_of.pop(index, []))
+        box = union(boxes_by_node.pop(index, []))
         if box is None:
             continue
         nodes[index].bounds = box.tolist()
         if index:
-            boxes_of.setdefault(parents[index], []).append(box)
+            boxes_by_node.setdefault(parents[index], []).append(box)

@@ -110,9 +110,9 @@ class Parameter:
         if not math.isfinite(value):
             raise QueryError(f"{self.name}={quoted(text)} is not a number")
         low = self.schema["minimum"]
-        high, below = self.schema.get("maximum", math.inf), self.schema.get("exclusiveMaximum", math.inf)
-        if not (low <= value <= high and value < below):
-            limit = f"at most {high:g}" if high < math.inf else f"less than {below:g}"
+        high, exclusive_high = self.schema.get("maximum", math.inf), self.schema.get("exclusiveMaximum", math.inf)
+        if not (low <= value <= high and value < exclusive_high):
+            limit = f"at most {high:g}" if high < math.inf else f"less than {exclusive_high:g}"
             raise QueryError(f"{self.name}={quoted(text)} must be at least {low:g} and {limit} {self.unit}")
         return value
 

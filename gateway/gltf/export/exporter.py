@@ -1,4 +1,4 @@
-"""Write a scene tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, meshes, embedded textures.
+"""Writes a scene tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, meshes, embedded textures.
 
 The tree is Z-up and glTF is Y-up, so all nodes are below a root that is rotated by -90 degrees about X. A ``Mesh`` or
 ``Image`` object with several uses is written once, and so are equal materials. Vertex colours of point clouds and
