@@ -26,7 +26,7 @@ import numpy as np
 from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
 from bench.turns import Time, in_turns, median, timed
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
+from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup
 
@@ -82,12 +82,15 @@ def scenes() -> dict[str, DrawList]:
 
     fine = Instance(sphere(1000, 501, 0.1), Material((0.5, 0.5, 0.9, 1.0)), at((0, 0, 0), 1.3), 1, 1)
     pixels = pattern(2048)
-    painted = Material(base_color_texture=Texture(Image(b"pattern", lambda: pixels)))
+    image = Image(b"pattern", lambda: pixels)
+    painted = Material(base_color_texture=Texture(image, Sampler(mipmaps=False)))
+    mipmapped = Material(base_color_texture=Texture(image))
     return {
         "5k": some(9, sphere(24, 12), 0.5, 1.2),
         "50k": some(100, sphere(24, 10), 0.3, 2.0),
         "1M": DrawList((fine,)),
         "20k textured": DrawList((Instance(sphere(101, 100), painted, at((0, 0, 0), 1.3), 1, 1),)),
+        "20k mipmapped": DrawList((Instance(sphere(101, 100), mipmapped, at((0, 0, 0), 1.3), 1, 1),)),
     }
 
 
@@ -109,6 +112,7 @@ def write(scene: DrawList, path: Path) -> None:
     texture = scene.instances[0].material.base_color_texture
     if texture is not None:
         arrays["texture"] = texture.image.decode()
+        arrays["mipmaps"] = np.array(texture.sampler.mipmaps)
     arrays["mesh"] = [meshes.index(i.mesh) for i in scene.instances]
     arrays["pose"] = [i.X_world_mesh for i in scene.instances]
     arrays["color"] = [i.material.base_color[:3] for i in scene.instances]

@@ -81,7 +81,10 @@ class ModernGl(Peer):
         self.buffer = context.framebuffer(self.targets, context.depth_renderbuffer((width, height)))
         if textured:
             self.image = context.texture(scene["texture"].shape[1::-1], 4, scene["texture"].tobytes())
-            self.image.filter = (context.LINEAR, context.LINEAR) if hasattr(context, "LINEAR") else (9729, 9729)
+            self.image.filter = 0x2601, 0x2601  # GL_LINEAR
+            if scene["mipmaps"]:
+                self.image.build_mipmaps()
+                self.image.filter = 0x2703, 0x2601  # GL_LINEAR_MIPMAP_LINEAR, GL_LINEAR
             self.image.use(0)
         meshes = []
         for k in range(int(scene["meshes"])):
@@ -217,6 +220,7 @@ class Vtk(Peer):
                 texture = vtk.vtkTexture()
                 texture.SetInputData(image)
                 texture.InterpolateOn()
+                texture.SetMipmap(bool(scene["mipmaps"]))
             self.renderer.AddActor(actor)
             self.actors.append((actor, texture, tuple(color), tuple((label >> s & 255) / 255 for s in (0, 8, 16))))
         self.size = width, height

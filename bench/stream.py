@@ -196,7 +196,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=1, help="repeat each comparison so often, one after the other")
     parser.add_argument("--clients", type=int, nargs="+", default=[1, 4, 16])
     parser.add_argument("--live", action="store_true")
-    parser.add_argument("--look", default="pbr")
+    parser.add_argument("--look", default="gltf")
     parser.add_argument("--quality", default="High")
     parser.add_argument("--scene", default="table", choices=("table", "demo"))
     parser.add_argument("--slow", type=int, default=0)

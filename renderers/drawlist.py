@@ -130,6 +130,11 @@ class Sampler:
     mip_linear: bool = True
     """False: nearest mip level."""
 
+    @property
+    def depends_on_scale(self) -> bool:
+        """True if minified textures are sampled in another way than magnified ones."""
+        return self.mipmaps or self.min_linear != self.mag_linear
+
 
 @dataclass(frozen=True, slots=True)
 class Texture:
@@ -188,6 +193,8 @@ class Material:
     """Colour of a dielectric's reflection at normal incidence, linear; may exceed 1."""
     specular_color_texture: Texture | None = None
     """sRGB; multiplies ``specular_color``."""
+    decodes_vertex_colors: bool = True
+    """False: from a version of Drake whose VTK does not raise vertex colours to 2.2. Only the look ``pbr`` does."""
     point_size: float = 1.0
     """Width and height of a point, pixels."""
     line_width: float = 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Flag, auto
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.light_rig import STUDIO, Rig
 
-LookName = Literal["phong", "pbr", "plain", "studio"]
+LookName = Literal["phong", "pbr", "gltf", "plain", "studio"]
 SampleCount = Literal[1, 4, 8]
+VTK_LOOKS: Final[tuple[LookName, ...]] = ("phong", "pbr")
+"""Looks that draw what RenderEngineVtk draws, where that deviates from the glTF specification, too."""
 
 
 class Output(Flag):
@@ -34,10 +36,11 @@ class Look:
 
     name: LookName = "phong"
     """``phong``: as RenderEngineVtk without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as stored,
-    no gamma. ``pbr``: as RenderEngineVtk with glTF meshes: metallic-roughness, linear light, gamma 1/2.2. ``plain``:
-    for Director and the browser view: as ``phong``, but linear colour factors are first encoded as sRGB, so that a
-    surface that faces the camera has exactly the published colour. ``studio``: for presentation: all glTF materials
-    under ``rig``, with shadows, reflections and tone mapping."""
+    no gamma. ``pbr``: as RenderEngineVtk with glTF meshes: metallic-roughness, linear light, gamma 1/2.2. Both blend,
+    filter and mirror as VTK does. ``gltf``: light and gamma of ``pbr``, materials as the glTF specification says.
+    ``plain``: for Director and the browser view: as ``phong``, but linear colour factors are first encoded as sRGB, so
+    that a surface that faces the camera has exactly the published colour. ``studio``: for presentation: all glTF
+    materials under ``rig``, with shadows, reflections and tone mapping."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB as stored in the image; Drake's default."""
     samples: SampleCount = 1

@@ -91,6 +91,8 @@ class Rasterizer(Protocol):
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
         before: Visibility | None = None,
+        earlier: NDArray[np.int32] | None = None,
+        latest: bool = False,
     ) -> Visibility:
         """Return the nearest surface of every pixel; of two at the same depth, the one with the lower primitive id.
 
@@ -102,6 +104,8 @@ class Rasterizer(Protocol):
             beyond: only surfaces strictly behind this layer, by depth and then by id, are drawn (depth peeling).
                 Where that layer sees nothing, nothing is drawn.
             before: only surfaces strictly in front of this layer are drawn. Where that layer sees nothing, all are.
+            earlier: (H, W) int32; only primitives with ids below these are drawn.
+            latest: return the surface with the highest id instead of the nearest one; its ``inv_z`` is undefined.
         """
         ...
 

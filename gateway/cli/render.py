@@ -66,7 +66,7 @@ def render(
         typer.Option(min=0.01, max=179.0, help="Vertical field of view in degrees, for cameras that have none."),
     ] = 45.0,
     look: Annotated[
-        Literal["auto", "phong", "plain", "studio", "pbr"],
+        Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
         typer.Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
     ] = "auto",
     background: Annotated[str, typer.Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255",

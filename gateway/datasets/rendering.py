@@ -36,7 +36,7 @@ FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
 class Style:
     """Shading of colour images."""
 
-    look: Literal["auto", "phong", "pbr", "plain", "studio"] = "auto"
+    look: Literal["auto", "phong", "pbr", "gltf", "plain", "studio"] = "auto"
     background: tuple[int, int, int] = Look().background
     antialias: Literal["fxaa", "none"] = "fxaa"
     """Smoothing of images with one sample per pixel."""
@@ -125,7 +125,7 @@ class RequestRenderer:
     """Renders recorded requests as the render endpoint does."""
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
-        look = settings.look if settings.look in ("phong", "pbr") else "auto"
+        look = settings.look if settings.look in ("phong", "pbr", "gltf") else "auto"
         config = RenderConfig(
             look=look,  # type: ignore[arg-type]  # checked by the command
             background=settings.background,

@@ -14,11 +14,12 @@ from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import DEFAULT_MATERIAL, label_from_material
 from gateway.gltf.reader import read_gltf
 from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import DRAKE_GENERATORS
+from gateway.gltf.schema import DRAKE_GENERATORS, DRAKE_MERGER
 
 __all__ = [
     "DEFAULT_MATERIAL",
     "DRAKE_GENERATORS",
+    "DRAKE_MERGER",
     "DocumentContent",
     "GltfCache",
     "GltfCamera",

@@ -48,6 +48,7 @@ class Materials:
         self._sources = document.materials
         self._textures = textures
         self._from_drake = document.from_drake
+        self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
         """By index in the document, and True if VTK's exporter may have written the primitive."""
 
@@ -101,6 +102,7 @@ class Materials:
             alpha_cutoff=_finite_or_default(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
             double_sided=bool(source.double_sided) or vtk,
             vtk_export=vtk,
+            decodes_vertex_colors=self._decodes_vertex_colors,
         )
         return self._with_extensions(material, source, name) if source.extensions else material
 

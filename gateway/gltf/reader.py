@@ -27,7 +27,7 @@ from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import parse_document
 from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import Document
+from gateway.gltf.schema import DRAKE_MERGER, Document
 from gateway.gltf.textures import Textures
 from gateway.scene.geometry import Part, Surface
 from renderers.stop import check_stop
@@ -99,7 +99,7 @@ def _read_content(
     check_extensions(document, warnings)
     lights = read_lights(document, warnings)
     buffers = Buffers(document, container, limits, resolve)
-    merged = document.generator == "Drake glTF merger"
+    merged = document.generator == DRAKE_MERGER
     meshes = Meshes(Accessors(document, buffers, limits, warnings, merged=merged), cache.content, limits, warnings)
     materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
     parts: dict[int, tuple[Part, ...]] = {}

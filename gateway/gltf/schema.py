@@ -13,8 +13,10 @@ Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 """Extensions by name, each as JSON text that is not parsed yet."""
 
 
-DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
-"""``asset.generator`` of the documents from Drake's render client: without and with glTF meshes."""
+DRAKE_MERGER: Final = "Drake glTF merger"
+"""``asset.generator`` of those documents from Drake's render client that have glTF meshes."""
+DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
+"""``asset.generator`` of all documents from Drake's render client. Those without glTF meshes have ``VTK``."""
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
@@ -55,6 +57,7 @@ class Primitive(_Object):
 
 
 class Mesh(_Object):
+    name: str | None = None
     primitives: list[Primitive | None] | None = None
     weights: list[float] | None = None
 
@@ -194,6 +197,12 @@ class Document(_Object):
     def from_drake(self) -> bool:
         """True for documents from Drake's render client."""
         return self.generator in DRAKE_GENERATORS
+
+    @property
+    def from_old_drake(self) -> bool:
+        """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
+        first_mesh = self.meshes[0] if self.meshes else None
+        return self.from_drake and first_mesh is not None and first_mesh.name == "mesh0"
 
 
 class TextureTransform(_Object):

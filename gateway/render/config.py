@@ -17,11 +17,11 @@ class RenderConfig:
     path: str = "/render"
     """URL path. Drake's client posts to ``render`` below its base URL by default."""
 
-    look: Literal["auto", "phong", "pbr"] = "auto"
+    look: Literal["auto", "phong", "pbr", "gltf"] = "auto"
     """Shading model. ``auto`` selects the one that RenderEngineVtk would use, by the scene's ``asset.generator``."""
     samples: SampleCount = 1
     """Samples per pixel of colour images (MSAA); with more than one, FXAA is not applied."""
-    default_look: LookName = "pbr"
+    default_look: LookName = "gltf"
     """Shading model that ``auto`` selects for scenes of generators other than VTK and Drake's merger."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background of colour images, 0 .. 255; the default of Drake's engines."""

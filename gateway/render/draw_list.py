@@ -6,13 +6,14 @@ the renderer, which caches by the identity of the instance set, does not build i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import DEFAULT_MATERIAL, DocumentContent, GltfScene, label_from_material
+from gateway.gltf import DEFAULT_MATERIAL, DRAKE_MERGER, DocumentContent, GltfScene, label_from_material
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Surface
 from renderers.cache import Cache
@@ -44,7 +45,8 @@ class SceneTopology:
 def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]) -> DrawList:
     """Return the draw list of a posted scene, with labels from the colours of its materials.
 
-    The result equals ``flatten(scene.root, label_of=labels_of(scene.root))``, but takes a fraction of the time.
+    The result has the instances of ``flatten(scene.root, label_of=labels_of(scene.root))`` in the order of
+    ``_drawing_order``, but takes a fraction of the time.
     """
     nodes = scene.nodes
     with np.errstate(all="ignore"):
@@ -64,11 +66,11 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
     for node, parent in enumerate(scene.nodes.parents):
         root_of_node.append(node if parent < 0 else root_of_node[parent])
     label_of_root = _labels_of_roots(scene, root_of_node)
-    for node, parts in enumerate(scene.parts):
+    for node in _drawing_order(scene):
         check_stop()
         if not drawable[node]:
             continue
-        for part in parts or ():
+        for part in scene.parts[node] or ():
             assert isinstance(part.shape, Surface)  # glTF has no other shapes
             if part.material is DEFAULT_MATERIAL:
                 label = label_of_root.get(root_of_node[node], LABEL_NONE)
@@ -80,6 +82,32 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
             nodes.append(node)
     instances = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
     return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
+
+
+def _drawing_order(scene: GltfScene) -> Sequence[int]:
+    """Return the positions of the nodes in the order in which RenderEngineVtk draws them, which matters for blending.
+
+    RenderEngineVtk draws geometries in the reverse order of their registration, and the nodes of a glTF file last child
+    first. In a document from Drake's merger, the nodes below the first root come from VTK's exporter, in the order of
+    drawing. The other roots are glTF files, in the order of registration. The document does not tell how the files and
+    the other geometries alternate, so this function puts the files first.
+    """
+    parents = scene.nodes.parents
+    if scene.generator != DRAKE_MERGER:
+        return range(len(parents))
+    roots = [node for node, parent in enumerate(parents) if parent < 0]
+    children: list[list[int]] = [[] for _ in parents]
+    for node, parent in enumerate(parents):
+        if parent >= 0:
+            children[parent].append(node)
+    file_nodes: list[int] = []
+    stack = roots[1:]
+    while stack:
+        node = stack.pop()
+        file_nodes.append(node)
+        stack += children[node]
+    exported_nodes = set(range(len(parents))) - set(file_nodes)
+    return [*file_nodes, *sorted(exported_nodes)]
 
 
 def _labels_of_roots(scene: GltfScene, root_of_node: list[int]) -> dict[int, int]:

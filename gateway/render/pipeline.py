@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.gltf import GltfError, HashedDocument
+from gateway.gltf import DRAKE_MERGER, GltfError, HashedDocument
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
@@ -29,7 +29,7 @@ It must return a new object if and only if that scene has changed.
 """
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", "Drake glTF merger": "pbr"}
+_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", DRAKE_MERGER: "pbr"}
 """Look by ``asset.generator``. RenderEngineVtk uses PBR if the scene has a glTF mesh. The generator tells: the client's
 merger writes the documents of such scenes, and VTK's exporter those of all others."""
 

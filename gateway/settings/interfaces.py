@@ -37,11 +37,11 @@ class InterfaceSettings(BaseSettings):
 
     # --- Render endpoint
     render_path: str = option("/render", "Render endpoint", "Path of Drake's render endpoint.", pattern=r"^/\S*[^/\s]$")
-    look: Literal["auto", "phong", "pbr"] = option(
+    look: Literal["auto", "phong", "pbr", "gltf"] = option(
         "auto",
         "Render endpoint",
-        "Shading of colour images: 'phong' as in Drake without glTF meshes, 'pbr' as in Drake with them; 'auto' "
-        "chooses by the scene's asset.generator.",
+        "Shading of colour images: 'phong' as RenderEngineVtk without glTF meshes, 'pbr' as with them, 'gltf' as the "
+        "glTF specification says; 'auto' is 'phong' or 'pbr' for Drake's scenes, and 'gltf' for others.",
     )
     samples: Samples = option(
         1,

@@ -52,7 +52,7 @@ class StereoConfig:
     """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
     """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
-    look: LookName = "pbr"
+    look: LookName = "gltf"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background."""

@@ -236,7 +236,8 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
     target = _new_target()
     target.layer = layer
     target.prepared, target.next_prepared = _new_prepared(), _new_prepared()
-    in_order = not back_faces and frame.beyond_ids == 0 and frame.before_ids == 0
+    in_order = not back_faces and frame.beyond_ids == 0 and frame.before_ids == 0 and frame.earlier_ids == 0
+    in_order = in_order and frame.takes_latest == 0
     target.depth_rule = IN_ORDER if in_order else ANY_ORDER if back_faces else PEELED
     bin_count, bin_index = frame.bin_count, band_index
     heap = np.int64(0)

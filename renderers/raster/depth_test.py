@@ -13,14 +13,15 @@ from renderers.compiler.pointers import f32_at, i32_at
 IN_ORDER: Final = 0
 """For primitives drawn in the order of their ids: of two at the same depth the first stays."""
 PEELED: Final = 1
-"""As IN_ORDER, and only between the frame's layers ``beyond`` and ``before``."""
+"""As IN_ORDER, and only what the frame's layers ``beyond``, ``before`` and ``earlier`` leave over."""
 ANY_ORDER: Final = 2
 """For primitives drawn in any order: of two at the same depth, the one with the lower id wins."""
 
 
 @device_function
 def _is_between(frame, pixel, inv_z, ids):
-    """Return m8: pixels strictly beyond one and before the other of the frame's layers, by depth, then id."""
+    """Return m8: pixels strictly beyond one and before another of the frame's layers, by depth, then id, and with ids
+    below those of a third."""
     zero = vec.i32(0)
     passed = zero == zero
     if frame.beyond_ids != 0:
@@ -33,12 +34,16 @@ def _is_between(frame, pixel, inv_z, ids):
         layer_inv_z = vec.load(f32_at(frame.before_inv_z), pixel)
         is_before = (inv_z > layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
         passed = passed & ((layer_ids < zero) | is_before)
+    if frame.earlier_ids != 0:
+        passed = passed & (ids < vec.load(i32_at(frame.earlier_ids), pixel))
     return passed
 
 
 @inlined
 def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
     """Write those of eight pixels that are covered and nearer than the layer.
+
+    With the frame's ``takes_latest`` the layer's 1/z stays, and higher ids win.
 
     Args:
         depth_rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
@@ -51,6 +56,9 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
         passed = passed | (covered & (inv_z == old_inv_z) & (ids < vec.load(layer.ids, pixel)))
     if depth_rule == PEELED:
         passed = passed & _is_between(frame, pixel, inv_z, ids)
+        if frame.takes_latest != 0:
+            inv_z = old_inv_z
+            passed = passed & (ids > vec.load(layer.ids, pixel))
     vec.store(layer.inv_z, pixel, vec.select(passed, inv_z, old_inv_z))
     vec.store_where(layer.ids, pixel, passed, ids)
 
@@ -64,6 +72,9 @@ def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
     passed = (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (primitive_id < old_id))
     if depth_rule == PEELED:
         passed = passed & (vec.movemask(_is_pixel_between(frame, pixel, inv_z, primitive_id)) != 0)
+        if frame.takes_latest != 0:
+            inv_z = old_inv_z
+            passed = passed & (primitive_id > old_id)
     layer.inv_z[pixel] = inv_z if passed else old_inv_z
     layer.ids[pixel] = primitive_id if passed else old_id
 

@@ -130,9 +130,16 @@ class FrameJob:
         return self._poses.reshape(-1, 4, 4)
 
     def layers(
-        self, ids: NDArray[np.int32], inv_z: NDArray[np.float32], beyond: Visibility | None, before: Visibility | None
+        self,
+        ids: NDArray[np.int32],
+        inv_z: NDArray[np.float32],
+        beyond: Visibility | None,
+        before: Visibility | None,
+        earlier: NDArray[np.int32] | None,
+        *,
+        latest: bool,
     ) -> None:
-        """Set the arrays that get the layer, and the layers that it lies between; all (H, W) as in ``Visibility``.
+        """Set the arrays that get the layer, and the layers that bound it; all (H, W) as in ``Visibility``.
 
         Kernels work on whole vectors: where the width is not a multiple of eight, on padded copies.
         """
@@ -153,6 +160,9 @@ class FrameJob:
         if before is not None:
             frame["before_ids"] = address_of(self._padded(before.ids), np.int32)
             frame["before_inv_z"] = address_of(self._padded(before.inv_z), np.float32)
+        if earlier is not None:
+            frame["earlier_ids"] = address_of(self._padded(earlier), np.int32)
+        frame["takes_latest"] = latest
         self._keep += (ids, inv_z)
 
     def _padded(self, array: NDArray[Any]) -> NDArray[Any]:

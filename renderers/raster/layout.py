@@ -123,6 +123,8 @@ FRAME: Final = Struct(
         "beyond_inv_z": I64,
         "before_ids": I64,  # address of the layer that primitives must lie in front of; 0: none
         "before_inv_z": I64,
+        "earlier_ids": I64,  # address of ids (height, stride) that primitives must be below; 0: none
+        "takes_latest": I64,  # not 0: pixels see the primitive with the highest id, not the nearest
         "depth": I64,  # addresses of outputs; 0: not wanted
         "label": I64,
         "instance": I64,

@@ -164,6 +164,8 @@ class CpuRenderer:
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
         before: Visibility | None = None,
+        earlier: NDArray[np.int32] | None = None,
+        latest: bool = False,
     ) -> Visibility:
         """As ``Rasterizer.visibility``."""
         prepared = prepare(scene)
@@ -181,7 +183,7 @@ class CpuRenderer:
                 cull_back=address_of(cull_back, np.bool_),
                 whole_layer=True,
             )
-            job.layers(ids, inv_z, beyond, before)
+            job.layers(ids, inv_z, beyond, before, earlier, latest=latest)
             self._threads.share(job.task())
             poses = job.X_camera_mesh.copy()
         except BaseException:

@@ -99,20 +99,18 @@ def interpolate(segment, begin, end):
     for uv_set in range(2):
         if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
             _clear(pixels.uv, 2 * uv_set, 2, end - begin)
-            if segment.has_surface != 0:
+            if segment.material.has_gradients != 0:
                 _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
-    if segment.has_surface != 0:
+    if segment.material.has_surface != 0:
         _interpolate_surface(segment, begin, end)
+    if segment.material.has_gradients != 0:
+        _interpolate_gradients(segment, begin, end)
 
 
 @device_function
 def _interpolate_surface(segment, begin, end):
-    """Fill the rows ``uv_gradient``, ``flat_normal`` and ``point`` of PIXELS; reads ``uv``.
-
-    With u = U / T and both linear over the image, du/dx = (dU/dx - u dT/dx) / T.
-    """
-    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
-    attributes, job = segment.attributes, segment.job
+    """Fill the rows ``flat_normal`` and ``point`` of PIXELS."""
+    spans, pixels, masks, columns, job = segment.spans, segment.pixels, segment.masks, segment.columns, segment.job
     span_offsets = job.span_offsets
     left, inv_fx = vec.f32(0.5 - job.cx), vec.f32(1.0 / job.fx)
     ray_y = vec.f32((segment.y + 0.5 - job.cy) / job.fy)
@@ -123,8 +121,7 @@ def _interpolate_surface(segment, begin, end):
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
         t = column - _span_values(spans.begin, 0, span, offsets)
-        inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
-        z = _span_values(spans.depth, 0, span, offsets) * inv_total
+        z = _span_values(spans.depth, 0, span, offsets) / _along_span(spans.total, 0, 1, span, offsets, t)
         store3(pixels.point, pixel, STRIDE, ((column + left) * inv_fx * z, ray_y * z, z))
         flat_normal = (
             _span_values(spans.flat_normal, 0, span, offsets),
@@ -132,6 +129,24 @@ def _interpolate_surface(segment, begin, end):
             _span_values(spans.flat_normal, 2, span, offsets),
         )
         store3(pixels.flat_normal, pixel, STRIDE, flat_normal)
+        span += vec.count_bits(starts)
+
+
+@device_function
+def _interpolate_gradients(segment, begin, end):
+    """Fill the rows ``uv_gradient`` of PIXELS; reads ``uv``.
+
+    With u = U / T and both linear over the image, du/dx = (dU/dx - u dT/dx) / T.
+    """
+    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
+    attributes, span_offsets = segment.attributes, segment.job.span_offsets
+    span = np.int64(0)
+    for x in range(begin, end, vec.LANES):
+        pixel = x - begin
+        starts = _starts_after(masks, x)
+        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
+        t = vec.to_f32(pixel_columns(columns, x)) - _span_values(spans.begin, 0, span, offsets)
+        inv_total = vec.f32(1.0) / _along_span(spans.total, 0, 1, span, offsets, t)
         for uv_set in range(2):
             if attributes & (HAS_UV0 << uv_set):
                 for axis in range(2):  # columns, rows

@@ -59,6 +59,8 @@ MATERIAL: Final = Struct(
         "unlit": I64,
         "vertex_colors": I64,  # COLORS_ constant of materials
         "uv_sets": I64,  # bits 0 and 1: the textures read uv0 and uv1
+        "has_gradients": I64,  # 1: shading reads uv_gradient
+        "has_surface": I64,  # 1: shading reads positions and flat normals
         # Indices of TEXTUREs; -1: none.
         "base_color_texture": I64,
         "metallic_roughness_texture": I64,
@@ -146,7 +148,8 @@ SPANS: Final = Struct(
         "uv": _spans(2 * (2 + 2)),  # of the set uv0, then of uv1
         "color": _spans(4 + 4),
         "tangent": _spans(4 + 4),  # optical frame, and the sign of the bitangent
-        # Only with SEGMENT's has_surface. Gradients are changes per image column, and in as many further rows per row.
+        # Only with the MATERIAL's has_surface, gradients with has_gradients: changes per column, and in as many further
+        # rows per row.
         "depth": _spans(1),  # at the first pixel, metres
         "flat_normal": _spans(3),  # unit normal of the triangle, towards the camera
         "total_gradient": _spans(1 + 1),
@@ -163,7 +166,7 @@ PIXELS: Final = Struct(
         "uv": _pixels(2 * 2),  # uv0, uv1
         "color": _pixels(4),  # RGBA of the vertices
         "tangent": _pixels(4),  # optical frame, any length; sign of the bitangent
-        # Only with SEGMENT's has_surface:
+        # Only with the MATERIAL's has_surface or has_gradients:
         "uv_gradient": _pixels(2 * 4),  # of uv0, then of uv1: du/dx, dv/dx, du/dy, dv/dy per pixel of the image
         "flat_normal": _pixels(3),  # unit normal of the triangle, towards the camera
         "point": _pixels(3),  # the visible point in the optical frame, metres
@@ -181,7 +184,6 @@ SEGMENT: Final = Struct(
     "Segment",
     {
         "job": SHADING_JOB,
-        "has_surface": I64,  # 1: the look also reads positions, flat normals and gradients
         "y": I64,  # row of the image
         "columns": I64,  # address of the pixels' image columns, int32; 0: pixel k is in column k
         # Spans of the row.

@@ -9,7 +9,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.shading.gamma import decode_gamma
 from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, STRIDE
-from renderers.shading.materials import COLORS_MULTIPLY, COLORS_REPLACE
+from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
 from renderers.shading.sampling import sample
 from renderers.shading.vec3 import cross, dot, load3, scale_to, select3, store3, times
 
@@ -32,9 +32,9 @@ def fill_base_color(segment, count, alpha):
         if is_textured and not is_colored and material.base_color[k] == 1.0:
             continue
         factor = vec.f32(material.base_color[k])
-        if k < 3 and is_colored and rule == COLORS_REPLACE:
+        if k < 3 and is_colored and rule & COLORS_REPLACE:
             factor = vec.f32(1.0)
-        decodes = k < 3 and rule != COLORS_MULTIPLY
+        decodes = k < 3 and rule & COLORS_DECODE != 0
         for x in range(0, count, vec.LANES):
             value = factor
             if is_colored:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.color import srgb_from_linear
-from renderers.drawlist import AlphaMode, Material, Texture
-from renderers.interface import LookName
+from renderers.drawlist import AlphaMode, Material, Sampler, Texture, Wrap
+from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.layout import MATERIAL
 from renderers.shading.texture_table import TextureTable
 
@@ -27,8 +27,12 @@ def look_material(material: Material, look: LookName) -> Material:
     ``phong``: base colour, its texture and vertex colours only. Normal, metallic-roughness, occlusion and emissive are
     dropped, as RenderEngineVtk (without glTF meshes) and RenderEngineGl do.
     ``plain``: as ``phong``, with the base colour factor encoded as sRGB.
-    ``pbr``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
+    ``phong``, ``pbr``: as RenderEngineVtk: every alpha blends, and textures are sampled as VTK does.
+    ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
+    ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
+    if look in VTK_LOOKS:
+        material = _material_of_vtk(material)
     if look in ("phong", "plain"):
         if look == "plain":
             r, g, b, alpha = material.base_color
@@ -55,12 +59,41 @@ def look_material(material: Material, look: LookName) -> Material:
     return material
 
 
-COLORS_MULTIPLY: Final = 0
-"""Vertex colours multiply the base colour."""
-COLORS_DECODE: Final = 1
-"""Vertex colours raised to 2.2 multiply the base colour."""
-COLORS_REPLACE: Final = 2
-"""Vertex colours raised to 2.2 replace the colour of the base colour factor, but not its alpha."""
+def _material_of_vtk(material: Material) -> Material:
+    """Return a glTF material as vtkGLTFImporter understands it."""
+    metallic_roughness, emissive = material.metallic_roughness_texture, material.emissive_texture
+    return replace(
+        material,
+        base_color_texture=_sampled_by_vtk(material.base_color_texture),
+        metallic_roughness_texture=_sampled_by_vtk(metallic_roughness),
+        normal_texture=_sampled_by_vtk(material.normal_texture),
+        occlusion_texture=_sampled_by_vtk(material.occlusion_texture if metallic_roughness is not None else None),
+        emissive_texture=_sampled_by_vtk(emissive),
+        emissive=material.emissive if emissive is not None else (0.0, 0.0, 0.0),
+        alpha_mode=AlphaMode.BLEND,
+    )
+
+
+def _sampled_by_vtk(texture: Texture | None) -> Texture | None:
+    """Return the texture with the sampler that VTK makes of its own.
+
+    VTK's textures have one wrap mode for both axes and do not mirror. They are filtered linearly, between mip levels
+    as well if the sampler says so, unless both filters are the nearest texel's.
+    """
+    if texture is None:
+        return None
+    sampler = texture.sampler
+    is_clamped = Wrap.CLAMP_TO_EDGE in (sampler.wrap_s, sampler.wrap_t)
+    wrap = Wrap.CLAMP_TO_EDGE if is_clamped else Wrap.REPEAT
+    is_nearest = not (sampler.mag_linear or sampler.min_linear or (sampler.mipmaps and sampler.mip_linear))
+    is_linear, mipmaps = not is_nearest, sampler.mipmaps and not is_nearest
+    return replace(texture, sampler=Sampler(wrap, wrap, is_linear, is_linear, mipmaps))
+
+
+COLORS_REPLACE: Final = 1
+"""Bit: vertex colours replace the colour of the base colour factor, but not its alpha. Otherwise they multiply it."""
+COLORS_DECODE: Final = 2
+"""Bit: vertex colours are raised to 2.2 first."""
 
 ALPHA_OPAQUE: Final = 0
 ALPHA_MASK: Final = 1
@@ -69,15 +102,16 @@ _ALPHA_MODES: Final = {AlphaMode.OPAQUE: ALPHA_OPAQUE, AlphaMode.MASK: ALPHA_MAS
 
 
 def vertex_color_rule(material: Material, look: LookName) -> int:
-    """Return the COLORS_ constant: how a mesh's vertex colours enter the base colour.
+    """Return COLORS_ bits: how a mesh's vertex colours enter the base colour.
 
-    RenderEngineVtk with glTF meshes raises interpolated vertex colours to 2.2 and replaces the base colour factor by
-    them (measured: mean error 0.3 levels, against 14 for glTF's linear product). Lines, points and unlit surfaces show
-    their vertex colours as given, times the factor.
+    RenderEngineVtk with glTF meshes replaces the base colour factor by interpolated vertex colours, which recent
+    versions raise to 2.2 (measured: mean error 0.3 levels, against 14 for glTF's linear product). Lines, points and
+    unlit surfaces show their vertex colours times the factor.
     """
     if look != "pbr":
-        return COLORS_MULTIPLY
-    return COLORS_DECODE if material.unlit else COLORS_REPLACE
+        return 0
+    decode = COLORS_DECODE if material.decodes_vertex_colors else 0
+    return decode if material.unlit else decode | COLORS_REPLACE
 
 
 def reflectance(ior: float) -> float:
@@ -131,27 +165,28 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
     # A metal without a texture has no dielectric part.
     has_specular = look == "studio" and (shown.metallic < 1.0 or shown.metallic_roughness_texture is not None)
     uv_sets = 0
+    has_gradients = False
 
     def index_of(texture: Texture | None, is_read: bool, srgb: bool = False) -> int:
-        nonlocal uv_sets
+        nonlocal uv_sets, has_gradients
         if texture is None or not is_read:
             return -1
         uv_sets |= 1 << texture.uv_set
+        has_gradients |= texture.sampler.depends_on_scale
         return textures.index_of(texture, srgb)
 
     strength = shown.emissive_strength if look == "studio" else 1.0
-    return {
+    values: dict[str, Any] = {
         "alpha_mode": _ALPHA_MODES[shown.alpha_mode],
         "unlit": int(not lit),
         "vertex_colors": vertex_color_rule(shown, look),
-        "base_color_texture": index_of(shown.base_color_texture, True, look in ("pbr", "studio")),
+        "base_color_texture": index_of(shown.base_color_texture, True, look in ("pbr", "gltf", "studio")),
         "metallic_roughness_texture": index_of(shown.metallic_roughness_texture, lit),
         "normal_texture": index_of(shown.normal_texture, lit),
         "occlusion_texture": index_of(shown.occlusion_texture, lit and shown.occlusion_strength != 0.0),
         "emissive_texture": index_of(shown.emissive_texture, lit and any(shown.emissive), True),
         "specular_texture": index_of(shown.specular_texture, lit and has_specular),
         "specular_color_texture": index_of(shown.specular_color_texture, lit and has_specular, True),
-        "uv_sets": uv_sets,
         "base_color": shown.base_color,
         "metallic": shown.metallic,
         "roughness": shown.roughness,
@@ -163,3 +198,4 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         "specular": shown.specular,
         "specular_color": shown.specular_color,
     }
+    return {**values, "uv_sets": uv_sets, "has_gradients": has_gradients, "has_surface": look == "studio"}

@@ -1,4 +1,4 @@
-"""Mip levels of images, for the look ``studio``."""
+"""Mip levels of images."""
 
 from __future__ import annotations
 

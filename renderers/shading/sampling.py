@@ -192,6 +192,17 @@ def _lerp4(a, b, t):
 
 
 @device_function
+def _sample_between(texture, sampler, k, t, u, v):
+    """Return RGBA of a minified texture between the mip levels ``k`` and ``k + 1``, whose share is ``t``."""
+    min_linear = texture.min_linear != 0
+    rgba = _sample_level(texture, sampler, k, min_linear, u, v)
+    if vec.movemask(t > vec.f32(0.0)) != 0:
+        next_level = min(k + 1, texture.level_count - 1)
+        rgba = _lerp4(rgba, _sample_level(texture, sampler, next_level, min_linear, u, v), t)
+    return rgba
+
+
+@device_function
 def _sample_mipmapped(texture, sampler, u, v, footprint):
     """Return RGBA from the mip levels that the texture's sampler selects.
 
@@ -215,50 +226,36 @@ def _sample_mipmapped(texture, sampler, u, v, footprint):
             t = detail - vec.to_f32(levels)
     no_level = vec.i32(_NO_LEVEL)
     levels = vec.select(is_minified, levels, no_level)
+    k = vec.minimum_of(levels)
+    if vec.movemask(levels == vec.i32(k)) == 255:  # mostly
+        return _sample_between(texture, sampler, k, t, u, v)
     rgba = zero, zero, zero, zero
     if vec.movemask(is_minified) != 255:
         rgba = _sample_level(texture, sampler, np.int64(0), mag_linear, u, v)
-    k = vec.minimum_of(levels)
     while k != _NO_LEVEL:
         is_level = levels == vec.i32(k)
-        level_rgba = _sample_level(texture, sampler, k, min_linear, u, v)
-        if vec.movemask(is_level & (t > zero)) != 0:
-            next_rgba = _sample_level(texture, sampler, min(k + 1, last), min_linear, u, v)
-            level_rgba = _lerp4(level_rgba, next_rgba, t)
-        rgba = _select4(is_level, level_rgba, rgba)
+        rgba = _select4(is_level, _sample_between(texture, sampler, k, t, u, v), rgba)
         levels = vec.select(is_level, no_level, levels)
         k = vec.minimum_of(levels)
     return rgba
 
 
 @inlined
-def _divide_large(x, half_log, factor, half_log_of_factor):
-    is_large = x >= vec.f32(factor)
-    return (
-        vec.select(is_large, x * vec.f32(1.0 / factor), x),
-        vec.select(is_large, half_log + vec.f32(half_log_of_factor), half_log),
-    )
-
-
-@inlined
 def _half_log2(x):
-    """Return ``log2(x) / 2`` for x >= 1, within 1e-6; at least 31 from 2^63 on and for NaN.
+    """Return ``log2(x) / 2`` for x >= 1, within 1e-6; 64 or more for infinity and NaN.
 
-    Divides until x < 2, then the series of artanh: the last bit of the C library's ``log`` differs between machines.
+    The exponent's bits, and for the rest the series of artanh: the last bit of the C library's ``log`` differs between
+    machines.
     """
-    half_log = vec.f32(0.0)
-    x, half_log = _divide_large(x, half_log, 2.0**32, 16.0)
-    x, half_log = _divide_large(x, half_log, 2.0**16, 8.0)
-    x, half_log = _divide_large(x, half_log, 2.0**8, 4.0)
-    x, half_log = _divide_large(x, half_log, 2.0**4, 2.0)
-    x, half_log = _divide_large(x, half_log, 2.0**2, 1.0)
-    x, half_log = _divide_large(x, half_log, 2.0, 0.5)
-    t = (x - vec.f32(1.0)) / (x + vec.f32(1.0))
+    bits = vec.float_bits(x)
+    exponent = vec.to_f32((bits >> vec.i32(23)) - vec.i32(127))
+    fraction = vec.to_f32(bits & vec.i32(0x7FFFFF)) * vec.f32(1.0 / (1 << 23))
+    t = fraction / (fraction + vec.f32(2.0))
     t2 = t * t
     series = vec.f32(1.0 / 9.0) + t2 * vec.f32(1.0 / 11.0)
     series = vec.f32(0.2) + t2 * (vec.f32(1.0 / 7.0) + t2 * series)
     series = t * (vec.f32(1.0) + t2 * (vec.f32(1.0 / 3.0) + t2 * series))
-    return half_log + series * vec.f32(1.4426950408889634)
+    return vec.f32(0.5) * exponent + series * vec.f32(1.4426950408889634)
 
 
 @inlined
@@ -274,6 +271,19 @@ def _footprint(uv_transform, uv_gradient, x, width, height):
     ds_dx, dt_dx = (a * du_dx + b * dv_dx) * vec.f32(width), (d * du_dx + e * dv_dx) * vec.f32(height)
     ds_dy, dt_dy = (a * du_dy + b * dv_dy) * vec.f32(width), (d * du_dy + e * dv_dy) * vec.f32(height)
     return vec.maximum(ds_dx * ds_dx + dt_dx * dt_dx, ds_dy * ds_dy + dt_dy * dt_dy)
+
+
+@inlined
+def _prefetch_level(texture, sampler, footprint, uv):
+    """Prefetch the texels of the larger mip level that eight pixels read."""
+    level = np.int64(0)
+    if texture.mips != MIPS_NONE:
+        bits = vec.minimum_of(vec.float_bits(vec.maximum(footprint, vec.f32(1.0))))
+        level = min((np.int64(bits) - (127 << 23)) >> 24, texture.level_count - 1)
+    chosen = _load_level(texture, level)
+    texels, _, _, stride = chosen
+    i, j, _, _ = _locate(chosen, sampler, uv[0], uv[1])
+    vec.prefetch_pair_rows(texels, j * vec.i32(stride) + i, stride)
 
 
 @inlined
@@ -308,18 +318,27 @@ def sample(segment, index, count, rows, alpha):
     uv = f32_at(address(pixels.uv) + 4 * 2 * STRIDE * texture.uv_set)
     uv_gradient = f32_at(address(pixels.uv_gradient) + 4 * 4 * STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
+    is_minified = False
     if texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear:
         for x in range(0, count, vec.LANES):
-            u, v = _transformed_uv(uv_transform, uv, x)
             footprint = _footprint(uv_transform, uv_gradient, x, width, height)
-            _store_texel(rows, x, _sample_mipmapped(texture, sampler, u, v, footprint), alpha)
+            vec.store(rows, x, footprint)
+            is_minified = is_minified or vec.movemask(footprint > vec.f32(1.0)) != 0
+    prefetches = width * height > _MIN_PREFETCHED_TEXELS
+    if is_minified:
+        if prefetches:
+            for x in range(0, count, vec.LANES):
+                _prefetch_level(texture, sampler, vec.load(rows, x), _transformed_uv(uv_transform, uv, x))
+        for x in range(0, count, vec.LANES):
+            u, v = _transformed_uv(uv_transform, uv, x)
+            _store_texel(rows, x, _sample_mipmapped(texture, sampler, u, v, vec.load(rows, x)), alpha)
     elif texture.mag_linear == 0:
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
             _store_texel(rows, x, _nearest(level, sampler, u, v), alpha)
     else:
         # Two passes: a processor waits less for texels that were prefetched many pixels before they are read.
-        prefetches, integer_rows = width * height > _MIN_PREFETCHED_TEXELS, as_i32(rows)
+        integer_rows = as_i32(rows)
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
             i, j, fx, fy = _locate(level, sampler, u, v)

@@ -15,7 +15,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f64_at
 from renderers.drawlist import AlphaMode, Instance, Topology
-from renderers.interface import LookName
+from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
 from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, TEXTURE
 from renderers.shading.materials import MaterialTable
@@ -45,9 +45,12 @@ class ShadingScene:
     cull_back: NDArray[np.bool_] | None
     """(n,) instances whose back faces are not shaded; None if there are none."""
     transparent: NDArray[np.bool_]
-    """(n,) instances that are blended or cut out, and not opaque everywhere."""
+    """(n,) instances that are blended or cut out after the others, and not opaque everywhere."""
+    blended_in_place: NDArray[np.bool_]
+    """(n,) other instances that are blended with what was drawn before them, and hide what is drawn behind them
+    afterwards. The looks of VTK only."""
     has_transparency: bool
-    """True if ``transparent`` is set for any instance: an image may need more than one layer."""
+    """True if one of the two is set for any instance: an image may need more than one layer."""
     tables: tuple[int, ...]
     """Fields of a SHADING_JOB from ``instances`` on."""
     keep: tuple[Any, ...]
@@ -59,15 +62,32 @@ class ShadingScene:
         return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, MeshBuffers)))
 
 
-def is_transparent(instance: Instance) -> bool:
-    """Return True if something behind the instance may be visible through it."""
+def _is_transparent(instance: Instance, look: LookName) -> bool:
+    """Return True if something behind the instance may be visible through it, whatever is drawn first.
+
+    VTK takes surfaces for transparent by their factor's or vertices' alpha, and those that its own exporter writes by
+    their texture as well.
+    """
     material = instance.material
+    if look in VTK_LOOKS:
+        texture, colors = material.base_color_texture, instance.mesh.colors
+        return (
+            material.base_color[3] < 1.0
+            or (colors is not None and bool((colors[:, 3] < 1.0).any()))
+            or (material.vtk_export and texture is not None and texels_of(texture.image).translucent)
+        )
     if material.alpha_mode is AlphaMode.OPAQUE:
         return False
     texture = material.base_color_texture
     has_uniform_alpha = instance.mesh.colors is None and (texture is None or texels_of(texture.image).opaque)
     opaque_alpha = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
     return not (has_uniform_alpha and material.base_color[3] >= opaque_alpha)
+
+
+def _has_alpha(instance: Instance) -> bool:
+    """Return True if the base colour texture is not opaque."""
+    texture = instance.material.base_color_texture
+    return texture is not None and not texels_of(texture.image).opaque
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
@@ -80,7 +100,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         ImageError: an image cannot be decoded.
         ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
     """
-    textures = TextureTable(mipmaps=look == "studio")
+    textures = TextureTable()
     materials = MaterialTable(look, textures)
     buffer_fields: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
@@ -102,7 +122,9 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     cull_back = np.array([not instance.material.double_sided for instance in instances], np.bool_)
     check_stop()
-    transparent = np.array([is_transparent(instance) for instance in instances], np.bool_)
+    transparent = np.array([_is_transparent(instance, look) for instance in instances], np.bool_)
+    in_place = [look in VTK_LOOKS and _has_alpha(instance) for instance in instances]
+    blended_in_place = np.array(in_place, np.bool_) & ~transparent
     return ShadingScene(
         look=look,
         instances=table,
@@ -110,7 +132,8 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         textures=texture_structs,
         cull_back=cull_back if cull_back.any() else None,
         transparent=transparent,
-        has_transparency=bool(transparent.any()),
+        blended_in_place=blended_in_place,
+        has_transparency=bool(transparent.any() or blended_in_place.any()),
         tables=(
             address_of(table, INSTANCE.dtype),
             address_of(material_structs, MATERIAL.dtype),
@@ -133,13 +156,13 @@ def fill_shading_job(
         matrices: address of an INSTANCE_MATRICES per instance.
     """
     count = len(shading.transparent)
-    compute_instance_matrices(X_camera_mesh, matrices, count)
+    compute_instance_matrices(X_camera_mesh, matrices, count, shading.look in VTK_LOOKS)
     intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
     job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)
 
 
-@kernel("void(int64, int64, int64)", releases_gil=False)
-def compute_instance_matrices(X_camera_mesh_address, matrices_address, count):
+@kernel("void(int64, int64, int64, int64)", releases_gil=False)
+def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, turns_mirrored):
     """Fill INSTANCE_MATRICES, each matrix up to a positive factor.
 
     The matrix of normals is the inverse transpose, defined for flat scales, too.
@@ -147,6 +170,8 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count):
     Args:
         X_camera_mesh_address: address of (count, 4, 4) float64.
         matrices_address: address of (count,) INSTANCE_MATRICES.
+        turns_mirrored: not 0: normals of mirrored instances point inwards, so that light does not reach them. VTK
+            takes their front faces for back faces.
     """
     all_matrices = _matrices_at(matrices_address)
     for k in range(count):
@@ -162,7 +187,7 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count):
             + X[2] * (X[4] * X[9] - X[5] * X[8])
         )
         mirror = -1.0 if determinant < 0.0 else 1.0
-        matrices.mirror = mirror
+        matrices.mirror = 1.0 if turns_mirrored != 0 else mirror
         # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
         scale = mirror / max_cofactor if max_cofactor > 0.0 else mirror
         for row in range(3):

@@ -179,7 +179,7 @@ def _set_up_eight(segment, span, count, at):
             normal, turn = _weighted_sum3(here, a, b, c, k), _weighted_sum3(change, a, b, c, k)
         _store3(spans.normal, 0, at, times(transform_directions(maps.normal, normal), facing))
         _store3(spans.normal, 3, at, times(transform_directions(maps.normal, turn), facing))
-    if not has & HAS_NORMALS or segment.has_surface != 0:
+    if not has & HAS_NORMALS or segment.material.has_surface != 0:
         flat = cross(minus(p1, p0), minus(p2, p0))
         length = vec.sqrt(dot(flat, flat))
         usable_normal = (length > none) & (length < infinite)
@@ -193,8 +193,9 @@ def _set_up_eight(segment, span, count, at):
     if has & HAS_UV0:
         _store_weighted_sums(spans.uv, 0, 2, at, here, change, a, b, c, V_UV0)
     right = lower = here
-    if segment.has_surface != 0:
+    if segment.material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
+    if segment.material.has_gradients != 0:
         # Not ``change``: spans of a single pixel have gradients, too.
         dx, dy = scale * side * across, scale * side * down
         right = _to_f32x3((rows[0][0] * dx, rows[1][0] * dx, rows[2][0] * dx))
@@ -212,7 +213,7 @@ def _set_up_eight(segment, span, count, at):
             _store_weighted_sums(spans.color, 0, 4, at, here, change, d, e, f, E_COLOR)
         if has & HAS_UV1:
             _store_weighted_sums(spans.uv, 4, 2, at, here, change, d, e, f, E_UV1)
-            if segment.has_surface != 0:
+            if segment.material.has_gradients != 0:
                 _store_weighted_sums(spans.uv_gradient, 4, 2, at, right, lower, d, e, f, E_UV1)
         if has & HAS_TANGENTS:
             tangents = vec.i32(E_TANGENT)

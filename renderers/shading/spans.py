@@ -48,19 +48,18 @@ def row_memory(width):
 
 
 @device_function
-def begin_rows(job, memory_address, width, has_surface):
+def begin_rows(job, memory_address, width):
     """Lay out the working memory of rows of at most ``width`` pixels.
 
     Args:
         job: a SHADING_JOB.
         memory_address: address of ``row_memory(width)`` int64.
-        has_surface: see SEGMENT.
 
     Returns:
         A SEGMENT, and a pointer to memory for the primitive ids of a row, as ``find_spans`` needs it.
     """
     segment = _segment_at(memory_address)
-    segment.job, segment.has_surface = job, has_surface
+    segment.job = job
     end = memory_address + _SEGMENT_BYTES
     segment.masks = i64_at(end)
     end += 8 * (width // 64 + 3)

@@ -29,12 +29,7 @@ Parallel = Callable[[int, Callable[[int], object]], None]
 class TextureTable:
     """Collects the textures of one draw list. Every pair of texture and colour space gets a TEXTURE."""
 
-    def __init__(self, *, mipmaps: bool = False) -> None:
-        """
-        Args:
-            mipmaps: minify as the samplers say. False: always the magnification filter on the first level.
-        """
-        self._mipmaps = mipmaps
+    def __init__(self) -> None:
         self._indices: dict[tuple[Texture, bool], int] = {}
         self.keep: list[NDArray[Any]] = []
         """Arrays that the addresses in ``structs`` point into."""
@@ -62,11 +57,10 @@ class TextureTable:
             sampler = texture.sampler
             texels = texels_of(texture.image)
             images = [texels.rows]
-            min_linear, mips = sampler.mag_linear, MIPS_NONE
-            if self._mipmaps:
+            mips = MIPS_NONE
+            if sampler.mipmaps:
                 images += mip_chain(texture.image, srgb)
-                min_linear = sampler.min_linear
-                if sampler.mipmaps and len(images) > 1:
+                if len(images) > 1:
                     mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
             levels = np.zeros(len(images), MIP_LEVEL.dtype)
             for k, image in enumerate(images):
@@ -74,7 +68,7 @@ class TextureTable:
                 levels[k] = address_of(image, np.uint8), stride, height, stride
             levels["width"][0] = texels.width
             struct["wrap_s"], struct["wrap_t"] = _WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t]
-            struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, min_linear, mips
+            struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, sampler.min_linear, mips
             struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
             struct["level_count"], struct["levels"] = len(levels), address_of(levels, MIP_LEVEL.dtype)
             with np.errstate(over="ignore"):  # a posted texture transform beyond float32 is infinite

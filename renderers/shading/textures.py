@@ -30,6 +30,8 @@ class Texels:
     width: int
     opaque: bool
     """True if every alpha is 255."""
+    translucent: bool
+    """True if an alpha is between 0 and 255, or if there are both (as ``vtkTexture::IsTranslucent``)."""
 
     @property
     def rgba(self) -> NDArray[np.uint8]:
@@ -54,9 +56,12 @@ def texels_of(image: Image) -> Texels:
     check_stop()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
         raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
-    opaque = bool((pixels[..., 3] == 255).all())
+    alpha = pixels[..., 3]
+    opaque = bool((alpha == 255).all())
     check_stop()
-    texels = Texels(_padded(pixels), pixels.shape[1], opaque)
+    translucent = not opaque and bool(alpha.any())
+    check_stop()
+    texels = Texels(_padded(pixels), pixels.shape[1], opaque, translucent)
     _decoded.put(image, texels, texels.rows.nbytes)
     return texels
 

@@ -293,10 +293,14 @@ async def test_sparse_accessors_garbled_by_drakes_merger_are_400(server: Running
 
 
 async def test_mirrored_nodes_are_lit(server: Running) -> None:
-    """RenderEngineVtk shows them black."""
-    plain = gltf()
-    mirrored = gltf(nodes=[{"children": [1, 2]}, {"mesh": 0, "scale": [-1, 1, 1]}, {"camera": 0}])
+    nodes = [{"children": [1, 2]}, {"mesh": 0, "scale": [-1, 1, 1]}, {"camera": 0}]
+    plain, mirrored = gltf(generator="Blender"), gltf(nodes=nodes, generator="Blender")
     np.testing.assert_array_equal(await picture(server, plain), await picture(server, mirrored))
+
+
+async def test_mirrored_nodes_are_black_as_by_vtk(server: Running) -> None:
+    nodes = [{"children": [1, 2]}, {"mesh": 0, "scale": [-1, 1, 1]}, {"camera": 0}]
+    assert tuple((await picture(server, gltf(nodes=nodes)))[PIXEL]) == (0, 0, 0)
 
 
 async def test_translucent_vtk_materials_are_blended(server: Running) -> None:

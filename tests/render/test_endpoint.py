@@ -71,13 +71,14 @@ async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: Watc
     [
         ("VTK", "auto", "phong"),
         ("Drake glTF merger", "auto", "pbr"),
-        ("Blender", "auto", "pbr"),
+        ("Blender", "auto", "gltf"),
         ("VTK", "pbr", "pbr"),
+        ("VTK", "gltf", "gltf"),
         ("Drake glTF merger", "phong", "phong"),
     ],
 )
 async def test_the_look_follows_the_generator(
-    start: Start, watched: WatchedRenderer, generator: str, look: Literal["auto", "phong", "pbr"], name: str
+    start: Start, watched: WatchedRenderer, generator: str, look: Literal["auto", "phong", "pbr", "gltf"], name: str
 ) -> None:
     async with start(watched, RenderConfig(look=look, background=(1, 2, 3))) as server:
         response = await server.post(body(gltf(generator=generator)), CONTENT_TYPE)

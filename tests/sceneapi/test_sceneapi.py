@@ -236,7 +236,7 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
         ("width=1001&height=1", "width='1001' is not a number of pixels between 1 and 1000"),
         ("width=1000&height=101", "width x height = 1000x101 has more than 100000 pixels"),
         (f"{SMALL}&type=normals", "type='normals' is not one of color, depth, label"),
-        (f"{SMALL}&look=cartoon", "look='cartoon' is not one of phong, pbr, plain, studio"),
+        (f"{SMALL}&look=cartoon", "look='cartoon' is not one of phong, pbr, gltf, plain, studio"),
         (f"{SMALL}&samples=2", "samples='2' is not one of 1, 4, 8"),
         (f"{SMALL}&format=bmp", "format='bmp' is not one of tiff, png"),
         (f"{SMALL}&fovy=200", "fovy='200' must be at least 0.001 and less than 180 degrees"),

@@ -45,7 +45,7 @@ def test_defaults(default: Any, text: str) -> None:
         ("background", "R,G,B"),
         ("stereo_cameras", "POSES"),
         ("only", "NAMES"),
-        ("look", "auto|phong|pbr"),
+        ("look", "auto|phong|pbr|gltf"),
         ("clock", "real|simulated"),
         ("stereo_baseline", "NUMBER"),
     ],

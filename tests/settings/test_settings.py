@@ -68,7 +68,7 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
         ({"http_port": "x"}, {}, "", "--http-port: input should be a valid integer"),
         ({}, {"SCENEGATE_HTTP_PORT": "70000"}, "", "SCENEGATE_HTTP_PORT: input should be less than or equal to 65535"),
         ({}, {}, "queue = -1", "queue in {file}: input should be greater than or equal to 0, got -1."),
-        ({"look": "vtk"}, {}, "", "--look: input should be 'auto', 'phong' or 'pbr', got 'vtk'."),
+        ({"look": "vtk"}, {}, "", "--look: input should be 'auto', 'phong', 'pbr' or 'gltf', got 'vtk'."),
         ({"only": "render,foo"}, {}, "", "--only: input should be 'render'"),
         ({"render_path": "render"}, {}, "", "--render-path: "),
         ({"stereo_size": "640x480"}, {}, "", "--stereo-size, --stereo-focal-factor and --stereo-baseline need "),

@@ -12,8 +12,8 @@ from renderers.camera import Camera
 from renderers.compiler.pointers import Table, address_of, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
-from renderers.interface import Look
-from renderers.shading.depth_peeling import peeled
+from renderers.interface import VTK_LOOKS, Look
+from renderers.shading.depth_peeling import overdrawn, peeled
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, HEADLIGHT_JOB, UNDER
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -36,29 +36,37 @@ def paint(
 ) -> None:
     """Render the colour image.
 
-    Opaque instances take one visibility buffer. Transparent ones are peeled in front of it, nearest first, and blended
-    front to back in the colour space of the stored image, as RenderEngineVtk does. The opaque image and the background
-    come beneath; each pixel is rounded once.
+    Opaque instances take one visibility buffer. Others are gathered in layers, front to back, in the colour space of
+    the stored image, as RenderEngineVtk does; each pixel is rounded once. ``depth_peeling`` has the order.
 
     Args:
         rasterizer: renders visibility and runs bands.
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
     """
-    cull = shading.cull_back
+    cull, transparent = shading.cull_back, shading.transparent
     if not shading.has_transparency:
         with rasterizer.visibility(scene, camera, cull_back=cull) as visible:
             _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
         return
-    with rasterizer.visibility(scene, camera, select=~shading.transparent, cull_back=cull) as behind:
-        gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
-        gathered[3] = 1.0
-        has_layers = False
-        for layer in peeled(rasterizer, scene, camera, shading.transparent, cull, behind):
-            has_layers = True
-            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-            # Nothing is visible behind an opaque pixel: no more layers there.
-            layer.ids[gathered[3, :, : camera.width] <= 0.0] = -1
+    gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
+    gathered[3] = 1.0
+    transmittance = gathered[3, :, : camera.width]
+    has_layers, in_drawing_order = False, look.name in VTK_LOOKS
+    with rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull) as behind:
+        if transparent.any():
+            for layer in peeled(
+                rasterizer, scene, camera, transparent, cull, behind, in_drawing_order=in_drawing_order
+            ):
+                has_layers = True
+                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
+                # Nothing is visible behind an opaque pixel: no more layers there.
+                layer.ids[transmittance <= 0.0] = -1
+        if shading.blended_in_place.any():
+            for layer in overdrawn(rasterizer, scene, camera, ~transparent, cull, behind, transmittance):
+                has_layers = True
+                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
+            behind.ids[:] = -1  # only the background is left
         _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
 
 
@@ -98,7 +106,7 @@ class HeadlightJob:
         red, green, blue = look.background
         array[: job_end // 8].view(HEADLIGHT_JOB.dtype)[0] = (
             address + job_end,
-            look.name == "pbr",
+            look.name in ("pbr", "gltf"),
             mode,
             camera.width,
             camera.height,

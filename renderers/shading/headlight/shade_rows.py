@@ -57,7 +57,7 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
     own_memory = np.empty(row_memory(job.width), np.int64)
     own_line = np.empty(job.width + 2 * vec.LANES, np.int32)
     line = i32_at(np.int64(own_line.ctypes.data))
-    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), job.width, np.int64(0))
+    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), job.width)
     starts, span_ids, first_ids = segment.starts, segment.ids, job.shading.first_ids
     instance = np.int64(0)
     for y in range(row_begin, row_end):

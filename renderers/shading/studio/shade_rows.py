@@ -222,7 +222,7 @@ def shade_rows(
     own_row = np.zeros(4 * channel, np.float32)
     own_bytes = np.empty(3 * channel + 4, np.uint8)
     rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
-    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), max_pixels, np.int64(1))
+    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), max_pixels)
     row = _new_row()
     row.mode, row.channel, row.gathered = mode, channel, 0
     row.accumulated = f32_at(np.int64(own_row.ctypes.data))

@@ -21,8 +21,8 @@ from renderers.shading.scene import compute_instance_matrices
 
 
 @njit
-def _call(address, points, maps, count):
-    call_kernel(address, (points, maps, count))
+def _call(address, points, maps, count, turns_mirrored):
+    call_kernel(address, (points, maps, count, turns_mirrored))
 
 
 def test_calling_a_kernel_by_address() -> None:
@@ -31,7 +31,7 @@ def test_calling_a_kernel_by_address() -> None:
     kernel_at = kernel_address(compute_instance_matrices)
     for call in (compute_instance_matrices, lambda *arguments: _call(kernel_at, *arguments)):
         matrices = np.zeros(2, INSTANCE_MATRICES.dtype)
-        call(points.ctypes.data, matrices.ctypes.data, 2)
+        call(points.ctypes.data, matrices.ctypes.data, 2, 0)
         assert matrices["mirror"].tolist() == [1.0, -1.0]
         filled.append(matrices)
     assert (filled[0] == filled[1]).all()

@@ -7,14 +7,15 @@ each pixel.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
-from renderers.interface import Look
+from renderers.color import srgb_values_from_linear
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler, Texture, Wrap
+from renderers.interface import VTK_LOOKS, Look
 from renderers.shading import paint, prepare
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
@@ -64,6 +65,8 @@ class BruteForce:
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
         before: Visibility | None = None,
+        earlier: NDArray[np.int32] | None = None,
+        latest: bool = False,
     ) -> Visibility:
         direction = rays(camera)
         count = len(direction)
@@ -93,7 +96,9 @@ class BruteForce:
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
                     is_candidate &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
-                nearer = is_candidate & ((ids < 0) | (inv > best))
+                if earlier is not None:
+                    is_candidate &= primitive_id < earlier.reshape(-1)
+                nearer = is_candidate & ((ids < 0) | (inv > best) | latest)
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
@@ -142,8 +147,15 @@ def srgb_to_linear(c: Array) -> Array:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def sample_texture(texture: Texture, u: float, v: float, srgb: bool) -> Array:
+UNFILTERED = Sampler(mipmaps=False)
+"""For textures of these tests: ``sample_texture`` knows no mip levels."""
+
+
+def sample_texture(texture: Texture, u: float, v: float, srgb: bool, look: str = "gltf") -> Array:
     """Sample a texture at (u, v): (4,)."""
+    wraps = texture.sampler.wrap_s, texture.sampler.wrap_t
+    if look in VTK_LOOKS:
+        wraps = (Wrap.CLAMP_TO_EDGE,) * 2 if Wrap.CLAMP_TO_EDGE in wraps else (Wrap.REPEAT,) * 2
     texels = texture.image.decode().astype(np.float64) / 255.0
     if srgb:
         texels[..., :3] = srgb_to_linear(texels[..., :3])
@@ -160,7 +172,7 @@ def sample_texture(texture: Texture, u: float, v: float, srgb: bool) -> Array:
         return i % size
 
     def texel(i: int, j: int) -> Array:
-        row: Array = texels[wrapped(j, height, texture.sampler.wrap_t), wrapped(i, width, texture.sampler.wrap_s)]
+        row: Array = texels[wrapped(j, height, wraps[1]), wrapped(i, width, wraps[0])]
         return row
 
     x, y = u * width, v * height
@@ -211,8 +223,13 @@ def surface_color(
 ) -> tuple[Array, float]:
     """Return the encoded colour, 0 .. 1 before rounding, and alpha of one pixel of one triangle."""
     mesh, material = instance.mesh, instance.material
-    if look == "pbr" and material.vtk_export:
+    pbr, as_vtk = look in ("pbr", "gltf"), look in VTK_LOOKS
+    if pbr and material.vtk_export:
         material = replace(material, roughness=0.5, metallic=0.0)
+    if as_vtk and material.emissive_texture is None:
+        material = replace(material, emissive=(0.0, 0.0, 0.0))
+    if as_vtk and material.metallic_roughness_texture is None:
+        material = replace(material, occlusion_texture=None)
 
     def interpolated(values: NDArray[np.float32]) -> Array:
         mixed: Array = weights @ values[triangle].astype(np.float64)
@@ -222,14 +239,15 @@ def surface_color(
         coordinates = mesh.uv1 if texture.uv_set else mesh.uv0
         assert coordinates is not None
         uv = interpolated(coordinates)
-        return sample_texture(texture, float(uv[0]), float(uv[1]), srgb)
+        return sample_texture(texture, float(uv[0]), float(uv[1]), srgb, look)
 
-    pbr = look == "pbr"
     base = np.array(material.base_color, dtype=np.float64)
+    if look == "plain":
+        base[:3] = srgb_values_from_linear(base[:3])
     if mesh.colors is not None:
         vertex_color = interpolated(mesh.colors)
-        if pbr:
-            vertex_color[:3] **= 2.2
+        if look == "pbr":
+            vertex_color[:3] **= 2.2 if material.decodes_vertex_colors else 1.0
             base[:3] = base[:3] if material.unlit else 1.0
         base *= vertex_color
     if material.base_color_texture:
@@ -244,9 +262,12 @@ def surface_color(
             tangent = interpolated(mesh.tangents)
             t = R @ tangent[:3]
             t = unit(t - (t @ n) * n)
-            b = np.cross(n, t) * np.sign(tangent[3]) * np.sign(np.linalg.det(R))
+            hand = np.sign(tangent[3]) * (1.0 if as_vtk else np.sign(np.linalg.det(R)))
+            b = np.cross(n, t) * hand
             m = sampled(material.normal_texture, False)[:3] * 2 - 1
             n = unit(m[0] * material.normal_scale * t + m[1] * material.normal_scale * b + m[2] * n)
+        if as_vtk and mesh.normals is not None:
+            side *= np.sign(np.linalg.det(R))  # VTK takes the fronts of mirrored meshes for backs
         n = n * side
         if not pbr:
             color = color * max(0.0, -n[2])
@@ -266,15 +287,65 @@ def surface_color(
     return (color ** (1 / 2.2) if pbr else color), float(base[3])
 
 
+@dataclass
+class Surface:
+    """What a pixel sees of one triangle."""
+
+    z: float
+    color: Array
+    """(3,), encoded, 0 .. 1."""
+    alpha: float
+    """Of the material, whatever its mode."""
+    material: Material
+    is_transparent: bool
+    """VTK draws it after the others."""
+
+
+def blended_by_distance(surfaces: list[Surface], background: Array) -> Array:
+    """Return a pixel's colour as glTF says."""
+    mixed = background
+    for surface in sorted(surfaces, key=lambda surface: -surface.z):
+        mode, alpha = surface.material.alpha_mode, min(max(surface.alpha, 0.0), 1.0)
+        if mode is AlphaMode.OPAQUE:
+            alpha = 1.0
+        elif mode is AlphaMode.MASK:
+            alpha = float(surface.alpha >= surface.material.alpha_cutoff)
+        mixed = mixed * (1 - alpha) + surface.color * alpha
+    return mixed
+
+
+def drawn_as_by_vtk(surfaces: list[Surface], background: Array) -> Array:
+    """Return a pixel's colour as OpenGL blends it, in the order of the list, transparent surfaces last."""
+    mixed, depth = background, np.inf
+    for surface in sorted(surfaces, key=lambda surface: surface.is_transparent):
+        alpha = min(max(surface.alpha, 0.0), 1.0)
+        if surface.z >= depth or alpha == 0.0:
+            continue
+        mixed = mixed * (1 - alpha) + surface.color * alpha
+        depth = depth if surface.is_transparent else surface.z
+    return mixed
+
+
+def is_transparent_for_vtk(instance: Instance) -> bool:
+    material, colors = instance.material, instance.mesh.colors
+    if material.base_color[3] < 1.0 or (colors is not None and (colors[:, 3] < 1.0).any()):
+        return True
+    if material.base_color_texture is None or not material.vtk_export:
+        return False
+    alphas = set(material.base_color_texture.image.decode()[..., 3].ravel().tolist())
+    return bool(alphas - {0, 255}) or alphas == {0, 255}
+
+
 def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
-    """Blend all surfaces of every pixel from back to front: (H, W, 3) float64, 0 .. 255, not rounded."""
+    """Blend all surfaces of every pixel: (H, W, 3) float64, 0 .. 255, not rounded."""
     direction = rays(view)
     background = np.array(look.background, dtype=np.float64) / 255.0
-    layers: list[list[tuple[float, Array, float]]] = [[] for _ in direction]
+    layers: list[list[Surface]] = [[] for _ in direction]
     for instance in scene.instances:
         X = view.X_camera_world @ instance.X_world_mesh
         points = instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3]
         mirrored = np.linalg.det(X[:3, :3]) < 0
+        is_transparent = is_transparent_for_vtk(instance)
         for triangle in instance.mesh.elements:
             corners = points[triangle]
             if not instance.material.double_sided and (np.linalg.det(corners) > 0) != mirrored:
@@ -282,18 +353,9 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
             z, weights = hits(direction, corners)
             for p in np.flatnonzero((z > view.near) & (z < view.far)):
                 color, alpha = surface_color(instance, triangle, weights[p], direction[p], corners, X, look.name)
-                mode = instance.material.alpha_mode
-                if mode is AlphaMode.OPAQUE:
-                    alpha = 1.0
-                elif mode is AlphaMode.MASK:
-                    alpha = float(alpha >= instance.material.alpha_cutoff)
-                layers[p].append((float(z[p]), color, min(max(alpha, 0.0), 1.0)))
-    result = np.empty((len(direction), 3))
-    for pixel, surfaces in enumerate(layers):
-        mixed = background
-        for _, color, alpha in sorted(surfaces, key=lambda surface: -surface[0]):
-            mixed = mixed * (1 - alpha) + color * alpha
-        result[pixel] = mixed * 255.0
+                layers[p].append(Surface(float(z[p]), color, alpha, instance.material, is_transparent))
+    blended = drawn_as_by_vtk if look.name in VTK_LOOKS else blended_by_distance
+    result = np.array([blended(surfaces, background) for surfaces in layers]) * 255.0
     return result.reshape(view.height, view.width, 3)
 
 

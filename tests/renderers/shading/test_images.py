@@ -20,7 +20,7 @@ from renderers.shading.mikktspace import with_tangents
 from tests.renderers.pictures import FOLDER, wanted_anew
 from tests.renderers.shading.reference import Array, BruteForce, ball, camera, image_of, painted, placed, quad
 
-LOOKS = (Look("phong"), Look("pbr"))
+LOOKS = (Look("phong"), Look("pbr"), Look("gltf"))
 
 
 @pytest.fixture(scope="module", params=[1, 3], ids=["1 thread", "3 threads"])

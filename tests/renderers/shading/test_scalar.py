@@ -26,10 +26,12 @@ def random_material(rng: np.random.Generator) -> Material:
         if rng.random() < 0.5:
             return None
         pixels = rng.integers(0, 256, (*rng.integers(1, 20, 2), 4)).astype(np.uint8)
+        pixels[..., 3] = 255  # the reference knows neither layers nor mip levels
         wraps = rng.choice(np.array(Wrap), 2)
         uv_transform = (1.0, 0.3, 0.1, -0.2, 1.1, 0.4) if rng.random() < 0.5 else None
         # Always filtered: the nearest texel may depend on the last bit, and neighbours differ without limit.
-        return Texture(image_of(pixels), Sampler(wraps[0], wraps[1]), int(rng.integers(0, 2)), uv_transform)
+        sampler = Sampler(wraps[0], wraps[1], mipmaps=False)
+        return Texture(image_of(pixels), sampler, int(rng.integers(0, 2)), uv_transform)
 
     return Material(
         base_color=(*rng.random(3), 1.0),
@@ -68,7 +70,7 @@ def random_mesh(rng: np.random.Generator) -> Mesh:
         maybe(rng.normal(size=(n, 3))),
         maybe(rng.uniform(-2, 2, (n, 2))),
         maybe(rng.uniform(-2, 2, (n, 2))),
-        maybe(rng.random((n, 4))),
+        maybe(np.append(rng.random((n, 3)), np.ones((n, 1)), axis=1)),
         maybe(np.concatenate((rng.normal(size=(n, 3)), rng.choice((-1.0, 1.0), (n, 1))), axis=1)),
     )
 
@@ -107,7 +109,7 @@ def assert_within_a_level(scene: DrawList, camera: Camera, look: Look, exception
     return color
 
 
-@pytest.mark.parametrize("name", ["phong", "plain", "pbr"])
+@pytest.mark.parametrize("name", ["phong", "plain", "pbr", "gltf"])
 @pytest.mark.parametrize("seed", range(6))
 def test_random_scenes_to_a_level(name: LookName, seed: int) -> None:
     scene = random_scene(np.random.default_rng(seed))
@@ -137,8 +139,9 @@ def test_far_and_huge_triangles_to_a_level() -> None:
     """A floor to the horizon, a wall a million times as wide as the image, a tiny far ball."""
     uv = np.array(((0, 0), (0, 3000), (3000, 3000), (3000, 0)), np.float32)
     floor = np.array(((-900, 1, 0.1), (-900, 1, 2000), (900, 1, 2000), (900, 1, 0.1)), np.float32)
-    checks = np.kron(np.eye(2), np.ones((8, 8)))[..., None] * (200, 100, 50, 255) + (20, 30, 40, 0)
-    tiled = Material(base_color_texture=Texture(image_of(checks.astype(np.uint8))), double_sided=True)
+    checks = np.kron(np.eye(2), np.ones((8, 8)))[..., None] * (200, 100, 50, 0) + (20, 30, 40, 255)
+    texture = Texture(image_of(checks.astype(np.uint8)), Sampler(mipmaps=False))
+    tiled = Material(base_color_texture=texture, double_sided=True)
     camera = Camera(97, 71, 60.0, 60.0, 48.0, 35.0, 0.01, 1e7, np.eye(4))
     scenes = (
         DrawList((placed(replace(quad(), positions=floor, uv0=uv, normals=None), tiled),)),
@@ -187,7 +190,7 @@ def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
             for wrap in Wrap:
                 for image, linear in ((waves, True), (flat, False)):
                     uv_transform = (2.0, 0.5, -0.25, -0.5, 1.5, 0.125) if unlit else None
-                    texture = Texture(image, Sampler(wrap, wrap, mag_linear=linear), 0, uv_transform)
+                    texture = Texture(image, Sampler(wrap, wrap, linear, linear, mipmaps=False), 0, uv_transform)
                     for green in (0.3, 1.3):
                         material = Material((0.9, green, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
                         X = np.diag((1.0, -1.0, 1.0, 1.0))

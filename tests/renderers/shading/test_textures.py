@@ -312,7 +312,7 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
     pixels[..., 0] = ramp
     if upright:
         pixels = pixels.swapaxes(0, 1)
-    texture = Texture(image_of(np.ascontiguousarray(pixels)), Sampler(wrap_s=wrap, wrap_t=wrap))
+    texture = Texture(image_of(np.ascontiguousarray(pixels)), Sampler(wrap, wrap, mipmaps=False))
     corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
     uv = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
     square = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)

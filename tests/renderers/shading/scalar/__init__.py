@@ -35,7 +35,7 @@ def shaded(scene: DrawList, visible: Visibility, camera: Camera, look: Look) -> 
     tables["guesses"] = address_of(GUESSES, np.uint8)
     color = np.empty((camera.height, camera.width, 3), np.uint8)
     shade_rows(
-        look.name == "pbr",
+        look.name in ("pbr", "gltf"),
         visible.ids,
         visible.first_ids,
         visible.X_camera_mesh,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from renderers.shading.materials import COLORS_MULTIPLY, COLORS_REPLACE
+from renderers.shading.materials import COLORS_DECODE, COLORS_REPLACE
 from tests.renderers.shading.scalar.brdf import reflect_pbr
 from tests.renderers.shading.scalar.gamma import decode_gamma
 from tests.renderers.shading.scalar.interpolation import A_BASE, A_COLOR, A_FACING, A_NORMAL, A_TANGENT, A_UV0
@@ -31,12 +31,12 @@ def base_colors(pbr, colored, material, tables, begin, end, rows):
     for k in range(4):
         factor = material.base_color[k]
         if colored:
-            rule = material.vertex_colors if k < 3 else COLORS_MULTIPLY
-            if rule == COLORS_REPLACE:
+            rule = material.vertex_colors if k < 3 else 0
+            if rule & COLORS_REPLACE:
                 factor = _ONE
             for x in range(begin, end):
                 c = rows[A_COLOR + k, x]
-                if rule != COLORS_MULTIPLY:
+                if rule & COLORS_DECODE:
                     c = decode_gamma(c, tables.linear_from_gamma)
                 rows[A_BASE + k, x] = factor * c
         else:

@@ -42,7 +42,7 @@ def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
         raise ImageError("torn")
 
     for name in ("first", "second"):
-        table = TextureTable(mipmaps=True)
+        table = TextureTable()
         table.index_of(Texture(Image(b"torn", broken), name=name), True)
         with pytest.raises(ImageError, match=f"^{name}: torn$"):
             table.structs()

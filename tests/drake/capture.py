@@ -1,0 +1,159 @@
+"""Run by an interpreter that has pydrake: records what Drake's client posts, and what RenderEngineVtk draws instead.
+
+    python -m tests.drake.capture FOLDER [NAME ..]      all scenes of scenes.py, or those named
+
+FOLDER/NAME gets, for each of color, depth and label, the posted scene (``color.gltf``) and form fields
+(``color.json``), and RenderEngineVtk's image: ``color.png``, ``depth.npy`` (float32, metres), ``label.npy`` (int16).
+"""
+
+from __future__ import annotations
+
+import email
+import email.policy
+import json
+import multiprocessing
+import shutil
+import sys
+import tempfile
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    ClippingRange,
+    ColorRenderCamera,
+    DepthRange,
+    DepthRenderCamera,
+    GeometryInstance,
+    MakeRenderEngineGltfClient,
+    MakeRenderEngineVtk,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineGltfClientParams,
+    RenderEngineVtkParams,
+    RenderLabel,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
+
+from tests.drake.assets import png
+from tests.drake.scenes import SCENES, Body, Scene
+
+
+class Recorder(BaseHTTPRequestHandler):
+    """Answers a posted scene with a black image, and writes the form into the folder."""
+
+    folder: Path
+
+    def do_POST(self) -> None:
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        head = f"Content-Type: {self.headers['Content-Type']}\r\n\r\n".encode()
+        message: Any = email.message_from_bytes(head + body, policy=email.policy.HTTP)
+        form = {
+            part.get_param("name", header="content-disposition"): part.get_payload(decode=True)
+            for part in message.iter_parts()
+        }
+        kind = form["image_type"].decode()
+        fields = {field: value.decode() for field, value in form.items() if field != "scene"}
+        (self.folder / f"{kind}.json").write_text(json.dumps(fields, indent=1) + "\n")
+        (self.folder / f"{kind}.gltf").write_bytes(form["scene"])
+        answer = png(np.zeros((int(form["height"]), int(form["width"]), 3), np.uint8))
+        self.send_response(200)
+        self.send_header("Content-Type", "image/png")
+        self.send_header("Content-Length", str(len(answer)))
+        self.end_headers()
+        self.wfile.write(answer)
+
+    def log_message(self, *_: Any) -> None:
+        """Keep quiet."""
+
+
+def properties(body: Body, label: int) -> PerceptionProperties:
+    result = PerceptionProperties()
+    if body.diffuse is not None:
+        result.AddProperty("phong", "diffuse", Rgba(*body.diffuse))
+    if body.diffuse_map is not None:
+        result.AddProperty("phong", "diffuse_map", str(body.diffuse_map))
+    result.AddProperty("label", "id", RenderLabel(label))
+    return result
+
+
+def scene_graph_of(scene: Scene, base_url: str) -> SceneGraph:
+    scene_graph = SceneGraph()
+    scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+    scene_graph.AddRenderer("client", MakeRenderEngineGltfClient(RenderEngineGltfClientParams(base_url=base_url)))
+    source = scene_graph.RegisterSource("test")
+    hidden = Body(Box(0.01, 0.01, 0.01), (0.0, -50.0, 0.0))  # the client sends no camera where all is glTF
+    for index, body in enumerate([*scene.bodies, hidden]):
+        instance = GeometryInstance(body.pose, body.shape, f"body{index}")
+        instance.set_perception_properties(properties(body, index + 1))
+        scene_graph.RegisterAnchoredGeometry(source, instance)
+    return scene_graph
+
+
+def images(query: Any, engine: str, scene: Scene) -> dict[str, np.ndarray]:
+    core = RenderCameraCore(
+        engine, CameraInfo(*scene.size, np.pi / 4), ClippingRange(0.01, scene.far), RigidTransform()
+    )
+    world = SceneGraph.world_frame_id()
+    color = query.RenderColorImage(ColorRenderCamera(core, False), world, scene.camera_pose)
+    result = {"color": color.data[..., :3]}
+    if engine == "vtk":
+        label = query.RenderLabelImage(ColorRenderCamera(core, False), world, scene.camera_pose)
+        depth = query.RenderDepthImage(DepthRenderCamera(core, DepthRange(0.05, scene.far)), world, scene.camera_pose)
+        result |= {"depth": depth.data[..., 0].copy(), "label": label.data[..., 0].copy()}
+    return result
+
+
+def request_others(query: Any, scene: Scene) -> None:
+    """Let the client post its depth and label requests. The recorder's answers cannot be read as such images."""
+    core = RenderCameraCore(
+        "client", CameraInfo(*scene.size, np.pi / 4), ClippingRange(0.01, scene.far), RigidTransform()
+    )
+    world = SceneGraph.world_frame_id()
+    query.RenderLabelImage(ColorRenderCamera(core, False), world, scene.camera_pose)
+    camera = DepthRenderCamera(core, DepthRange(0.05, scene.far))
+    query.RenderDepthImage(camera, world, scene.camera_pose)
+
+
+def capture(name: str, folder: Path, base_url: str) -> None:
+    with tempfile.TemporaryDirectory() as files:
+        scene = SCENES[name](Path(files))
+        scene_graph = scene_graph_of(scene, base_url)  # a query does not keep it alive
+        query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+        vtk = images(query, "vtk", scene)
+        (folder / "color.png").write_bytes(png(vtk["color"]))
+        np.save(folder / "depth.npy", vtk["depth"])
+        np.save(folder / "label.npy", vtk["label"])
+        images(query, "client", scene)
+        try:
+            request_others(query, scene)
+        except RuntimeError as error:
+            if not (folder / "depth.gltf").exists():
+                raise SystemExit(f"{name}: {error}") from error
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as incoming:
+        Recorder.folder = Path(incoming)
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Recorder)
+        # A process of its own, since Drake's client holds the interpreter's lock while it waits for an image.
+        process = multiprocessing.get_context("fork").Process(target=server.serve_forever, daemon=True)
+        process.start()
+        for name in sys.argv[2:] or SCENES:
+            capture(name, Recorder.folder, f"http://127.0.0.1:{server.server_port}")
+            shutil.rmtree(folder / name, ignore_errors=True)
+            (folder / name).mkdir()
+            for file in Recorder.folder.iterdir():
+                shutil.move(file, folder / name)
+        process.terminate()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,504 @@
+"""Scenes whose colour images depend on what RenderEngineVtk does with textures, alpha and materials.
+
+Imported by an interpreter that has pydrake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pydrake.geometry import Box, Cylinder, Mesh, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from tests.drake.assets import Gltf, checkers, gradient, png, quad, sphere, with_alpha, write_obj
+
+SMALL: Final = (160, 120)
+"""Width and height of most images in pixels."""
+FRONT: Final = ([0.0, -1.0, 0.0], [0.0, 0.0, 0.0])
+"""Eye and target of a camera that looks along +Y, in metres."""
+ABOVE_LEFT: Final = ([-0.6, -0.8, 0.5], [0.0, 0.0, 0.0])
+
+LINEAR, NEAREST = 9729, 9728
+NEAREST_MIPMAP_NEAREST, LINEAR_MIPMAP_NEAREST, NEAREST_MIPMAP_LINEAR, LINEAR_MIPMAP_LINEAR = range(9984, 9988)
+REPEAT, CLAMP, MIRROR = 10497, 33071, 33648
+
+
+@dataclass(frozen=True)
+class Body:
+    """A geometry with Drake's "phong" properties."""
+
+    shape: Any
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """In metres, in the world frame."""
+    roll_pitch_yaw: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Radians."""
+    diffuse: tuple[float, float, float, float] | None = None
+    diffuse_map: Path | None = None
+
+    @property
+    def pose(self) -> RigidTransform:
+        return RigidTransform(RollPitchYaw(*self.roll_pitch_yaw), self.position)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Bodies before a camera."""
+
+    bodies: list[Body]
+    camera: tuple[list[float], list[float]] = FRONT
+    """Eye and target in metres."""
+    size: tuple[int, int] = SMALL
+    far: float = 10.0
+    """The far clipping plane in metres."""
+
+    @property
+    def camera_pose(self) -> RigidTransform:
+        eye, target = (np.array(point) for point in self.camera)
+        forward = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        return RigidTransform(RotationMatrix(np.column_stack([right, np.cross(forward, right), forward])), eye)
+
+
+SCENES: Final[dict[str, Callable[[Path], Scene]]] = {}
+"""Functions that write a scene's files into a folder and return the scene, by name."""
+
+
+def scene(name: str) -> Callable[[Callable[[Path], Scene]], Callable[[Path], Scene]]:
+    def add(make: Callable[[Path], Scene]) -> Callable[[Path], Scene]:
+        assert name not in SCENES
+        SCENES[name] = make
+        return make
+
+    return add
+
+
+def write(folder: Path, pixels: np.ndarray, name: str = "texture") -> Path:
+    path = folder / f"{name}.png"
+    path.write_bytes(png(pixels))
+    return path
+
+
+def gltf(folder: Path, document: Gltf, name: str = "mesh") -> Mesh:
+    return Mesh(str(document.write(folder / f"{name}.gltf")), 1.0)
+
+
+# -- textures of Drake's primitives ------------------------------------------------------------------------------------
+
+WHITE = np.full((1, 1, 3), 255, np.uint8)
+BOARD = checkers(64, 8, (40, 60, 160), (230, 200, 40))
+
+PRIMITIVE_TEXTURES: Final[dict[str, np.ndarray]] = {
+    "rgb": BOARD,
+    "grey": BOARD[..., :1],
+    "grey_alpha": np.concatenate([BOARD[..., :1], BOARD[..., 2:]], -1),
+    "transparent": with_alpha(WHITE, np.zeros((1, 1))),
+    "opaque_alpha": with_alpha(BOARD, np.full((64, 64), 255)),
+    "half_alpha": with_alpha(BOARD, np.full((64, 64), 128)),
+    "cut_out": with_alpha(BOARD, checkers(64, 16, (0,), (255,))[..., 0]),
+    "alpha_gradient": with_alpha(BOARD, np.linspace(0, 255, 64)[None, :]),
+}
+for _name, _pixels in PRIMITIVE_TEXTURES.items():
+    for _diffuse in (None, (1.0, 0.6, 0.6, 1.0), (0.6, 1.0, 0.6, 0.4)):
+        _suffix = {None: "", 1.0: "_tinted", 0.4: "_see_through"}[_diffuse and _diffuse[3]]
+
+        @scene(f"primitives_{_name}{_suffix}")
+        def _primitives(
+            folder: Path,
+            pixels: np.ndarray = _pixels,
+            diffuse: tuple[float, float, float, float] | None = _diffuse,
+        ) -> Scene:
+            texture = write(folder, pixels)
+            return Scene(
+                [
+                    Body(Box(0.8, 0.02, 0.5), (0, 0.5, 0), diffuse=(0.9, 0.3, 0.1, 1.0)),
+                    Body(Sphere(0.15), (-0.2, 0, 0.1), diffuse=diffuse, diffuse_map=texture),
+                    Body(Box(0.2, 0.2, 0.2), (0.2, 0, 0.1), (0.3, 0.2, 0.5), diffuse, texture),
+                    Body(Cylinder(0.08, 0.3), (0.0, -0.1, -0.15), (0.2, 1.5, 0), diffuse, texture),
+                ]
+            )
+
+
+@scene("primitives_minified")
+def primitives_minified(folder: Path) -> Scene:
+    texture = write(folder, checkers(512, 8, (20, 20, 20), (240, 240, 240)))
+    return Scene([Body(Box(3.0, 8.0, 0.1), (0, 3.0, -0.3), diffuse_map=texture)])
+
+
+@scene("primitives_minified_beside_gltf")
+def primitives_minified_beside_gltf(folder: Path) -> Scene:
+    floor = primitives_minified(folder).bodies
+    document = Gltf()
+    document.node(document.mesh(*quad(0.2, 0.2), document.material(doubleSided=True)))
+    return Scene([*floor, Body(gltf(folder, document), (0, 0, 0.15))])
+
+
+# -- OBJ meshes --------------------------------------------------------------------------------------------------------
+
+OBJ_MATERIALS: Final = {
+    "rgba_map": "Kd 1 1 1\nmap_Kd texture.png",
+    "tinted_map": "Kd 1 0.5 0.5\nmap_Kd texture.png",
+    "dissolved": "Kd 0.2 0.8 0.4\nd 0.4",
+    "opaque": "Kd 0.2 0.8 0.4",
+}
+for _name, _material in OBJ_MATERIALS.items():
+
+    @scene(f"obj_{_name}")
+    def _obj(folder: Path, material: str = _material) -> Scene:
+        write(folder, PRIMITIVE_TEXTURES["alpha_gradient"])
+        path = write_obj(folder / "ball.obj", *sphere(), material)
+        behind = Body(Box(0.8, 0.02, 0.5), (0, 0.5, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
+        return Scene([behind, Body(Mesh(str(path), 1.0))])
+
+
+@scene("obj_mirrored")
+def obj_mirrored(folder: Path) -> Scene:
+    write(folder, BOARD)
+    path = write_obj(folder / "ball.obj", *sphere(), "Kd 1 1 1\nmap_Kd texture.png")
+    return Scene([Body(Mesh(str(path), np.array([-1.0, 1.0, 0.6])))])
+
+
+# -- glTF: samplers ----------------------------------------------------------------------------------------------------
+
+
+def textured_quad(
+    folder: Path, sampler: dict[str, int] | None, repeat: float, size: float = 0.9, **material: Any
+) -> Mesh:
+    document = Gltf()
+    texture = document.texture(checkers(256, 8, (30, 30, 120), (250, 240, 200)), sampler)
+    pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
+    document.node(document.mesh(*quad(size, size, repeat), document.material(pbrMetallicRoughness=pbr, **material)))
+    return gltf(folder, document)
+
+
+SAMPLERS: Final[dict[str, dict[str, int] | None]] = {
+    "none": None,
+    "empty": {},
+    "nearest": {"minFilter": NEAREST, "magFilter": NEAREST},
+    "linear": {"minFilter": LINEAR, "magFilter": LINEAR},
+    "nearest_mipmap_nearest": {"minFilter": NEAREST_MIPMAP_NEAREST, "magFilter": NEAREST},
+    "linear_mipmap_nearest": {"minFilter": LINEAR_MIPMAP_NEAREST, "magFilter": LINEAR},
+    "nearest_mipmap_linear": {"minFilter": NEAREST_MIPMAP_LINEAR, "magFilter": LINEAR},
+    "linear_mipmap_linear": {"minFilter": LINEAR_MIPMAP_LINEAR, "magFilter": LINEAR},
+    "only_magnification_nearest": {"magFilter": NEAREST},
+    "only_magnification_linear": {"magFilter": LINEAR},
+    "only_minification_nearest": {"minFilter": NEAREST},
+    "only_minification_linear": {"minFilter": LINEAR},
+    "linear_magnification_nearest": {"minFilter": LINEAR, "magFilter": NEAREST},
+    "mipmap_magnification_nearest": {"minFilter": LINEAR_MIPMAP_LINEAR, "magFilter": NEAREST},
+    "nearest_magnification_linear": {"minFilter": NEAREST, "magFilter": LINEAR},
+    "nearest_mipmap_nearest_magnification_linear": {"minFilter": NEAREST_MIPMAP_NEAREST, "magFilter": LINEAR},
+}
+for _name, _sampler in SAMPLERS.items():
+
+    @scene(f"minified_{_name}")
+    def _minified(folder: Path, sampler: dict[str, int] | None = _sampler) -> Scene:
+        mesh = textured_quad(folder, sampler, 2.0, 3.0)
+        return Scene([Body(mesh, (0, 2.0, 0), (-1.2, 0.1, 0))])
+
+    @scene(f"magnified_{_name}")
+    def _magnified(folder: Path, sampler: dict[str, int] | None = _sampler) -> Scene:
+        return Scene([Body(textured_quad(folder, sampler, 0.25), (0, 0.2, 0), (-0.2, 0.1, 0.3))])
+
+
+WRAPS: Final = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}
+for _s, _wrap_s in WRAPS.items():
+    for _t, _wrap_t in WRAPS.items():
+
+        @scene(f"wrap_{_s}_{_t}")
+        def _wrap(folder: Path, wrap_s: int = _wrap_s, wrap_t: int = _wrap_t) -> Scene:
+            document = Gltf()
+            sampler = {"wrapS": wrap_s, "wrapT": wrap_t, "minFilter": LINEAR, "magFilter": LINEAR}
+            texture = document.texture(gradient(32), sampler)
+            material = document.material(pbrMetallicRoughness={"baseColorTexture": texture, "metallicFactor": 0.0})
+            attributes, indices = quad(0.9, 0.7)
+            attributes["TEXCOORD_0"] = attributes["TEXCOORD_0"] * 3.0 - 1.0
+            document.node(document.mesh(attributes, indices, material))
+            return Scene([Body(gltf(folder, document))])
+
+
+# -- glTF: alpha -------------------------------------------------------------------------------------------------------
+
+BEHIND: Final = Body(Box(1.0, 0.02, 0.3), (0, 0.6, 0), diffuse=(0.9, 0.3, 0.1, 1.0))
+
+for _mode in ("OPAQUE", "MASK", "BLEND"):
+    for _kind in ("factor", "texture", "both"):
+        for _sided in (False, True):
+
+            @scene(f"alpha_{_mode.lower()}_{_kind}{'_double' if _sided else ''}")
+            def _alpha(folder: Path, mode: str = _mode, kind: str = _kind, double_sided: bool = _sided) -> Scene:
+                document = Gltf()
+                pbr: dict[str, Any] = {"metallicFactor": 0.0}
+                if kind != "texture":
+                    pbr["baseColorFactor"] = [0.3, 0.9, 0.4, 0.6]
+                if kind != "factor":
+                    pbr["baseColorTexture"] = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"])
+                material = document.material(pbrMetallicRoughness=pbr, alphaMode=mode, doubleSided=double_sided)
+                document.node(document.mesh(*sphere(), material))
+                return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("alpha_mask_cutoff")
+def alpha_mask_cutoff(folder: Path) -> Scene:
+    document = Gltf()
+    texture = document.texture(PRIMITIVE_TEXTURES["alpha_gradient"])
+    pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
+    material = document.material(pbrMetallicRoughness=pbr, alphaMode="MASK", alphaCutoff=0.8, doubleSided=True)
+    document.node(document.mesh(*sphere(), material))
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+for _mode in ("OPAQUE", "MASK", "BLEND"):
+
+    @scene(f"alpha_cut_out_{_mode.lower()}")
+    def _cut_out(folder: Path, mode: str = _mode) -> Scene:
+        document = Gltf()
+        texture = document.texture(PRIMITIVE_TEXTURES["cut_out"])
+        pbr = {"baseColorTexture": texture, "metallicFactor": 0.0}
+        material = document.material(pbrMetallicRoughness=pbr, alphaMode=mode, doubleSided=True)
+        document.node(document.mesh(*sphere(), material))
+        return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("several_nodes_with_alpha")
+def several_nodes_with_alpha(folder: Path) -> Scene:
+    """The order in which VTK draws the nodes of one file."""
+    document = Gltf()
+    for i, color in enumerate(([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])):
+        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
+        document.node(document.mesh(*quad(0.4, 0.4), material), translation=[0.1 * i - 0.1, 0.05 * i, -0.2 * i])
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("several_primitives_with_alpha")
+def several_primitives_with_alpha(folder: Path) -> Scene:
+    """The order in which VTK draws the primitives of one mesh."""
+    document = Gltf()
+    primitives = []
+    for i, color in enumerate(([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])):
+        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
+        attributes, indices = quad(0.4, 0.4)
+        attributes["POSITION"] = attributes["POSITION"] + [0.1 * i - 0.1, 0.05 * i, -0.2 * i]
+        primitives += document.document["meshes"][document.mesh(attributes, indices, material)]["primitives"]
+    document.document["meshes"] = [{"primitives": primitives}]
+    document.node(0)
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+def stacked_gltf(folder: Path, order: tuple[int, ...]) -> list[Body]:
+    colors = ([0.9, 0.1, 0.1, 0.5], [0.1, 0.9, 0.1, 0.5], [0.1, 0.1, 0.9, 0.5])
+    bodies = []
+    for i in order:
+        document = Gltf()
+        material = document.material(
+            pbrMetallicRoughness={"baseColorFactor": colors[i], "metallicFactor": 0.0}, alphaMode="BLEND"
+        )
+        document.node(document.mesh(*quad(0.4, 0.4), material))
+        bodies.append(Body(gltf(folder, document, f"layer{i}"), (0.1 * i - 0.1, 0.2 * i, 0.05 * i)))
+    return bodies
+
+
+def stacked_boxes(order: tuple[int, ...]) -> list[Body]:
+    colors = ((0.9, 0.1, 0.1, 0.5), (0.1, 0.9, 0.1, 0.5), (0.1, 0.1, 0.9, 0.5))
+    return [Body(Box(0.4, 0.1, 0.4), (0.1 * i - 0.1, 0.2 * i, 0.05 * i), diffuse=colors[i]) for i in order]
+
+
+for _order in ((0, 1, 2), (2, 1, 0), (1, 2, 0)):
+    _suffix = "".join(map(str, _order))
+
+    @scene(f"stacked_gltf_{_suffix}")
+    def _stacked_gltf(folder: Path, order: tuple[int, ...] = _order) -> Scene:
+        return Scene([BEHIND, *stacked_gltf(folder, order)])
+
+    @scene(f"stacked_boxes_{_suffix}")
+    def _stacked_boxes(folder: Path, order: tuple[int, ...] = _order) -> Scene:
+        return Scene([BEHIND, *stacked_boxes(order)])
+
+
+@scene("stacked_boxes_beside_gltf")
+def stacked_boxes_beside_gltf(folder: Path) -> Scene:
+    return Scene([BEHIND, *stacked_boxes((1, 2, 0)), *stacked_gltf(folder, (2, 0))], ABOVE_LEFT)
+
+
+# -- glTF: other materials ---------------------------------------------------------------------------------------------
+
+
+@scene("mirrored_node")
+def mirrored_node(folder: Path) -> Scene:
+    document = Gltf()
+    pbr = {"baseColorTexture": document.texture(BOARD), "metallicFactor": 0.0}
+    mesh = document.mesh(*sphere(0.2), document.material(pbrMetallicRoughness=pbr))
+    document.node(mesh, scale=[-1.0, 1.0, 1.0], translation=[-0.22, 0.0, 0.0])
+    document.node(mesh, translation=[0.22, 0.0, 0.0])
+    return Scene([Body(gltf(folder, document))])
+
+
+@scene("mirrored_node_double_sided")
+def mirrored_node_double_sided(folder: Path) -> Scene:
+    document = Gltf()
+    pbr = {"baseColorFactor": [0.3, 0.8, 0.9, 1.0], "metallicFactor": 0.0}
+    mesh = document.mesh(*sphere(0.2), document.material(pbrMetallicRoughness=pbr, doubleSided=True))
+    document.node(mesh, scale=[1.0, -1.0, 1.0], translation=[-0.22, 0.0, 0.0])
+    document.node(mesh, translation=[0.22, 0.0, 0.0])
+    return Scene([Body(gltf(folder, document))])
+
+
+def single_ball(folder: Path, document: Gltf, material: int, size: tuple[int, int] = SMALL) -> Scene:
+    document.node(document.mesh(*sphere(), material))
+    return Scene([Body(gltf(folder, document))], size=size)
+
+
+@scene("emissive_factor")
+def emissive_factor(folder: Path) -> Scene:
+    document = Gltf()
+    pbr = {"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0}
+    return single_ball(folder, document, document.material(pbrMetallicRoughness=pbr, emissiveFactor=[0.5, 0.3, 0.0]))
+
+
+@scene("emissive_texture")
+def emissive_texture(folder: Path) -> Scene:
+    document = Gltf()
+    pbr = {"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0}
+    material = document.material(
+        pbrMetallicRoughness=pbr, emissiveFactor=[0.5, 1.0, 0.3], emissiveTexture=document.texture(BOARD)
+    )
+    return single_ball(folder, document, material)
+
+
+@scene("emissive_strength")
+def emissive_strength(folder: Path) -> Scene:
+    document = Gltf()
+    document.use("KHR_materials_emissive_strength")
+    material = document.material(
+        pbrMetallicRoughness={"baseColorFactor": [0.2, 0.2, 0.2, 1.0], "metallicFactor": 0.0},
+        emissiveFactor=[0.2, 0.2, 0.2],
+        emissiveTexture=document.texture(BOARD),
+        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 3.0}},
+    )
+    return single_ball(folder, document, material)
+
+
+@scene("vertex_grey")
+def vertex_grey(folder: Path) -> Scene:
+    document = Gltf()
+    attributes, indices = quad()
+    attributes["COLOR_0"] = np.full((4, 3), 0.5)
+    document.node(document.mesh(attributes, indices, document.material(pbrMetallicRoughness={"metallicFactor": 0.0})))
+    return Scene([Body(gltf(folder, document))])
+
+
+@scene("vertex_colors_alpha")
+def vertex_colors_alpha(folder: Path) -> Scene:
+    document = Gltf()
+    attributes, indices = quad()
+    attributes["COLOR_0"] = np.array([[1, 0, 0, 1], [0, 1, 0, 0.7], [0, 0, 1, 0.4], [1, 1, 1, 0.1]])
+    material = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, alphaMode="BLEND")
+    document.node(document.mesh(attributes, indices, material))
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+def normal_map() -> np.ndarray:
+    x = np.linspace(0, 8 * np.pi, 128)
+    slope = 0.5 * np.cos(x)
+    normal = np.stack([np.broadcast_to(slope, (128, 128)), np.broadcast_to(slope[:, None], (128, 128))], -1)
+    z = np.sqrt(1 - (normal**2).sum(-1, keepdims=True) * 0.5)
+    normal = np.concatenate([normal * np.sqrt(0.5), z], -1)
+    return np.round(127.5 * (normal + 1)).astype(np.uint8)
+
+
+MAPS: Final = {
+    "normal": lambda document: {"normalTexture": document.texture(normal_map(), scale=0.8)},
+    "metallic_roughness": lambda document: {
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.8, 0.6, 0.3, 1.0],
+            "metallicRoughnessTexture": document.texture(gradient(64)[..., [2, 0, 1]]),
+        }
+    },
+    "occlusion": lambda document: {
+        "pbrMetallicRoughness": {"metallicFactor": 0.0},
+        "occlusionTexture": document.texture(BOARD, strength=0.7),
+    },
+    "all": lambda document: {
+        "pbrMetallicRoughness": {
+            "baseColorTexture": document.texture(BOARD),
+            "metallicRoughnessTexture": document.texture(gradient(64)[..., [2, 0, 1]]),
+        },
+        "normalTexture": document.texture(normal_map()),
+        "occlusionTexture": document.texture(gradient(64), strength=0.7),
+        "emissiveTexture": document.texture(checkers(64, 32, (0, 0, 0), (0, 60, 120))),
+        "emissiveFactor": [1.0, 1.0, 1.0],
+    },
+}
+for _name, _fields in MAPS.items():
+
+    @scene(f"maps_{_name}")
+    def _maps(folder: Path, fields: Callable[[Gltf], dict[str, Any]] = _fields) -> Scene:
+        document = Gltf()
+        return single_ball(folder, document, document.material(**fields(document)), (320, 240))
+
+
+@scene("materials_metal_and_rough")
+def materials_metal_and_rough(folder: Path) -> Scene:
+    document = Gltf()
+    for i, (metallic, roughness) in enumerate(((0.0, 0.1), (0.0, 1.0), (1.0, 0.2), (0.5, 0.5))):
+        pbr = {"baseColorFactor": [0.9, 0.5, 0.2, 1.0], "metallicFactor": metallic, "roughnessFactor": roughness}
+        mesh = document.mesh(*sphere(0.12), document.material(pbrMetallicRoughness=pbr))
+        document.node(mesh, translation=[-0.42 + 0.28 * i, 0.0, 0.0])
+    return Scene([Body(gltf(folder, document))])
+
+
+@scene("unlit")
+def unlit(folder: Path) -> Scene:
+    document = Gltf()
+    document.use("KHR_materials_unlit")
+    pbr = {"baseColorFactor": [0.7, 0.3, 0.2, 1.0]}
+    return single_ball(
+        folder, document, document.material(pbrMetallicRoughness=pbr, extensions={"KHR_materials_unlit": {}})
+    )
+
+
+@scene("texture_transform")
+def texture_transform(folder: Path) -> Scene:
+    document = Gltf()
+    document.use("KHR_texture_transform")
+    transform = {"KHR_texture_transform": {"scale": [2.0, 3.0], "offset": [0.2, 0.1], "rotation": 0.4}}
+    pbr = {"baseColorTexture": document.texture(gradient(64), extensions=transform), "metallicFactor": 0.0}
+    return single_ball(folder, document, document.material(pbrMetallicRoughness=pbr))
+
+
+@scene("second_texcoord")
+def second_texcoord(folder: Path) -> Scene:
+    document = Gltf()
+    attributes, indices = quad()
+    attributes["TEXCOORD_1"] = attributes["TEXCOORD_0"] * 2.0
+    pbr = {"baseColorTexture": document.texture(BOARD, texCoord=1), "metallicFactor": 0.0}
+    document.node(document.mesh(attributes, indices, document.material(pbrMetallicRoughness=pbr)))
+    return Scene([Body(gltf(folder, document))])
+
+
+@scene("back_faces")
+def back_faces(folder: Path) -> Scene:
+    document = Gltf()
+    single = document.material(pbrMetallicRoughness={"metallicFactor": 0.0})
+    double = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, doubleSided=True)
+    half_turn = [0.0, 1.0, 0.0, 0.0]
+    document.node(document.mesh(*quad(0.3, 0.3), single), translation=[-0.2, 0.0, 0.0], rotation=half_turn)
+    document.node(document.mesh(*quad(0.3, 0.3), double), translation=[0.2, 0.0, 0.0], rotation=half_turn)
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+# -- distances ---------------------------------------------------------------------------------------------------------
+
+
+@scene("kilometres")
+def kilometres(folder: Path) -> Scene:
+    balls = [
+        Body(Sphere(150.0), (400.0 * i - 600, 1500.0 + 300 * i, 40.0 * i), diffuse=(0.2, 0.3 * i, 0.8, 1))
+        for i in range(4)
+    ]
+    ground = Body(Box(8000.0, 8000.0, 10.0), (0, 4000.0, -160), diffuse=(0.5, 0.5, 0.4, 1.0))
+    return Scene([ground, *balls], far=10000.0, size=(320, 240))

@@ -1,0 +1,121 @@
+"""Many small scenes as Drake's client posts them, against RenderEngineVtk's images: textures, alpha, materials."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.render.config import RenderConfig
+from gateway.render.form import read_form
+from gateway.render.multipart import Form
+from gateway.render.pipeline import Pipeline
+from renderers.raster import CpuRenderer
+from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, decode_label
+from tests.support.waiting import SECONDS
+
+PYTHONS = {"1.51.1": "SCENEGATE_DRAKE_PYTHON", "1.58.0": "SCENEGATE_NEW_DRAKE_PYTHON"}
+"""Environment variables that name an interpreter with pydrake, by its version."""
+COLOR_STEP = 20
+"""Difference of a channel, of 255, that Drake's integration test tolerates."""
+MAX_COLOR_FRACTION = 0.002
+"""Fraction of channel values that may differ by more."""
+COLOR_EXCEPTIONS = {
+    "magnified_": 0.01,  # Mesa blurs magnified textures that have mip levels
+    "alpha_cut_out_": 0.012,  # likewise
+    "mirrored_node": 0.015,  # VTK culls the other side of mirrored meshes, as black as this one but at the rim
+    "obj_mirrored": 1.0,  # black by normals that the request does not contain
+}
+"""Larger fractions, by the beginning of the scene's name."""
+BROKEN_LABELS = ("vertex_",)
+"""RenderEngineVtk multiplies labels by vertex colours."""
+MAX_DEPTH_ERROR = 1e-3
+"""Metres."""
+DEPTH_EXCEPTIONS = ("kilometres",)
+"""Depth beyond a kilometre, where VTK's 24 bits of depth are worth metres."""
+
+pytestmark = [pytest.mark.drake, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module", params=PYTHONS)
+def captured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder with what a version's client posts and its RenderEngineVtk draws."""
+    python = os.environ.get(PYTHONS[request.param])
+    if not python:
+        pytest.skip(f"{PYTHONS[request.param]} does not name an interpreter with pydrake {request.param}")
+    folder: Path = tmp_path_factory.mktemp("captured")
+    root = Path(__file__).parents[2]
+    command = [python, "-m", "tests.drake.capture", str(folder)]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=SECONDS, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Iterator[Pipeline]:
+    renderer = CpuRenderer(2)
+    yield Pipeline(renderer, RenderConfig())
+    renderer.close()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    name: str
+    color: float
+    """Fraction of channel values that differ by more than COLOR_STEP."""
+    depth: int
+    """Number of pixels whose depth differs by more than MAX_DEPTH_ERROR, or that are covered in one image only."""
+    label: int
+    """Number of pixels with another label."""
+
+    @property
+    def is_as_expected(self) -> bool:
+        name = self.name
+        limits = [limit for prefix, limit in COLOR_EXCEPTIONS.items() if name.startswith(prefix)]
+        return (
+            self.color <= max([MAX_COLOR_FRACTION, *limits])
+            and (self.depth <= 5 or name in DEPTH_EXCEPTIONS)
+            and (self.label <= 5 or name.startswith(BROKEN_LABELS))
+        )
+
+
+def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
+    fields = json.loads((folder / f"{kind}.json").read_text())
+    form = Form(fields, bytearray((folder / f"{kind}.gltf").read_bytes()), "")
+    body = pipeline.render(read_form(form, RenderConfig())).body
+    decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert decoded is not None
+    return decoded
+
+
+def compare(pipeline: Pipeline, folder: Path) -> Comparison:
+    color, depth, label = (image(pipeline, folder, kind) for kind in ("color", "depth", "label"))
+    reference = cv2.imread(str(folder / "color.png"))
+    assert reference is not None
+    vtk_depth, vtk_label = np.load(folder / "depth.npy"), np.load(folder / "label.npy").astype(np.int64)
+    vtk_label[vtk_label == EMPTY_LABEL] = DONT_CARE_LABEL
+    is_finite = np.isfinite(depth) & np.isfinite(vtk_depth)
+    error = np.abs(np.where(is_finite, depth, 0) - np.where(is_finite, vtk_depth, 0))
+    return Comparison(
+        folder.name,
+        float((np.abs(color.astype(int) - reference) > COLOR_STEP).mean()),
+        int(((error > MAX_DEPTH_ERROR) | (np.isfinite(depth) != np.isfinite(vtk_depth))).sum()),
+        int((decode_label(label[..., ::-1]) != vtk_label).sum()),
+    )
+
+
+def test_images_are_those_of_render_engine_vtk(captured: Path, pipeline: Pipeline) -> None:
+    comparisons = [compare(pipeline, folder) for folder in sorted(captured.iterdir())]
+    assert len(comparisons) >= 100
+    worst = sorted(comparisons, key=lambda each: -each.color)[:10]
+    TABLE.extend(Row(each.name, "color", f"{100 * each.color:.3f} % off by > {COLOR_STEP}", 0.0) for each in worst)
+    assert not [each for each in comparisons if not each.is_as_expected]
