@@ -9,7 +9,7 @@ from gateway.gltf import GltfCache, GltfCamera, HashedDocument, read_gltf
 from gateway.render.config import RenderConfig
 from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from renderers.cache import Cache
-from renderers.drawlist import DrawList
+from renderers.drawlist import LABEL_NONE, DrawList
 
 _MAX_TOPOLOGIES: Final = 16
 """Maximum number of cached topologies; a few clients need one each for colour, depth and label images."""
@@ -28,6 +28,8 @@ class PreparedScene:
     element_count: int
     """Number of triangles, lines and points of all instances."""
     warnings: tuple[str, ...]
+    unlabelled_count: int
+    """Number of primitives without a label: they have no material, in which Drake's client encodes it."""
     draw_list: DrawList
     nbytes: int
     """Approximate size."""
@@ -57,13 +59,15 @@ class SceneStore:
         if cached is not None:
             return cached
         gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
+        draw_list = draw_list_of(gltf, self._topologies)
         scene = PreparedScene(
             camera=gltf.camera,
             has_geometry=gltf.instance_count > 0,
             generator=gltf.generator,
             element_count=gltf.element_count,
             warnings=gltf.warnings,
-            draw_list=draw_list_of(gltf, self._topologies),
+            unlabelled_count=sum(instance.label == LABEL_NONE for instance in draw_list.instances),
+            draw_list=draw_list,
             nbytes=len(document.data) + gltf.content.mesh_bytes,
         )
         self.scenes.put(document.digest, scene, scene.nbytes)
