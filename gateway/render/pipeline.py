@@ -127,10 +127,11 @@ class Pipeline:
 def _label_warnings(scene: PreparedScene, request: RenderRequest) -> tuple[str, ...]:
     if request.image_type != "label" or scene.unlabelled_count == 0:
         return ()
-    return (
+    sentence = (
         f"meshes without a material are white in label images ({scene.unlabelled_count} here): Drake's client sends "
-        "labels in materials. Give them one in their glTF file",
+        "labels in materials. Give them one in their glTF file"
     )
+    return (sentence,)
 
 
 def posted_document(request: RenderRequest) -> HashedDocument:
