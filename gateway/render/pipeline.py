@@ -13,7 +13,7 @@ from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
-from gateway.render.scenes import SceneStore
+from gateway.render.scenes import PreparedScene, SceneStore
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
 from renderers.depth_range import depth_in_millimetres, limit_depth
@@ -91,7 +91,7 @@ class Pipeline:
             ),
             generator=scene.generator,
             element_count=scene.element_count,
-            warnings=scene.warnings,
+            warnings=scene.warnings + _label_warnings(scene, request),
         )
 
     def _look_name(self, generator: str) -> LookName:
@@ -125,6 +125,17 @@ class Pipeline:
         if self._config.depth_format == "png16":
             return png_gray16(depth_in_millimetres(frame.depth)), "image/png"
         return tiff_float32(frame.depth), "image/tiff"
+
+
+def _label_warnings(scene: PreparedScene, request: RenderRequest) -> tuple[str, ...]:
+    """Return a warning if a label image is requested of a scene with instances without a label."""
+    if request.image_type != "label" or scene.unlabelled_count == 0:
+        return ()
+    sentence = (
+        f"meshes without a material are white in label images ({scene.unlabelled_count} here): Drake's client sends "
+        "labels in materials. Give them one in their glTF file"
+    )
+    return (sentence,)
 
 
 def posted_document(request: RenderRequest) -> HashedDocument:

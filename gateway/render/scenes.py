@@ -9,7 +9,7 @@ from gateway.gltf import GltfCache, GltfCamera, HashedDocument, read_gltf
 from gateway.render.config import RenderConfig
 from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from renderers.cache import Cache
-from renderers.drawlist import DrawList
+from renderers.drawlist import LABEL_NONE, DrawList, PosedInstances
 
 _MAX_TOPOLOGIES: Final = 16
 """Maximum number of cached topologies; a few clients need one each for colour, depth and label images."""
@@ -29,6 +29,8 @@ class PreparedScene:
     """Number of triangles, lines and points of all instances."""
     warnings: tuple[str, ...]
     """Sentences about properties that the reader ignored or repaired."""
+    unlabelled_count: int
+    """Number of instances without a label: Drake's client sends labels in materials, and they have none."""
     draw_list: DrawList
     nbytes: int
     """Approximate size in bytes."""
@@ -58,13 +60,16 @@ class SceneStore:
         if cached is not None:
             return cached
         gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
+        draw_list = draw_list_of(gltf, self._topologies)
+        assert isinstance(draw_list.instances, PosedInstances)
         scene = PreparedScene(
             camera=gltf.camera,
             has_geometry=gltf.instance_count > 0,
             generator=gltf.generator,
             element_count=gltf.element_count,
             warnings=gltf.warnings,
-            draw_list=draw_list_of(gltf, self._topologies),
+            unlabelled_count=draw_list.instances.set.labels.count(LABEL_NONE),
+            draw_list=draw_list,
             nbytes=len(document.data) + gltf.content.mesh_bytes,
         )
         self.scenes.put(document.digest, scene, scene.nbytes)

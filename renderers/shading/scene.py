@@ -156,7 +156,7 @@ def fill_shading_job(
         matrices: address of an INSTANCE_MATRICES per instance.
     """
     count = len(shading.transparent)
-    compute_instance_matrices(X_camera_mesh, matrices, count, shading.look in VTK_LOOKS)
+    compute_instance_matrices(X_camera_mesh, matrices, count, int(shading.look in VTK_LOOKS))
     intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
     job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)
 

@@ -85,6 +85,20 @@ def test_fxaa_can_be_turned_off() -> None:
     assert shades["fxaa", "color"] > 5
 
 
+def test_meshes_without_a_label_are_a_warning_of_label_images() -> None:
+    renderer, config = CpuRenderer(1), RenderConfig()
+    pipeline = Pipeline(renderer, config)
+    bare = gltf(meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}])
+    warnings = {}
+    for name, document, kind in (("bare", bare, "label"), ("bare", bare, "color"), ("labelled", gltf(), "label")):
+        reader = FormReader(CONTENT_TYPE, config)
+        reader.feed(body(document, drake_fields(kind)))
+        warnings[name, kind] = pipeline.render(read_form(reader.form(), config)).warnings
+    renderer.close()
+    assert ["(1 here)" in text for text in warnings["bare", "label"]] == [True]
+    assert warnings["bare", "color"] == warnings["labelled", "label"] == ()
+
+
 def _pixels(png: bytes) -> NDArray[np.generic]:
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
