@@ -1,7 +1,7 @@
 """Cancellation: a flag that kernels read by address, and Python code by ``check_stop``.
 
-The current flag is a context variable. As a parameter, some forty functions of reader, renderer and looks would only
-pass it on.
+The current flag is a context variable. Passed as a parameter, it would go through some forty functions that do not use
+it.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class SceneFile:
     """A scene with Z up, in metres."""
 
     root: Node
-    """Committed tree."""
+    """Root of the tree, which does not change any more."""
     cameras: tuple[GltfCamera, ...]
     """The file's cameras, in the Z-up world."""
     warnings: tuple[str, ...]

@@ -172,7 +172,7 @@ def _new_entry(document: HashedDocument, container: Container, content: Document
     if document.nodes_offset == 0:
         return None
     text = container.json
-    split = len(text) - (len(document.data) - document.nodes_offset)  # there are no placeholders after the nodes
+    split = len(text) - (len(document.data) - document.nodes_offset)  # the data URIs that it lacks are before the nodes
     before = text[:split].rstrip()
     if not before.endswith(b","):
         return None
