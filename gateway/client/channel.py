@@ -54,7 +54,7 @@ class Credentials:
 
 
 def read_token(path: Path) -> str:
-    """Return the first token of a file with one token per line; empty lines and lines that begin with ``#`` are ignored.
+    """Return the first token of a file with one token per line, without empty lines and those that begin with ``#``.
 
     Raises:
         OSError: the file cannot be read.

@@ -65,7 +65,7 @@ def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
             first = by_name.setdefault(source.name, source)
             if first.path != source.path:
                 raise SourceError(
-                    f"{first.path} and {source.path} would both be called {source.name}; pass the folder above both instead"
+                    f"{first.path} and {source.path} would both be called {source.name}; pass the folder above them"
                 )
     return tuple(by_name[name] for name in sorted(by_name))
 
