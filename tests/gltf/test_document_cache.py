@@ -265,6 +265,28 @@ def test_hits_are_limited_as_whole_documents_are(limit: str, value: int, node_co
     assert messages[0] == messages[1]
 
 
+def test_a_cached_part_does_not_allow_deeper_nesting() -> None:
+    def is_read(depth: int, cache: GltfCache | None) -> bool:
+        source = moved(document(), 2)
+        source["nodes"][0]["extras"] = "NESTED"
+        text = dump(source).replace(b'"NESTED"', b"[" * depth + b"]" * depth)
+        try:
+            read_gltf(text, cache=cache)
+        except GltfError as error:
+            assert "nested too deeply" in str(error)
+            return False
+        return True
+
+    deepest, refused = 1, 200_000
+    while refused - deepest > 1:
+        depth = (deepest + refused) // 2
+        deepest, refused = (depth, refused) if is_read(depth, None) else (deepest, depth)
+    cache = GltfCache()
+    warm(cache, document())
+    assert is_read(deepest, cache)
+    assert not is_read(refused, cache)
+
+
 @pytest.mark.parametrize(("size", "expected"), [(MIN_BYTES - 1, 0), (MIN_BYTES, MIN_BYTES)])
 def test_texts_of_the_least_size_before_the_nodes_are_kept(size: int, expected: int) -> None:
     before = b'{"extras":"'.ljust(size - 2, b"x") + b'",'
