@@ -23,7 +23,6 @@ from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import in_turns, median, timed
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
-from gateway.render.depth import millimetres
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import posted_document
@@ -31,6 +30,7 @@ from gateway.render.scenes import SceneStore
 from gateway.runtime import kernel_cache
 from gateway.runtime.process_tuning import freeze_gc, tune
 from gateway.wiring import warmup
+from renderers.depth_range import depth_in_millimetres
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
@@ -82,7 +82,7 @@ def writers() -> list[Row]:
     sizes: dict[str, list[float]] = {}
     print(heading("image", "file", "ours, ms", "OpenCV, ms", "ratio", "bytes", "of OpenCV's"))
     for name, color, depth in pictures():
-        bgr, grey = np.ascontiguousarray(color[..., ::-1]), millimetres(depth)
+        bgr, grey = np.ascontiguousarray(color[..., ::-1]), depth_in_millimetres(depth)
         jobs: dict[str, tuple[posted.Array, Callable[[], bytes], Callable[[], bytes]]] = {
             "PNG, RGB": (color, partial(png_rgb, color), partial(encoded, ".png", bgr)),
             "PNG, 16 bit": (grey, partial(png_gray16, grey), partial(encoded, ".png", grey)),

@@ -1,4 +1,4 @@
-"""Applies the depth range of a sensor to rendered depth images."""
+"""Depth images as a sensor delivers them: limited to its range, and as 16-bit millimetres."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f32_at
 
 _INFINITY: Final = np.float32(math.inf)
+TOO_FAR_16: Final = 65535
+"""Drake's InvalidDepth::kTooFar for 16-bit depth, millimetres."""
+
+
+def depth_in_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Convert (H, W) float32 metres to millimetres, rounded half to even; ``TOO_FAR_16`` for what does not fit."""
+    rounded = np.rint(depth * np.float32(1000.0))
+    limited: NDArray[np.float32] = np.minimum(rounded, np.float32(TOO_FAR_16))
+    return limited.astype(np.uint16)
 
 
 def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) -> None:

@@ -1,7 +1,7 @@
 """Cancellation of long calls: a flag that kernels read by its address, and Python code by ``check_stop``.
 
-The current flag is a context variable. As a parameter, it would have to be passed on by some forty functions of reader,
-renderer and looks.
+The current flag is a context variable. Passed as a parameter, it would go through some forty functions that do not use
+it.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Files that the operator or a client names: glTF scenes, mesh files of all formats, ROS packages and light rigs."""
+"""Reads files that the operator or a client names: glTF scenes, mesh files, ROS packages and light rigs."""

@@ -1,6 +1,7 @@
-"""Read light rigs of the look ``studio`` from TOML files.
+"""Reads light rigs of the look ``studio`` from TOML files.
 
-Missing values have the defaults of ``renderers.light_rig``. World frame, metres, Z up, angles in degrees::
+Missing values have the defaults of ``renderers.light_rig``. Positions and directions are in the world frame, metres,
+Z up; angles are in degrees. An example::
 
     exposure = 1.0
     tone = "neutral"            # aces, none
@@ -49,7 +50,7 @@ class RigFileError(ValueError):
 
 
 class _Table(BaseModel):
-    """A table of the file."""
+    """Base of the tables of the file, whose fields ``renderers.light_rig`` explains."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -94,7 +95,7 @@ class _Rig(_Table):
 
 
 def rig_of(path: Path | None) -> Rig:
-    """Return the rig of a file, or the default rig without one.
+    """Return the rig of a file; the default rig for None.
 
     Raises:
         RigFileError: See ``read_rig``.
@@ -103,7 +104,7 @@ def rig_of(path: Path | None) -> Rig:
 
 
 def rig_digest(path: Path) -> str:
-    """Return the SHA-256 of a rig file and the image of its surroundings together, in hexadecimal.
+    """Return the SHA-256, in hexadecimal, of a rig file followed by the image of its surroundings, if it has one.
 
     Raises:
         RigFileError: See ``read_rig``.
@@ -114,7 +115,7 @@ def rig_digest(path: Path) -> str:
 
 
 def read_rig(path: Path) -> Rig:
-    """Return the rig of a TOML file. Paths are relative to its folder.
+    """Return the rig of a TOML file. Paths in the file are relative to its folder.
 
     Raises:
         RigFileError: A file cannot be read, or a value cannot be used.
@@ -144,7 +145,7 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
 
     image = (folder / table.image).read_bytes() if table.image is not None else None
     if image is not None:
-        read_hdr(image)  # refuse a damaged file now, not when the first frame is rendered
+        read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
     return Surroundings(
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
@@ -190,8 +191,8 @@ def _unit_vector(direction: Vector, table_name: str) -> Vector:
 
 
 def _first_error(error: ValidationError) -> str:
-    """Return the first error as a sentence with field, reason and, unless it is missing, the value."""
-    first = error.errors(include_url=False)[0]
-    field = ".".join(map(str, first["loc"]))
-    sentence = f"{field}: {first['msg'][:1].lower()}{first['msg'][1:]}"
-    return sentence if first["type"] == "missing" else f"{sentence}, not {reprlib.repr(first['input'])}"
+    """Return the first error as a sentence with the field, the reason and, unless the field is missing, its value."""
+    details = error.errors(include_url=False)[0]
+    field = ".".join(map(str, details["loc"]))
+    sentence = f"{field}: {details['msg'][:1].lower()}{details['msg'][1:]}"
+    return sentence if details["type"] == "missing" else f"{sentence}, not {reprlib.repr(details['input'])}"

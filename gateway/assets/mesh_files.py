@@ -1,7 +1,7 @@
-"""Load mesh files that clients name, from folders that the operator opened to them (``--mesh-root``), with a cache.
+"""Loads mesh files that clients name, from the folders that the operator allows (``--mesh-root``), with a cache.
 
-No other file is read: all names, also those of materials and textures inside mesh files, are resolved including
-symbolic links and must then be below one of these folders. Nothing is fetched from the network.
+No other file is read. All names, including those of materials and textures in mesh files, are resolved with their
+symbolic links; the result must be below one of these folders. Nothing is read from the network.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
 from renderers.cache import Cache
 
-SIBLINGS = ("obj", "gltf", "glb", "stl", "ply", "dae")
-"""Extensions that are tried, in this order, for a file that is missing or of an unknown format (``.vtp``, ``.sdf``).
-Director tries them even for existing files."""
+SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
+"""If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are
+tried, in this order. Director tries them even for existing files."""
 
 
 class MeshFileError(ValueError):
-    """A mesh file that is refused, missing or unreadable. The message names the file and the reason."""
+    """A mesh file that is not allowed, missing or unreadable. The message names the file and the reason."""
 
     def __init__(self, message: str, *, missing: bool = False) -> None:
         super().__init__(message)
@@ -42,25 +42,28 @@ class MeshFileLimits:
     """Limits of mesh files."""
 
     max_bytes: int = 256 << 20
-    """Size of one file; a scan of ten million triangles in binary STL has 500 MB, a typical one for a viewer 10."""
+    """Size of one file. A typical mesh for a viewer has 10 MB, a scan of ten million triangles in binary STL 500 MB."""
     max_total_bytes: int = 512 << 20
-    """Size of a mesh file with all the files that it refers to."""
+    """Total size of a mesh file and the files that it refers to."""
     cache_bytes: int = 1 << 30
     """Size of the cache of loaded files; the least recently used are dropped first."""
     gltf: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
-    """Limits of the content, for all formats."""
+    """Limits of the content. Those on vertices, elements, instances and pixels hold for all formats."""
 
 
 _Stamp = tuple[str, int, int]
-"""(real path, time of the last change in ns, size in bytes): differs once a file was changed."""
+"""(real path, time of the last change in ns, size in bytes): two different stamps show that a file has changed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LoadedFile:
+    """A mesh file in the cache."""
+
     parts: tuple[Part, ...]
     stamps: tuple[_Stamp, ...]
-    """Of the file and of all files that it refers to and that could be read."""
+    """Stamps of the file and of those files that it refers to and that could be read."""
     nbytes: int
+    """Approximate size of the parts."""
 
 
 class MeshFiles:
@@ -69,26 +72,26 @@ class MeshFiles:
     def __init__(self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None) -> None:
         """
         Args:
-            roots: Folders that may be read; without any, every name is refused.
+            roots: Folders that may be read. Without any, no file is allowed.
         """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._limits = MeshFileLimits() if limits is None else limits
         self._packages = Packages(self._roots)
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
-        """Locks by path, so that threads which need the same file load it once."""
+        """Locks by real path, so that threads that need the same file load it only once."""
         self.cache: Cache[str, _LoadedFile] = Cache(self._limits.cache_bytes)
-        """Loaded files by path."""
+        """Loaded files by real path."""
 
     def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
         """Return the parts of a mesh file, Z up and in metres, scaled along its axes.
 
         Args:
-            filename: ``package://name/path``, ``file:///path``, an absolute path, or one relative to a root.
+            filename: ``package://name/path``, ``file:///path``, an absolute path, or a path relative to a root.
             scale: Factors along x, y, z.
 
         Raises:
-            MeshFileError: The file is refused, missing or unreadable.
+            MeshFileError: The file is not allowed, missing or unreadable.
         """
         path = self._find(filename)
         key = str(path)
@@ -116,7 +119,7 @@ class MeshFiles:
             if path.suffix[1:].lower() in FORMATS and _is_file(path):
                 return path
         for path in allowed:
-            for extension in SIBLINGS:
+            for extension in SIBLING_EXTENSIONS:
                 sibling = Path(os.path.realpath(path.with_suffix("." + extension))) if path.name else path
                 if self._is_below_root(sibling) and _is_file(sibling):
                     return sibling
@@ -127,7 +130,7 @@ class MeshFiles:
         raise MeshFileError(f"{_quoted(filename)}: there is no such file", missing=True)
 
     def _candidates(self, filename: str) -> list[Path]:
-        """Return the paths that a name may refer to, with symbolic links resolved."""
+        """Return the paths that a client's name may refer to, with symbolic links resolved."""
         if "\0" in filename or not filename or len(filename) > 4096:
             raise MeshFileError(f"{_quoted(filename)} is not a file name")
         scheme, separator, rest = filename.partition("://")
@@ -154,7 +157,7 @@ class MeshFiles:
         return any(path.is_relative_to(root) for root in self._roots)
 
     def _cached(self, key: str) -> _LoadedFile | None:
-        """Return a file from the cache, unless it or a file that it refers to has changed."""
+        """Return a file from the cache; None if it is not there, or if it or a file that it refers to has changed."""
         loaded = self.cache.get(key)
         if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
             return None
@@ -165,7 +168,7 @@ class MeshFiles:
         try:
             data = reader.read(path)
             parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf)
-        except (MeshFormatError, GltfError, _RefusedError) as error:
+        except (MeshFormatError, GltfError, _NotAllowedError) as error:
             raise MeshFileError(f"{_quoted(filename)}: {error}") from error
         except OSError as error:
             raise MeshFileError(f"{_quoted(filename)} cannot be read: {error.strerror}") from error
@@ -175,8 +178,8 @@ class MeshFiles:
         return loaded
 
 
-class _RefusedError(ValueError):
-    """A file that may not be read."""
+class _NotAllowedError(ValueError):
+    """A file that may not be read. The message names the file and the reason."""
 
 
 class _FileReader:
@@ -186,57 +189,62 @@ class _FileReader:
         self._folder = path.parent
         self._roots = roots
         self._limits = limits
-        self._remaining = limits.max_total_bytes
+        self._remaining_bytes = limits.max_total_bytes
+        """Bytes that may still be read."""
         self.stamps: list[_Stamp] = []
         """Stamps of the files read so far."""
 
     def resolve(self, name: str) -> bytes:
-        """Return the bytes of a file that the mesh file refers to, relative to it."""
+        """Return the bytes of a file that the mesh file refers to.
+
+        Args:
+            name: Path relative to the mesh file's folder, percent-encoded.
+        """
         if "\0" in name or "://" in name:
-            raise _RefusedError(f"{_quoted(name)} is not a file beside it")
+            raise _NotAllowedError(f"{_quoted(name)} is not a file beside it")
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
         if not any(path.is_relative_to(root) for root in self._roots):
-            raise _RefusedError(f"{_quoted(name)} lies outside of the folders that are open to clients")
+            raise _NotAllowedError(f"{_quoted(name)} lies outside of the folders that are open to clients")
         return self.read(path)
 
     def read(self, path: Path) -> bytes:
         """Return the bytes of a regular file.
 
         Args:
-            path: With symbolic links resolved.
+            path: Path with symbolic links resolved.
         """
         stamp = _stamp(str(path))
-        # Without O_NONBLOCK, opening a pipe in the folder would block the thread for ever.
+        # Without O_NONBLOCK, opening a named pipe would block the thread for ever.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise _RefusedError(f"{_quoted(path.name)} is not a regular file")
-            limit = min(self._limits.max_bytes, self._remaining)
+                raise _NotAllowedError(f"{_quoted(path.name)} is not a regular file")
+            limit = min(self._limits.max_bytes, self._remaining_bytes)
             data = file.read(limit + 1)
         if len(data) > limit:
-            raise _RefusedError(f"{_quoted(path.name)} is larger than the {limit} bytes that are left to it")
-        self._remaining -= len(data)
+            raise _NotAllowedError(f"{_quoted(path.name)} is larger than the {limit} bytes that are left to it")
+        self._remaining_bytes -= len(data)
         if stamp is not None:
             self.stamps.append(stamp)
         return data
 
 
 def _is_file(path: Path) -> bool:
-    """Return True for a file. Unlike ``Path.is_file``, invalid names are False, too."""
+    """Return True for an existing file. For an invalid name, the result is False; ``Path.is_file`` raises an error."""
     return os.path.isfile(path)  # noqa: PTH113 - see the docstring
 
 
 def _stamp(path: str) -> _Stamp | None:
     """Return the stamp of a file; None if it does not exist."""
     try:
-        status = os.stat(path)  # noqa: PTH116 - a string is what is kept
+        status = os.stat(path)  # noqa: PTH116 - a stamp holds a string
     except (OSError, ValueError):
         return None
     return path, status.st_mtime_ns, status.st_size
 
 
 def _nbytes(parts: tuple[Part, ...]) -> int:
-    """Return the approximate size of all parts, shared shapes counted once."""
+    """Return the approximate size of all parts in bytes; shared shapes are counted once."""
     shapes = {id(part.shape): part.shape for part in parts}
     total = 1024 * len(parts)
     for shape in shapes.values():

@@ -1,4 +1,4 @@
-"""Parse mesh files of all formats: OBJ, STL, PLY and COLLADA by trimesh, glTF by ``gateway.gltf``."""
+"""Parses mesh files: OBJ, STL, PLY and COLLADA with trimesh, glTF with ``gateway.gltf``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae"}
 """File name extensions that can be read."""
 
 Resolve = Callable[[str], bytes]
-"""Return the bytes of a file beside the mesh file; raises OSError or ValueError."""
+"""Function that returns the bytes of a file that a mesh file refers to; raises OSError or ValueError."""
 
 
 class MeshFormatError(ValueError):
@@ -34,18 +34,19 @@ class MeshFormatError(ValueError):
 def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
     """Return the parts of a mesh file, in metres and Z up.
 
-    glTF is Y-up by its specification unless Drake wrote it; COLLADA states its unit and its up axis. The other formats
-    state neither and are read as they are. A file without materials is white, so that a colour can be applied.
-    Textures that cannot be decoded are left out.
+    glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
+    axis. Files of the other formats state neither; they are taken as metres and Z up. A file without materials is
+    white, so that callers can apply a colour. Textures that cannot be decoded are left out.
 
     Args:
         data: The file.
         extension: One of ``FORMATS``.
-        resolve: Returns materials and textures; those that it refuses are left out.
-        limits: Limits of glTF; those of vertices, elements and pixels hold for all formats.
+        resolve: Returns the files of materials and textures; those for which it raises an error are left out.
+        limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
 
     Raises:
-        MeshFormatError: Not of that format, without geometry, or beyond a limit.
+        MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.
+        GltfError: The glTF document cannot be read.
     """
     if extension in _GLTF_FORMATS:
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
@@ -69,14 +70,14 @@ def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[P
 
 
 def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
-    # Importing trimesh takes 0.3 s, and many gateways never open a mesh file.
-    import trimesh
+    """Return a ``trimesh.Scene``; raise ``MeshFormatError`` if trimesh cannot read the file."""
+    import trimesh  # here, because it takes 0.3 s, and many gateways never open a mesh file
 
     class Resolver(trimesh.resolvers.Resolver):
-        """Gives trimesh the allowed files only."""
+        """Lets trimesh read files only by ``resolve``."""
 
         def __init__(self) -> None:
-            """No state."""
+            """Replaces the base class's, which takes a folder."""
 
         def get(self, name: str) -> bytes:
             return resolve(str(name))
@@ -100,40 +101,45 @@ def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
 
 
 def _collada_axes(data: bytes) -> Matrix:
-    """Return the transform to metres and Z up from the document's unit and up axis (COLLADA 1.4, 5-19)."""
+    """Return the transform from the unit and up axis of a COLLADA document (1.4, 5-19) to metres and Z up."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise MeshFormatError("COLLADA documents with a DOCTYPE, or not in UTF-8, are refused")
-    start = data[: 1 << 16].decode("utf-8", "replace")
-    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", start)
-    axis = re.search(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>", start)
+    header = data[: 1 << 16].decode("utf-8", "replace")
+    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", header)
+    up_axis = re.search(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>", header)
     try:
-        metres = float(unit[1]) if unit else 1.0
+        metres_per_unit = float(unit[1]) if unit else 1.0
     except ValueError:
-        metres = 1.0
-    if not 1e-9 < metres < 1e9:
-        raise MeshFormatError(f"its unit of {metres:g} m is out of range")
-    rotation = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[axis[1] if axis else "Y"]
-    return rotation @ scaling(metres, metres, metres)
+        metres_per_unit = 1.0
+    if not 1e-9 < metres_per_unit < 1e9:
+        raise MeshFormatError(f"its unit of {metres_per_unit:g} m is out of range")
+    rotation = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[up_axis[1] if up_axis else "Y"]
+    return rotation @ scaling(metres_per_unit, metres_per_unit, metres_per_unit)
 
 
 _X_UP_TO_Z_UP: Final[Matrix] = np.array(
     ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-"""From COLLADA's X_UP (right -Y, up +X, inward +Z) to right +X, up +Z, inward +Y."""
+"""Rotation from COLLADA's X_UP axes to Z up: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y."""
 
 
 def _parts_of_scene(scene: Any, X_part_file: Matrix, limits: GltfLimits) -> list[Part]:
-    """Return a part for each instance of a geometry in a trimesh scene."""
+    """Return a part for each instance of a geometry in a trimesh scene.
+
+    Args:
+        X_part_file: Transform from the file's axes and unit to the part's frame.
+    """
     parts: list[Part] = []
     shapes: dict[str, tuple[Shape, Material] | None] = {}
-    vertices = elements = 0
+    """Shapes by the name of their geometry; None for those that draw nothing."""
+    vertex_count = element_count = 0
     for frame in scene.graph.nodes_geometry:
         X, name = scene.graph[frame]
         if name not in shapes:
             geometry = scene.geometry[name]
-            vertices += len(getattr(geometry, "vertices", ()))
-            elements += len(getattr(geometry, "faces", ()))
-            if vertices > limits.max_vertices or elements > limits.max_elements:
+            vertex_count += len(getattr(geometry, "vertices", ()))
+            element_count += len(getattr(geometry, "faces", ()))
+            if vertex_count > limits.max_vertices or element_count > limits.max_elements:
                 raise MeshFormatError(
                     f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles"
                 )
@@ -159,7 +165,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
             return None
         return PointCloud(positions, {} if colors is None else {"rgb": colors}), _DEFAULT_MATERIAL
     if colors is not None:
-        colors = linear_colors_from_srgb(colors)  # files have sRGB, meshes linear colours
+        colors = linear_colors_from_srgb(colors)  # the files have sRGB colours, a Mesh has linear ones
     if faces.min() < 0 or faces.max() >= len(positions):
         raise MeshFormatError(f"a face refers to vertex {int(faces.max())} of {len(positions)}")
     triangles = np.ascontiguousarray(faces, dtype=np.uint32)
@@ -168,10 +174,10 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
         triangles = np.ascontiguousarray(triangles[finite[triangles].all(axis=1)])
         positions[~finite] = 0.0
     uv, material = _material_of(geometry, len(positions), limits)
-    # trimesh computes missing normals in its property; only the cache tells if the file has any.
+    # trimesh's property computes missing normals. Its cache has only the normals of the file.
     file_normals = geometry._cache.cache.get("vertex_normals")
     if file_normals is None or len(file_normals) != len(positions):
-        from gateway.scene.crease_normals import with_creases  # the import compiles or loads kernels
+        from gateway.scene.crease_normals import with_creases  # here, because it loads kernels
 
         return Surface(with_creases(positions, triangles, uv=uv, colors=colors)), material
     with np.errstate(all="ignore"):
@@ -184,20 +190,24 @@ _DEFAULT_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=Tr
 """White, diffuse and double-sided, as Director draws meshes without a material."""
 
 
-def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
-    """Return sRGB colours, (N, 4) float32 in 0 .. 1; None where there are none."""
+def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.float32] | None:
+    """Return the sRGB colours of vertices or points, (vertex_count, 4) float32 in 0 .. 1; None if there are none."""
     visual = getattr(geometry, "visual", None)
     if visual is None or getattr(visual, "kind", None) != "vertex":
         colors = getattr(geometry, "colors", None)
     else:
         colors = visual.vertex_colors
-    if colors is None or np.shape(colors) != (count, 4):
+    if colors is None or np.shape(colors) != (vertex_count, 4):
         return None
     return np.ascontiguousarray(np.asarray(colors, dtype=np.float32) / 255.0)
 
 
-def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
-    """Return texture coordinates (origin at the top left, unlike in these files) and the material."""
+def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
+    """Return texture coordinates (vertex_count, 2) and the material.
+
+    The texture coordinates start at the image's top left corner, as in glTF; those in the files at its bottom left.
+    None if the material has no texture.
+    """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
         return None, _diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
@@ -206,7 +216,7 @@ def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray
         return None, _DEFAULT_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
-    if coordinates is not None and np.shape(coordinates) == (count, 2) and np.isfinite(coordinates).all():
+    if coordinates is not None and np.shape(coordinates) == (vertex_count, 2) and np.isfinite(coordinates).all():
         uv = np.array(coordinates, dtype=np.float32)
         uv[:, 1] = 1.0 - uv[:, 1]
     texture = getattr(file_material, "baseColorTexture", None) or getattr(file_material, "image", None)
@@ -220,7 +230,7 @@ def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:
-    """Return the opacity from an MTL file's ``d``, or from its ``Tr``, which is 1 - opacity."""
+    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1."""
     for key in ("d", "tr"):
         try:
             value = float(statements[key][-1])
@@ -233,7 +243,8 @@ def _mtl_opacity(statements: dict[str, Any]) -> float:
 def _diffuse_material(color: NDArray[np.float64], image: Image | None) -> Material:
     """Return a diffuse material.
 
-    An image replaces the colour except its opacity, as in VTK and Drake: files often have a black Kd with a texture.
+    If there is an image, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
+    black diffuse colour (Kd).
 
     Args:
         color: (4,) float64, sRGB and opacity in 0 .. 1.
@@ -251,7 +262,7 @@ def _diffuse_material(color: NDArray[np.float64], image: Image | None) -> Materi
 
 
 def _image_of(image: Any, limits: GltfLimits) -> Image | None:
-    """Return the image of trimesh's lazily opened Pillow image, from the bytes that the resolver returned."""
+    """Return the image file behind a Pillow image that trimesh opened, not decoded; None if there is no file."""
     stream = getattr(image, "fp", None)
     if not isinstance(stream, io.BytesIO):
         return None

@@ -1,4 +1,4 @@
-"""Find ROS packages below given folders, for names such as ``package://name/path``."""
+"""Finds the folders of ROS packages, for file names such as ``package://name/path``."""
 
 from __future__ import annotations
 
@@ -15,26 +15,31 @@ MAX_FOLDERS: Final = 20_000
 MAX_DEPTH: Final = 8
 """Maximum depth of a package below a root."""
 RESCAN_SECONDS: Final = 10.0
-"""Minimum time between two searches for unknown names, which clients choose."""
+"""Minimum time between two searches, since clients can send any number of unknown names."""
 _MAX_MANIFEST_BYTES: Final = 1 << 16
+"""Number of bytes of a ``package.xml`` that are searched for the package's name."""
 _NAME: Final = re.compile(rb"<name>\s*([^<\s]{1,256})\s*</name>")
-_SKIPPED: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__pycache__"})
+_SKIPPED_FOLDERS: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__pycache__"})
 
 
 class Packages:
-    """Folders by package name, found by their ``package.xml``. Of several, the first one counts. Thread-safe."""
+    """Folders by package name, found by their ``package.xml``. Thread-safe.
+
+    If several packages have the same name, the first one found is used.
+    """
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
         """
         Args:
-            roots: Resolved folders. Links are not followed, so that the search stays below them.
+            roots: Folders to search, with symbolic links resolved. The search follows no links, so it stays below them.
+            clock: Returns the time in seconds.
         """
         self._roots = roots
         self._clock = clock
         self._lock = threading.Lock()
         self._folders: dict[str, Path] = {}
         self._last_scan: float | None = None
-        """Time on the clock; None before the first search."""
+        """Time of the last search; None before the first one."""
 
     def folder(self, name: str) -> Path | None:
         """Return the folder of a package; None if there is none."""
@@ -47,7 +52,10 @@ class Packages:
             return folder
 
     def scan(self) -> dict[str, Path]:
-        """Search the roots, at most ``MAX_FOLDERS`` folders. Packages inside packages are not found."""
+        """Search the roots; return the folders by package name.
+
+        At most ``MAX_FOLDERS`` folders are searched. Packages inside other packages are not found.
+        """
         folders: dict[str, Path] = {}
         remaining = MAX_FOLDERS
         for root in self._roots:
@@ -63,7 +71,7 @@ class Packages:
                     subfolders.clear()
                 elif len(Path(folder).parts) - root_depth >= MAX_DEPTH:
                     subfolders.clear()
-                subfolders[:] = sorted(name for name in subfolders if name not in _SKIPPED)
+                subfolders[:] = sorted(name for name in subfolders if name not in _SKIPPED_FOLDERS)
         return folders
 
 

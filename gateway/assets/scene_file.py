@@ -1,4 +1,4 @@
-"""Read glTF files that the operator names, rotated to Z up. They may refer to files in their own folder."""
+"""Reads glTF files that the operator names, and rotates them to Z up. They may refer to files in their own folder."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class SceneFileError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneFile:
-    """A scene in Z up and metres."""
+    """A scene with Z up, in metres."""
 
     root: Node
-    """Committed tree."""
+    """Root of the tree, which does not change any more."""
     cameras: tuple[GltfCamera, ...]
     """The file's cameras, in the Z-up world."""
     warnings: tuple[str, ...]
@@ -41,19 +41,19 @@ class SceneFile:
 
 
 class FolderFiles:
-    """A scene file and the files that it refers to, below its folder after symbolic links are resolved."""
+    """Reads a scene file and the files that it refers to, which must be below its folder (links resolved)."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.resolve()
         self.digests: dict[str, str] = {}
-        """SHA-256 in hexadecimal of the files read so far, by path relative to the folder; the scene file is first."""
+        """SHA-256 in hexadecimal of each file read so far, by path relative to the folder; the scene file is first."""
 
     def read_scene(self) -> bytes:
         """Return the bytes of the scene file; raises OSError."""
         return self._read(self._path)
 
-    def __call__(self, uri: str) -> bytes:
-        """Return the bytes of a relative URI; raises GltfError."""
+    def resolve(self, uri: str) -> bytes:
+        """Return the bytes of a file that the scene file refers to by a relative URI; raises GltfError."""
         target = (self._path.parent / uri).resolve()
         if not target.is_relative_to(self._path.parent):
             raise GltfError(f"{uri} lies outside of the scene's folder")
@@ -75,14 +75,15 @@ def read_scene_file(
 
     Args:
         up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
-        files: Reads ``path`` and the files that it refers to, for callers that need their digests.
+        limits: None: ``GltfLimits()``.
+        files: Reads ``path`` and the files that it refers to, for callers that need their digests; None: a new one.
 
     Raises:
-        SceneFileError: Not readable, not glTF, or beyond a limit.
+        SceneFileError: The file is not readable, not glTF, or beyond a limit.
     """
     files = files or FolderFiles(path)
     try:
-        scene = read_gltf(files.read_scene(), resolve=files, limits=limits or GltfLimits())
+        scene = read_gltf(files.read_scene(), resolve=files.resolve, limits=limits or GltfLimits())
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:

@@ -87,7 +87,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("LCM logs", "gateway.lcm.event_log", ("MAX_DATA_BYTES",)),
     ("LCM logs that are played", "gateway.lcm.replay", ("MAX_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
-    ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_DISTANCE",)),
+    ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_COORDINATE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS",)),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),

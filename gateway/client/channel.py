@@ -54,14 +54,14 @@ class Credentials:
 
 
 def read_token(path: Path) -> str:
-    """Return the first token of a file with one token per line; empty lines and lines with ``#`` are ignored.
+    """Return the first token of a file with one token per line, without empty lines and those that begin with ``#``.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: it has no token.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
-        for line in file:
-            if line.strip() and not line.startswith("#"):
-                return line.strip()
+        for line in map(str.strip, file):
+            if line and not line.startswith("#"):
+                return line
     raise ValueError(f"the token file {path} has no token")

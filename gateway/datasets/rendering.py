@@ -13,10 +13,10 @@ from gateway.client.manifest import ImageType, Settings
 from gateway.datasets.scenes import LoadedScene
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
-from gateway.render.depth import millimetres
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline, posted_document
 from renderers.camera import Camera
+from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
@@ -118,7 +118,7 @@ def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
         assert frame.label is not None
         return png_label(frame.label)
     assert frame.depth is not None
-    return png_gray16(millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
+    return png_gray16(depth_in_millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
 
 
 class RequestRenderer:

@@ -99,7 +99,7 @@ def _load_gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 
 def _load_mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     suffix = Path(source.path).suffix[1:].lower()
-    parts = parse_mesh(files.read_scene(), suffix, files, MESH_LIMITS)
+    parts = parse_mesh(files.read_scene(), suffix, files.resolve, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
     draw_list, labels = _flatten_numbered(root)
     return LoadedScene(root, draw_list, None, "studio", None, _describe(source, files, labels))
@@ -152,7 +152,9 @@ class _MeshFileReader:
         self._files = files
 
     def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
-        parts = parse_mesh(self._files(filename), Path(filename).suffix[1:].lower(), self._files, MESH_LIMITS)
+        parts = parse_mesh(
+            self._files.resolve(filename), Path(filename).suffix[1:].lower(), self._files.resolve, MESH_LIMITS
+        )
         X = scaling(*scale)
         return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 

@@ -15,6 +15,7 @@ class Kind(Enum):
     GLTF = "glTF"
     MESH = "mesh file"
     TREE = "request of a tree viewer client"
+    """A request of Director's remote tree viewer protocol, as JSON."""
     REQUEST = "recorded render request"
 
 
@@ -64,7 +65,7 @@ def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
             first = by_name.setdefault(source.name, source)
             if first.path != source.path:
                 raise SourceError(
-                    f"{first.path} and {source.path} would both be called {source.name}; name the folder above both"
+                    f"{first.path} and {source.path} would both be called {source.name}; pass the folder above them"
                 )
     return tuple(by_name[name] for name in sorted(by_name))
 

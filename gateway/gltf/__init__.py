@@ -1,8 +1,8 @@
-"""glTF 2.0 documents (``.gltf`` with embedded or resolved data, ``.glb``) as scenes, and scenes as ``.glb`` files.
+"""Reads glTF 2.0 documents (``.gltf`` and ``.glb``) as scenes, and writes scenes as ``.glb`` files.
 
-``read_gltf`` (``reader``) is the entry point; its module lists the steps. It never decodes an image, never follows a
-URI on its own, and refuses documents beyond ``GltfLimits``. Equal contents become equal objects, across documents
-through a shared ``GltfCache``. ``export.export_glb`` writes a tree.
+``read_gltf`` is the entry point; its module ``reader`` lists the steps. The reader decodes no images, opens no files by
+itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``GltfCache`` share one ``Mesh`` or
+``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
 """
 
 from gateway.gltf.buffers import Resolver

@@ -1,4 +1,4 @@
-"""Accessors: typed arrays over buffer views, checked against their buffers before anything is allocated."""
+"""Accessors: typed arrays in buffer views. Their size is checked against the buffer before memory is allocated."""
 
 from __future__ import annotations
 
@@ -26,24 +26,30 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
     5126: np.dtype("<f4"),
     5130: np.dtype("<f8"),  # KHR_accessor_float64
 }
+"""Data types by ``componentType``."""
 COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+"""Number of components by ``type``; matrices are not read."""
 _MAX_STRIDE: Final = 252
-"""Maximum ``byteStride``, by the specification."""
+"""Maximum ``byteStride`` in bytes, by the specification."""
 _pack_key: Final = Struct("<B32s3qc??").pack
 _NO_BUFFER: Final = bytes(32)
+"""Digest in the key of an accessor without a buffer."""
 
 
 class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
-    """An accessor whose bytes lie within its buffer."""
+    """An accessor after validation: all of its values lie within its buffer."""
 
     name: str
     """``accessors[3]`` or ``accessors[3].sparse.indices``, for messages."""
     dtype: np.dtype[Any]
     components: int
+    """Number of components of a value, 1 .. 4."""
     normalized: bool
+    """True if integers stand for 0 .. 1 or -1 .. 1."""
     count: int
+    """Number of values."""
     buffer: Buffer | None
-    """None: all values are zero."""
+    """None: all values are zero, except those of the sparse part."""
     offset: int
     """Bytes from the start of the buffer."""
     stride: int
@@ -53,9 +59,10 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def key(self) -> bytes:
-        """Identifies the content: equal keys mean equal values.
+        """Identifies the content: accessors with equal keys have equal values.
 
-        A key's own bytes tell its length, so that joined keys are equal only if each of them is.
+        A key's first part says whether a sparse part follows. No key is therefore the start of another key, and a
+        concatenation of keys identifies all of them.
         """
         key = _pack_key(
             self.components,  # never 0, unlike the key of an absent accessor
@@ -70,19 +77,19 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
         return key if self.sparse is None else key + self.sparse[0].key + self.sparse[1].key
 
     def values(self, begin: int = 0, end: int | None = None) -> Array:
-        """Return the values from ``begin`` to ``end`` as stored.
+        """Return the values from ``begin`` to before ``end`` (None: to the last) as stored.
 
         Returns:
-            (end - begin, components) of ``dtype``: a view of the buffer, or a copy where there is a sparse part.
+            (end - begin, components) of ``dtype``: a view of the buffer, or a copy if there is a sparse part.
         """
         end = self.count if end is None else end
         shape = (end - begin, self.components)
         if self.buffer is None:
             array: Array = np.zeros(shape, self.dtype)
         else:
-            first = self.offset + begin * self.stride if end > begin else 0
+            offset = self.offset + begin * self.stride if end > begin else 0
             strides = (self.stride, self.dtype.itemsize)
-            array = np.ndarray(shape, self.dtype, self.buffer.data, first, strides)
+            array = np.ndarray(shape, self.dtype, self.buffer.data, offset, strides)
         if self.sparse is None:
             return array
         indices, values = self.sparse[0].values()[:, 0], self.sparse[1].values()
@@ -92,7 +99,7 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
         return array
 
     def floats(self, begin: int = 0, end: int | None = None) -> NDArray[np.float32]:
-        """Return a copy of the values as float32, normalized integers as numbers in 0 .. 1 or -1 .. 1.
+        """Return a copy of ``values`` as float32; normalized integers become numbers in 0 .. 1 or -1 .. 1.
 
         Returns:
             (end - begin, components) float32, C-contiguous.
@@ -117,11 +124,13 @@ class Accessors:
     ) -> None:
         """
         Args:
-            merged: True for documents merged by Drake's client, which does not adapt the indices of sparse parts.
+            warnings: Warnings are appended to this list.
+            merged: True for a document that Drake's client merged from several files. It does not adapt the indices of
+                sparse parts, so invalid sparse parts are ignored with a warning.
         """
         self._sources = document.accessors
         self._buffers = buffers
-        self._max_count = max(limits.max_vertices, limits.max_elements) * 3
+        self._max_count = max(limits.max_vertices, limits.max_elements) * 3  # a triangle has three indices
         self._warnings = warnings
         self._merged = merged
         self._accessors: dict[int, Accessor] = {}
@@ -158,7 +167,13 @@ class Accessors:
     def _locate(
         self, name: str, view_index: int | None, byte_offset: int | None, size: int, count: int
     ) -> tuple[Buffer | None, int, int]:
-        """Return buffer, offset and stride of ``count`` values of ``size`` bytes; no buffer without a buffer view."""
+        """Return the buffer, and the offset and the stride in bytes, of ``count`` values of ``size`` bytes each.
+
+        Args:
+            name: The accessor, for messages.
+            view_index: Index of the buffer view; None: the result has no buffer.
+            byte_offset: Offset in bytes within the buffer view; None: 0.
+        """
         if view_index is None:
             return None, 0, 0
         view = self._buffers.view(view_index, f"{name}.bufferView")

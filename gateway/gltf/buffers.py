@@ -18,11 +18,14 @@ from gateway.gltf.schema import Document
 from renderers.stop import check_stop
 
 Resolver = Callable[[str], bytes]
-"""Return the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
+"""Function that returns the bytes of a file, given its relative URI (percent-decoded).
+
+It must not read files outside the document's folder.
+"""
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _MAX_HEADER_BYTES: Final = 1024
-"""Bytes of a data URI that are searched for the comma before its data."""
+"""Maximum number of bytes of a data URI up to the comma before its data."""
 _SPACE_AND_PADDING: Final = re.compile(rb"[\s=]+")
 _STANDARD_FROM_URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
@@ -36,12 +39,15 @@ class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 
 class BufferView(msgspec.Struct, frozen=True, gc=False, eq=False):
-    """A part of a buffer, checked against its length."""
+    """A part of a buffer after validation: it lies within the buffer."""
 
     buffer: Buffer
     offset: int
+    """Bytes from the start of the buffer."""
     length: int
+    """Bytes."""
     stride: int | None
+    """``byteStride``, bytes from one value to the next; None: values are packed."""
 
 
 class Buffers:
@@ -55,18 +61,21 @@ class Buffers:
         self._resolve = resolve
         self._buffers: dict[int, Buffer] = {}
         self._nbytes = 0
+        """Bytes counted towards ``max_buffer_bytes``."""
 
     def view(self, index: int, path: str) -> BufferView:
         """Return ``bufferViews[index]``, to which the property ``path`` refers.
 
         Raises:
-            GltfError: Out of range, beyond its buffer, or the buffer cannot be read.
+            GltfError: The index is out of range, the view is beyond its buffer, or the buffer cannot be read.
         """
         source = checked_item(self._views, index, "bufferViews", path)
         name = f"bufferViews[{index}]"
         if source.buffer is None:
-            compressed = [e for e in source.extensions or () if e.endswith("_meshopt_compression")]
-            raise GltfError(f"{name}: {compressed[0]} is not supported" if compressed else f"{name}.buffer: missing")
+            compressions = [key for key in source.extensions or () if key.endswith("_meshopt_compression")]
+            if compressions:
+                raise GltfError(f"{name}: {compressions[0]} is not supported")
+            raise GltfError(f"{name}.buffer: missing")
         buffer = self._buffer(source.buffer, f"{name}.buffer")
         offset, length = source.byte_offset or 0, source.byte_length
         if length is None:
@@ -100,8 +109,8 @@ class Buffers:
         """Return the bytes of a data URI or, through the resolver, of a file.
 
         Args:
-            json_uri: A URI from the JSON: itself, or the placeholder of a data URI.
-            path: Property that holds it, for the message.
+            json_uri: String from the JSON: a URI, or a placeholder in ``Container.data_uris``.
+            path: Property that holds the string, for messages.
         """
         check_stop()
         uri = self._container.data_uris.get(json_uri, json_uri)
@@ -113,7 +122,7 @@ class Buffers:
         except ValueError:
             pass
         try:
-            # A URI that a placeholder replaced may have escapes ("\/").
+            # A URI in Container.data_uris may have JSON escapes such as "\/".
             unescaped = uri if isinstance(uri, str) else msgspec.json.decode(b'"%b"' % bytes(uri), type=str)
             return _hashed(decode_data_uri(unescaped))
         except (ValueError, msgspec.MsgspecError) as error:
@@ -121,6 +130,9 @@ class Buffers:
 
     def count_bytes(self, nbytes: int, path: str) -> None:
         """Count bytes towards ``max_buffer_bytes`` before they are allocated.
+
+        Args:
+            path: Property that refers to the bytes, for messages.
 
         Raises:
             GltfError: The limit is exceeded.
@@ -148,23 +160,23 @@ def _hashed(data: bytes | memoryview) -> Buffer:
 
 
 def decode_data_uri(uri: str | memoryview) -> bytes:
-    """Return the bytes of ``data:[mime][;parameter]...[;base64],text``. The mime type is ignored: Drake's is wrong.
+    """Return the data of ``data:[mime][;parameter]...[;base64],text``. The MIME type is ignored: Drake's is wrong.
 
     Raises:
         ValueError: There is no comma, or the text is not base64.
     """
-    start = uri[:_MAX_HEADER_BYTES] if isinstance(uri, str) else bytes(uri[:_MAX_HEADER_BYTES]).decode("latin-1")
-    header, comma, _ = start.partition(",")
+    beginning = uri[:_MAX_HEADER_BYTES] if isinstance(uri, str) else bytes(uri[:_MAX_HEADER_BYTES]).decode("latin-1")
+    header, comma, _ = beginning.partition(",")
     if not comma:
         raise ValueError(f"there is no comma within its first {_MAX_HEADER_BYTES} bytes")
     text = uri[len(header) + 1 :]
     if not header.rstrip().lower().endswith(";base64"):
         return unquote_to_bytes(text if isinstance(text, str) else bytes(text))
     try:
-        return pybase64.b64decode(text, None, True)  # keyword arguments take as long as decoding a small buffer
+        return pybase64.b64decode(text, None, True)  # positional: keyword arguments double the time for a small buffer
     except ValueError:
         pass
-    # Line breaks, missing padding and the URL alphabet are sloppy, but unambiguous.
-    raw = unquote_to_bytes(text if isinstance(text, str) else bytes(text))
-    cleaned = _SPACE_AND_PADDING.sub(b"", raw).translate(_STANDARD_FROM_URL_ALPHABET)
+    # Line breaks, missing padding and the URL alphabet violate the specification, but are unambiguous.
+    unquoted = unquote_to_bytes(text if isinstance(text, str) else bytes(text))
+    cleaned = _SPACE_AND_PADDING.sub(b"", unquoted).translate(_STANDARD_FROM_URL_ALPHABET)
     return pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), validate=True)

@@ -1,4 +1,4 @@
-"""Cameras of the scene's nodes."""
+"""Cameras of a glTF document, placed by the nodes that refer to them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
 _SCALE_TOLERANCE: Final = 1e-12
-"""Deviation of an axis' length from 1 that is rounding, not scale."""
+"""Maximum deviation of an axis' length from 1 that counts as rounding instead of scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GltfCamera:
-    """A camera of a node."""
+    """A camera, with the pose of the node that refers to it."""
 
     index: int
     """Index in the document's ``cameras``."""
     name: str
-    """Name of the camera, else of its node."""
+    """Name of the camera; the name of its node if the camera has none."""
     X_world_camera: Matrix
-    """(4, 4) float64: pose of the optical frame (+Z forward, +X right, +Y down) in the document's world."""
+    """(4, 4) float64: pose of the optical frame (+Z forward, +X right, +Y down) in the document's world frame."""
     yfov: float | None
     """Vertical field of view, radians; None for an orthographic camera."""
     znear: float
-    """Metres; 0 where it is absent."""
+    """Distance of the near plane, metres; 0 if it is absent."""
     zfar: float | None
-    """Metres; None for an infinite projection."""
+    """Distance of the far plane, metres; None for an infinite projection."""
     aspect: float | None
     """Width / height; None for the aspect of the viewport."""
 
@@ -45,19 +45,19 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
         GltfError: A node refers to a camera that does not exist.
     """
     cameras = []
-    for position, node in enumerate(nodes.sources):
+    for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        source = checked_item(sources, node.camera, "cameras", f"nodes[{nodes.indices[position]}].camera")
+        source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
         perspective = source.perspective
-        lens = perspective or source.orthographic
+        projection = perspective or source.orthographic
         camera = GltfCamera(
             index=node.camera,
             name=source.name or node.name or "",
-            X_world_camera=_optical_pose(nodes.X_world_node[position]),
+            X_world_camera=_optical_pose(X_world_node),
             yfov=None if perspective is None else perspective.yfov,
-            znear=0.0 if lens is None or lens.znear is None else lens.znear,
-            zfar=None if lens is None else lens.zfar,
+            znear=0.0 if projection is None or projection.znear is None else projection.znear,
+            zfar=None if projection is None else projection.zfar,
             aspect=None if perspective is None else perspective.aspect_ratio,
         )
         cameras.append(camera)
@@ -65,14 +65,14 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
 
 
 def _optical_pose(X_world_node: Matrix) -> Matrix:
-    """Return the pose of the optical frame of a camera's node, without scale, which cameras ignore (glTF 2.0, 3.10.2).
+    """Return the pose of the optical frame of a camera whose node has the pose ``X_world_node``.
 
-    A glTF camera looks along -Z with +Y up.
+    A glTF camera looks along -Z with +Y up. The scale of its node does not affect it (glTF 2.0, 3.10.2).
     """
     pose = X_world_node.copy()
     lengths = [math.sqrt(x * x + y * y + z * z) for x, y, z in pose[:3, :3].T.tolist()]
     scaled = any(abs(length - 1.0) > _SCALE_TOLERANCE for length in lengths)
     if scaled and all(0.0 < length < math.inf for length in lengths):
         pose[:3, :3] /= lengths
-    pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # not -x: no negative zeros
+    pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # negation would make negative zeros
     return pose

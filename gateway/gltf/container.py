@@ -1,4 +1,4 @@
-"""First step of reading: split a ``.glb`` or ``.gltf`` file into JSON text without embedded data, and the data."""
+"""First step of reading: split a ``.glb`` or ``.gltf`` file into its JSON text and its embedded binary data."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ _MAGIC: Final = b"glTF"
 _JSON_CHUNK: Final = 0x4E4F534A
 _BIN_CHUNK: Final = 0x004E4942
 _DATA_URI: Final = re.compile(rb'"uri"\s*:\s*"(?=data:)')
-"""The text before a data URI. A match with a backslash before it is inside a string, and ignored."""
+"""Text before a data URI. A match after a backslash lies inside a JSON string and is ignored."""
 _MIN_URI_BYTES: Final = 1024
-"""Shorter data URIs stay in the JSON: parsing them costs less than taking them out."""
+"""Minimum size of a data URI that is taken out of the JSON. Parsing a shorter one costs less than taking it out."""
 _PLACEHOLDER: Final = "\0data {}"
-"""String that replaces a data URI in the JSON. No URI of a valid document starts with this character."""
+"""Format of the strings that replace data URIs in the JSON. No URI of a valid document starts with ``\\0``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Container:
-    """The parts of a file. Its memory views refer to the file's bytes."""
+    """The parts of a file. The memory views refer to the file's bytes."""
 
     json: bytes
     """The JSON text, with placeholders for its long data URIs."""
     data_uris: dict[str, memoryview]
-    """Data URIs by placeholder, as written in the file: escapes such as ``\\/`` are not decoded."""
+    """Data URIs by placeholder, as written in the file: JSON escapes such as ``\\/`` are not decoded."""
     binary_chunk: memoryview | None
-    """Data of a ``.glb``."""
+    """Binary chunk of a ``.glb``; None if there is none."""
 
 
 def open_container(data: bytes | bytearray | memoryview) -> Container:
     """Split a file into its JSON text and its binary data.
 
     Raises:
-        GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is neither form of glTF.
+        GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is not glTF.
     """
     file = memoryview(data).cast("B")
     magic = bytes(file[:4])
@@ -52,7 +52,7 @@ def open_container(data: bytes | bytearray | memoryview) -> Container:
 
 
 def _glb_chunks(file: memoryview) -> tuple[memoryview, memoryview | None]:
-    """Return the JSON chunk and the first binary chunk, or None without one (GLB 2.0: glTF 2.0, section 4.4)."""
+    """Return the JSON chunk of a ``.glb`` (glTF 2.0, section 4.4), and the first binary chunk or None."""
     if len(file) < 20:
         raise GltfError(f"GLB: {len(file)} bytes are too few for a header and a chunk")
     version, length = struct.unpack_from("<II", file, 4)
@@ -84,10 +84,10 @@ def _glb_chunks(file: memoryview) -> tuple[memoryview, memoryview | None]:
 
 
 def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview]]:
-    """Return the JSON text with placeholders for its long data URIs, and these URIs.
+    """Return the JSON text with placeholders for its long data URIs, and the URIs by placeholder.
 
-    Parsing megabytes of base64 as JSON strings costs more than decoding them. A URI ends at the next quote; one with an
-    escaped quote stays in the JSON.
+    Parsing megabytes of base64 as a JSON string takes longer than decoding the base64. A URI ends at the next quote; a
+    URI with an escaped quote stays in the JSON.
     """
     view = memoryview(text)
     pieces: list[memoryview | bytes] = []
@@ -99,8 +99,8 @@ def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memory
         end = text.find(b'"', begin)
         if end < 0:
             break
-        escaped = ord("\\") in (text[match.start() - 1], text[end - 1])
-        if end - begin >= _MIN_URI_BYTES and not escaped:
+        has_escape = ord("\\") in (text[match.start() - 1], text[end - 1])
+        if end - begin >= _MIN_URI_BYTES and not has_escape:
             placeholder = _PLACEHOLDER.format(len(data_uris))
             data_uris[placeholder] = view[begin:end]
             pieces += view[copied_until:begin], placeholder.replace("\0", "\\u0000").encode()

@@ -1,8 +1,8 @@
-"""Cache of document contents, so that a document that differs from an earlier one in its nodes only is read quickly.
+"""Cache of everything in a document but its nodes, for documents that differ from earlier ones only in their nodes.
 
 Drake's client sends the whole scene with every image, with the members of the JSON document sorted by name. While a
-robot moves, the text before the member ``nodes`` (accessors, buffers, materials, meshes: nearly all of it) stays the
-same. The cache finds its content by the SHA-256 of that text; only the text from ``nodes`` on is parsed again.
+robot moves, the text before the member ``nodes`` (accessors, buffers, materials, meshes: nearly the whole document)
+stays the same. The SHA-256 of that text is the key; only the text from ``nodes`` on is parsed again.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from gateway.scene.geometry import Part
 from renderers.cache import Cache
 
 MIN_BYTES: Final = 4096
-"""Shorter texts before the nodes are not kept: parsing them costs no more than hashing."""
+"""Minimum size of the text before the nodes. Parsing a shorter text costs no more than hashing it."""
 _NODES: Final = b'"nodes"'
 _DATA_URI: Final = b'"data:'
 _LIST_OF_OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
-"""Value of the document's member ``nodes``; members of that name inside scenes are lists of numbers."""
+"""Start of the value of the document's member ``nodes``. The ``nodes`` of a scene are a list of numbers instead."""
 _MAX_CANDIDATES: Final = 64
-"""Maximum number of occurrences of ``"nodes"`` that are tried, from the end: scenes and extras may have it, too."""
+"""Maximum number of occurrences of ``"nodes"`` that are tried, last one first: scenes and extras may have some."""
 _CHANGING_MEMBERS: Final = frozenset({"nodes", "scene", "scenes"})
 """Members of the document that are parsed again."""
 
@@ -50,7 +50,7 @@ class HashedDocument:
         """
         self.data: Final = data
         self.nodes_offset: Final = _nodes_offset(data)
-        """Offset of the member ``nodes``; 0 if the text cannot be split there (``_nodes_offset``)."""
+        """Offset in bytes of the member ``nodes``; 0 if the cache cannot be used for this document."""
         with memoryview(data) as view:
             self._prefix_hash = hashlib.sha256(view[: self.nodes_offset])
         self.prefix_digest: Final = self._prefix_hash.digest()
@@ -59,10 +59,10 @@ class HashedDocument:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all bytes, 64 hexadecimal digits. The bytes before the nodes are not hashed again."""
-        whole = self._prefix_hash.copy()
+        sha256 = self._prefix_hash.copy()
         with memoryview(self.data) as view:
-            whole.update(view[self.nodes_offset :])
-        return whole.hexdigest()
+            sha256.update(view[self.nodes_offset :])
+        return sha256.hexdigest()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,46 +74,56 @@ class DocumentContent:
     cameras: list[schema.Camera | None]
     lights: list[schema.Light | None]
     parts: Mapping[int, tuple[Part, ...]]
-    """Primitives by mesh index, for the meshes in use in the order of their first use."""
+    """Primitives by mesh index. Only the meshes in use are here, in the order of their first use."""
     element_counts: Mapping[int, int]
     """Number of triangles, lines and points by mesh index."""
-    morphed_meshes: int
-    """Number of meshes with weights of their own."""
+    morphed_mesh_count: int
+    """Number of meshes with ``weights`` that are not all zero."""
     warnings: tuple[str, ...]
-
+    """Sentences about properties that were ignored or repaired."""
     mesh_bytes: int
     """Size of the meshes' arrays, each mesh counted once."""
 
 
 _Key: TypeAlias = tuple[bytes, GltfLimits, bool]
 """``HashedDocument.prefix_digest``, limits, and True if textures are read."""
-_UnchangedMembers: TypeAlias = dict[str, bytes]
-"""JSON text by name of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Entry:
+    """A cached document, without its nodes and scenes."""
+
+    content: DocumentContent
+    prefix_json_bytes: int
+    """Size of the JSON text before ``nodes``, without long data URIs, for ``max_json_bytes``."""
+    prefix_value_count: int
+    """Number of values in that text, for ``max_json_values``."""
+    suffix_members: dict[str, bytes]
+    """JSON text, by name, of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
 
 
 class DocumentCache:
     """Contents of documents by the digest of the text before their nodes. Thread-safe; bounded in bytes."""
 
     def __init__(self, max_bytes: int) -> None:
-        self.cache: Final[Cache[_Key, tuple[_UnchangedMembers, DocumentContent]]] = Cache(max_bytes)
+        self.cache: Final[Cache[_Key, _Entry]] = Cache(max_bytes)
 
     def find(
         self, document: HashedDocument, limits: GltfLimits, textures: bool
     ) -> tuple[DocumentContent, schema.Document] | None:
-        """Return the content of a document, and its nodes and scenes; None when it must be read as a whole.
+        """Return the content of a document, and its nodes and scenes; None if the whole document must be read.
 
         Args:
             textures: True if textures are read, as for ``read_gltf``.
         """
         if document.nodes_offset == 0:
             return None
-        cached = self.cache.get((document.prefix_digest, limits, textures))
-        if cached is None:
+        entry = self.cache.get((document.prefix_digest, limits, textures))
+        if entry is None:
             return None
-        unchanged, content = cached
         with memoryview(document.data) as view:
-            nodes_and_scenes = _parse_from_nodes(bytes(view[document.nodes_offset :]), unchanged, limits)
-        return None if nodes_and_scenes is None else (content, nodes_and_scenes)
+            nodes_and_scenes = _parse_suffix(bytes(view[document.nodes_offset :]), entry, limits)
+        return None if nodes_and_scenes is None else (entry.content, nodes_and_scenes)
 
     def add(
         self,
@@ -126,19 +136,19 @@ class DocumentCache:
         """Keep the content of a document, if its text can be split before its nodes.
 
         Args:
-            container: The document, opened.
+            container: Result of ``open_container`` for the document.
         """
-        unchanged = _unchanged_members(document, container)
-        if unchanged is not None:
-            nbytes = content.mesh_bytes + len(document.data)  # an upper limit for images, which are kept encoded
-            self.cache.put((document.prefix_digest, limits, textures), (unchanged, content), nbytes)
+        entry = _new_entry(document, container, content)
+        if entry is not None:
+            nbytes = content.mesh_bytes + len(document.data)  # the file's size bounds that of its images, kept encoded
+            self.cache.put((document.prefix_digest, limits, textures), entry, nbytes)
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:
     """Return the offset of the last ``"nodes"`` followed by a list of objects.
 
-    The result is 0 where there is none, where data URIs follow, and for a ``.glb``. A match is a candidate: it may be
-    inside another member, which ``_unchanged_members`` finds out.
+    The result is 0 if there is none, if a data URI follows, and for a ``.glb``. The match may lie inside another
+    member, which ``_new_entry`` finds out.
     """
     if text.startswith(b"glTF"):
         return 0
@@ -152,43 +162,49 @@ def _nodes_offset(text: bytes | bytearray) -> int:
     return 0
 
 
-def _unchanged_members(document: HashedDocument, container: Container) -> _UnchangedMembers | None:
-    """Return the members after the nodes that must not change; None if the text cannot be split before the nodes.
+def _new_entry(document: HashedDocument, container: Container, content: DocumentContent) -> _Entry | None:
+    """Return the entry for a document; None if its text cannot be split before its nodes.
 
-    Both halves must be JSON objects, which proves that ``nodes`` is a member of the outermost object. Scenes before the
-    nodes would be kept with the content, so such a text is not split.
+    With a brace added, the text before and the text after the split must be JSON objects. This proves that ``nodes`` is
+    a member of the outermost object. Scenes before the nodes would become part of the cached content, so a text with
+    such scenes is not split.
     """
     if document.nodes_offset == 0:
         return None
     text = container.json
-    split = len(text) - (len(document.data) - document.nodes_offset)  # there are no placeholders after the nodes
+    split = len(text) - (len(document.data) - document.nodes_offset)  # the data URIs that it lacks are before the nodes
     before = text[:split].rstrip()
     if not before.endswith(b","):
         return None
     try:
-        members_before = _members_decoder.decode(before[:-1] + b"}")
-        members_after = _members_decoder.decode(b"{" + text[split:])
+        prefix_members = _members_decoder.decode(before[:-1] + b"}")
+        suffix_members = _members_decoder.decode(b"{" + text[split:])
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
-    return _without_nodes_and_scenes(members_after) if _CHANGING_MEMBERS.isdisjoint(members_before) else None
+    if not _CHANGING_MEMBERS.isdisjoint(prefix_members):
+        return None
+    return _Entry(content, split, count_values(text[:split]), _without_nodes_and_scenes(suffix_members))
 
 
-def _without_nodes_and_scenes(members: dict[str, msgspec.Raw]) -> _UnchangedMembers:
+def _without_nodes_and_scenes(members: dict[str, msgspec.Raw]) -> dict[str, bytes]:
     return {name: bytes(value) for name, value in members.items() if name not in _CHANGING_MEMBERS}
 
 
-def _parse_from_nodes(text: bytes, unchanged: _UnchangedMembers, limits: GltfLimits) -> schema.Document | None:
-    """Return a document of nodes and scenes only; None if the document must be read as a whole.
+def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Document | None:
+    """Return a document of nodes and scenes only; None if the whole document must be read, or is beyond a limit.
 
     Args:
         text: JSON text from the name of the member ``nodes`` to the end.
-        unchanged: Required values of the other members.
     """
-    if len(text) > limits.max_json_bytes or count_values(text, limits) > limits.max_json_values:
+    json_bytes = entry.prefix_json_bytes + len(text)
+    if json_bytes > limits.max_json_bytes:
+        return None
+    # A value takes at least one byte, so the values of a short text need not be counted.
+    if json_bytes > limits.max_json_values and entry.prefix_value_count + count_values(text) > limits.max_json_values:
         return None
     try:
         members = _members_decoder.decode(b"{" + text)
-        if _without_nodes_and_scenes(members) != unchanged:
+        if _without_nodes_and_scenes(members) != entry.suffix_members:
             return None
         return schema.Document(
             nodes=_nodes_decoder.decode(members["nodes"]),

@@ -1,4 +1,4 @@
-"""Extensions of glTF that the reader supports, and those that it may ignore."""
+"""Extensions of glTF that the reader supports or ignores; a document that requires any other one is an error."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ SUPPORTED: Final = frozenset(
     }
 )
 IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
-"""Extensions with other images: the PNG or JPEG beside them is used, or the WebP where there is none."""
+"""Extensions that offer another image for a texture.
+
+The texture's own image (PNG or JPEG) is used instead. A texture without one takes the image of EXT_texture_webp.
+"""
 IGNORED: Final = frozenset(
     {
         "KHR_materials_clearcoat",
@@ -34,8 +37,9 @@ IGNORED: Final = frozenset(
         "KHR_accessor_float64",
     }
 )
-"""Extensions that change the look only, or nothing: a document that requires them is rendered without them."""
-_MAX_MESSAGE: Final = 500
+"""Extensions that at most change the look: a document that requires them is rendered without them."""
+_MAX_LISTED_CHARACTERS: Final = 500
+"""Maximum number of characters of extension names in a message."""
 
 
 def check_extensions(document: Document, warnings: list[str]) -> None:
@@ -47,8 +51,8 @@ def check_extensions(document: Document, warnings: list[str]) -> None:
     required = {name for name in document.extensions_required or () if name}
     unknown = sorted(required - SUPPORTED - IMAGE_FORMATS - IGNORED)
     if unknown:
-        raise GltfError(f"extensionsRequired: {', '.join(unknown)[:_MAX_MESSAGE]} cannot be read")
+        raise GltfError(f"extensionsRequired: {', '.join(unknown)[:_MAX_LISTED_CHARACTERS]} cannot be read")
     used = {name for name in document.extensions_used or () if name}
     ignored = sorted(used - SUPPORTED - IMAGE_FORMATS)
     if ignored:
-        warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_MESSAGE]} ignored")
+        warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")

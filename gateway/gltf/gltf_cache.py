@@ -1,7 +1,7 @@
 """Cache of the reader: equal bytes become the same ``Mesh`` and ``Image`` objects in all documents.
 
-Drake's client sends the whole scene with every image. Known bytes are not decoded again, and a renderer, which prepares
-each ``Mesh`` and ``Image`` object once, has nothing to prepare.
+Drake's client sends the whole scene with every image. Bytes that were decoded before are not decoded again. A renderer,
+which prepares each ``Mesh`` and ``Image`` object only once, has nothing to prepare again either.
 """
 
 from __future__ import annotations
@@ -13,34 +13,37 @@ from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 
 IMAGE_BYTES: Final = 256
-"""Size of an ``Image`` besides its encoded data."""
+"""Approximate size of an ``Image`` besides its encoded data."""
 
 
 MeshKey: TypeAlias = bytes
-"""Mode, and ``Accessor.key`` of the indices and of each attribute: SHA-256 digests of the buffers, and their layout."""
+"""The content of a primitive: its mode, and ``Accessor.key`` of its indices and of each attribute."""
 
 
 class ImageKey(NamedTuple):
-    """The content of an encoded image."""
+    """The content of an encoded image, and the limit with which it is decoded."""
 
     digest: bytes
-    """SHA-256 of the buffer."""
+    """SHA-256 of the buffer that holds the image."""
     offset: int
+    """Bytes from the start of the buffer."""
     length: int
+    """Bytes."""
     max_pixels: int
+    """``GltfLimits.max_image_pixels``."""
 
 
 ContentKey: TypeAlias = MeshKey | ImageKey
 
 
 class GltfCache:
-    """Whole documents by the text before their nodes, and meshes and images by their bytes. Thread-safe."""
+    """Document contents by the text before their nodes, and meshes and images by their bytes. Thread-safe."""
 
     def __init__(self, max_bytes: int = 512 << 20, max_document_bytes: int | None = None) -> None:
         """
         Args:
-            max_bytes: Size of everything that is kept. The default is enough for ten scenes of 25 MB.
-            max_document_bytes: Part of it for document contents; None: half.
+            max_bytes: Maximum size of the whole cache. The default is enough for ten scenes of 25 MB.
+            max_document_bytes: Part of ``max_bytes`` for document contents; None: half.
         """
         document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
         self.documents: Final = DocumentCache(document_bytes)

@@ -1,7 +1,7 @@
 """KHR_lights_punctual: the document's lights, placed by the nodes that refer to them.
 
-Unusable lights are warnings, not errors: only some looks use lights, and where Drake's client merges several files, it
-does not adapt their references to lights.
+An invalid light is left out with a warning, because only some looks use lights, and because Drake's client does not
+adapt the references to lights when it merges several files.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EXTENSION: Final = "KHR_lights_punctual"
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
-    """Return the lights in the document's extensions."""
+    """Return the document's lights; none, with a warning, if their JSON is invalid."""
     raw = extension_json(document.extensions, EXTENSION)
     if raw is None:
         return []
@@ -41,12 +41,12 @@ def place_lights(
 
     Args:
         sources: Result of ``read_lights``.
-        limit: Maximum number of lights; the remaining ones are left out with a warning.
+        limit: Maximum number of lights; further lights are left out with a warning.
     """
     lights: list[Light] = []
     if not sources:
         return ()
-    for position, (index, node) in enumerate(zip(nodes.indices, nodes.sources, strict=True)):
+    for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         raw = extension_json(node.extensions, EXTENSION)
         if raw is None:
             continue
@@ -57,13 +57,21 @@ def place_lights(
         try:
             light = msgspec.json.decode(raw, type=schema.LightReference).light
             source = checked_item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
-            lights.append(_light(source, f"lights[{light}]", nodes.X_world_node[position]))
+            lights.append(_light(source, f"lights[{light}]", X_world_node))
         except (msgspec.MsgspecError, GltfError) as error:
             warnings.append(f"{error}: the light is left out")
     return tuple(lights)
 
 
 def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
+    """Return a light at the pose of its node.
+
+    Args:
+        name: ``lights[2]``, for messages.
+
+    Raises:
+        GltfError: A property is invalid, or the node's transform has no direction.
+    """
     try:
         kind = LightKind(source.type)
     except ValueError:

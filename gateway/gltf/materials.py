@@ -50,7 +50,7 @@ class Materials:
         self._from_drake = document.from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
-        """By index, and whether VTK's exporter may have written the primitive."""
+        """By index in the document, and True if VTK's exporter may have written the primitive."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive, or ``DEFAULT_MATERIAL``.
@@ -59,12 +59,12 @@ class Materials:
             name: ``meshes[2].primitives[0]``, for messages.
 
         Raises:
-            GltfError: Out of range, a factor that is not a vector, or images beyond the limits.
+            GltfError: An index is out of range, a factor is invalid, or images are beyond the limits.
         """
         index = primitive.material
         if index is None:
             return DEFAULT_MATERIAL
-        # Materials of other exporters may look like VTK's, but VTK never writes normals or vertex colours.
+        # Other exporters may write the same properties as VTK's, but VTK's never writes normals or vertex colours.
         may_be_vtk = self._from_drake and _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ())
         material = self._materials.get((index, may_be_vtk))
         if material is None:
@@ -130,7 +130,7 @@ class Materials:
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.
 
-        The glossiness in the alpha of its texture is not read.
+        The alpha channel of the texture, which holds the glossiness of each texel, is not read.
         """
         r, g, b = finite_vector_or_default(source.specular_factor, (1.0, 1.0, 1.0), f"{name}.specularFactor")
         reflectance = _DIELECTRIC_REFLECTANCE
@@ -160,13 +160,13 @@ def _looks_written_by_vtk(source: schema.Material) -> bool:
     return pbr == schema.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)
 
 
-def _parsed_extension(source: schema.Material, extension_name: str, kind: type[_Extension], name: str) -> _Extension:
-    """Parse a material's extension; all fields are null if it is absent."""
+def _parsed_extension(source: schema.Material, extension_name: str, type_: type[_Extension], name: str) -> _Extension:
+    """Return a material's extension as a ``type_``; all of its fields are None if the extension is absent."""
     raw = extension_json(source.extensions, extension_name)
     if raw is None:
-        return kind()
+        return type_()
     try:
-        return msgspec.json.decode(raw, type=kind)
+        return msgspec.json.decode(raw, type=type_)
     except msgspec.MsgspecError as error:
         raise GltfError(f"{name}.extensions.{extension_name}: {error}") from error
 
@@ -193,6 +193,6 @@ def _factor(value: float | None, path: str) -> float:
 
 
 def _ior(value: float | None, path: str) -> float:
-    """Return an index of refraction of at least 1, or 0, which has a meaning of its own (KHR_materials_ior)."""
+    """Return an index of refraction, at least 1. The value 0 is kept: KHR_materials_ior gives it a special meaning."""
     ior = _finite_or_default(value, 1.5, path)
     return ior if ior == 0.0 else max(1.0, ior)

@@ -1,4 +1,4 @@
-"""Primitives as ``Mesh`` objects; primitives of equal content share one object."""
+"""Reads primitives as ``Mesh`` objects; primitives of equal content share one object."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 from renderers.stop import check_stop
 
-_COMPONENTS: Final = {
+_COMPONENT_COUNTS: Final = {
     "POSITION": (3,),
     "NORMAL": (3,),
     "TANGENT": (4,),
@@ -42,14 +42,14 @@ _CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
     "COLOR_0": ("colors", rgba_colors),
     "TANGENT": ("tangents", unit_tangents),
 }
-"""Fields of ``Mesh`` and the functions that bring an attribute into their form."""
+"""By attribute: the field of ``Mesh``, and the function that converts the attribute to the form of that field."""
 _DRACO: Final = "KHR_draco_mesh_compression"
 _RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
-"""Primitive restart values, which glTF forbids, by the number of bytes of an index."""
+"""Primitive restart value, which glTF forbids as an index, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
-"""Size of a vertex with all attributes."""
+"""Bytes of a vertex with all attributes."""
 _ELEMENT_BYTES: Final = 12
-"""Size of the indices of a triangle."""
+"""Bytes of the indices of a triangle."""
 
 
 class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -58,14 +58,15 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     name: str
     """For messages, such as ``meshes[2].primitives[0]``."""
     mode: int
+    """``primitive.mode``, 0 .. 6."""
     position: Accessor
     indices: Accessor | None
     attributes: dict[str, Accessor]
-    """POSITION and the other attributes of ``_COMPONENTS`` that can be used."""
+    """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENT_COUNTS`` that can be used."""
 
     @property
     def key(self) -> MeshKey:
-        accessors = (self.indices, *map(self.attributes.get, _COMPONENTS))
+        accessors = (self.indices, *map(self.attributes.get, _COMPONENT_COUNTS))
         return bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
 
 
@@ -86,16 +87,16 @@ class Meshes:
         self._meshes: dict[MeshKey, Mesh | None] = {}
         self._vertex_count = self._element_count = 0
         self._max_nbytes = 0
-        """Size of all meshes if their vertices had all attributes; counted before they are read."""
+        """Upper limit of ``nbytes``, as if all vertices had all attributes. Known before the meshes are read."""
         self.nbytes = 0
-        """Size of all meshes, each counted once."""
+        """Bytes of all meshes, each counted once."""
         self.first_without_positions = ""
-        """Name of the first primitive without POSITION."""
+        """Name of the first primitive without POSITION; empty if there is none."""
         self.any_positions = False
-        """True once a primitive had a POSITION."""
+        """True if any primitive so far has a POSITION."""
 
     def read(self, primitive: Primitive, name: str) -> Mesh | None:
-        """Return the mesh of a primitive; None when it draws nothing.
+        """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
             name: ``meshes[2].primitives[0]``, for messages.
@@ -129,7 +130,7 @@ class Meshes:
         return mesh
 
     def _check(self, primitive: Primitive, name: str) -> _CheckedPrimitive | None:
-        """Check a primitive's references; None when it has no positions."""
+        """Check a primitive's references to accessors; return None if it has no positions."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
             raise GltfError(f"{name}.mode: {mode} is not between 0 and {MODE_COUNT - 1}")
@@ -147,11 +148,11 @@ class Meshes:
             raise GltfError(f"{name}: {_DRACO} is not supported")
         attributes = {"POSITION": position}
         for attribute, index in references.items():
-            if index is None or attribute not in _COMPONENTS or attribute == "POSITION":
+            if index is None or attribute not in _COMPONENT_COUNTS or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
             accessor = self._accessors.get(index, path)
-            if accessor.components not in _COMPONENTS[attribute]:
+            if accessor.components not in _COMPONENT_COUNTS[attribute]:
                 self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
                 self._warnings.append(f"{path}: {accessor.count} values for {position.count} vertices, ignored")
@@ -164,12 +165,16 @@ class Meshes:
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         return _CheckedPrimitive(name, mode, position, indices, attributes)
 
-    def _count(self, vertices: int, elements: int, name: str) -> None:
-        """Count vertices and elements towards the limits before they are allocated."""
+    def _count(self, new_vertices: int, new_elements: int, name: str) -> None:
+        """Count vertices and elements towards the limits before they are allocated.
+
+        Raises:
+            GltfError: A limit is exceeded.
+        """
         limits = self._limits
-        self._vertex_count += vertices
-        self._element_count += elements
-        self._max_nbytes += _VERTEX_BYTES * vertices + _ELEMENT_BYTES * elements
+        self._vertex_count += new_vertices
+        self._element_count += new_elements
+        self._max_nbytes += _VERTEX_BYTES * new_vertices + _ELEMENT_BYTES * new_elements
         if self._vertex_count > limits.max_vertices:
             raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
         if self._element_count > limits.max_elements:
@@ -178,7 +183,7 @@ class Meshes:
             raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
     def _read_new(self, checked: _CheckedPrimitive) -> Mesh | None:
-        """Read a mesh from its accessors; None if it has no complete element, or none with finite positions."""
+        """Read a mesh from its accessors; return None if it has no complete element with finite positions."""
         begin, end = 0, checked.position.count
         count = element_count(checked.mode, end if checked.indices is None else checked.indices.count)
         if count == 0:
@@ -187,11 +192,11 @@ class Meshes:
             self._count(end, count, checked.name)
             elements = elements_of(checked.mode, np.arange(end, dtype=np.uint32))
         else:
-            self._count(0, count, checked.name)  # before the indices are searched
+            self._count(0, count, checked.name)  # before the time for _index_range is spent
             indices = checked.indices.values()[:, 0]
             min_index, max_index = _index_range(checked, checked.indices, indices)
             if 2 * (max_index + 1 - min_index) <= end:
-                # Exporters let primitives share one big vertex buffer: keep only the range that this one uses.
+                # Some exporters share one big vertex buffer among primitives: keep only the range in use.
                 begin, end = min_index, max_index + 1
             self._count(end - begin, 0, checked.name)
             elements = elements_of(checked.mode, indices)
@@ -202,10 +207,10 @@ class Meshes:
     def _with_attributes(
         self, checked: _CheckedPrimitive, elements: NDArray[np.uint32], begin: int, end: int
     ) -> Mesh | None:
-        """Read the attributes of the vertices from ``begin`` to ``end``. A mesh's arrays are read-only.
+        """Read the attributes of the vertices from ``begin`` to before ``end``. The mesh's arrays are read-only.
 
         Args:
-            elements: (M, 1 | 2 | 3) uint32, indices from ``begin`` on.
+            elements: (M, 1 | 2 | 3) uint32, vertex indices minus ``begin``.
         """
         positions = checked.position.floats(begin, end)
         if not np.isfinite(positions).all():
@@ -230,7 +235,10 @@ class Meshes:
 
 
 def _normals(stored: Floats | None, positions: Floats, elements: NDArray[np.uint32]) -> Floats | None:
-    """Return stored normals at unit length; computed ones for triangles without, and in place of invalid ones."""
+    """Return the normals of a mesh at unit length; None for points and lines without stored normals.
+
+    Computed normals replace those that are not stored or invalid.
+    """
     are_triangles = elements.shape[1] == 3
     if stored is None:
         return vertex_normals(positions, elements) if are_triangles else None

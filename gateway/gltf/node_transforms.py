@@ -1,4 +1,4 @@
-"""Local and world matrices of all nodes, by NumPy calls on arrays of nodes: one call a node takes ten times as long."""
+"""Local and world matrices of nodes. All nodes share the NumPy calls: calls for each node take ten times as long."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from numpy.typing import NDArray
 from gateway.gltf import schema
 from gateway.gltf.errors import GltfError
 from gateway.gltf.parser import finite_vector_or_default
-from gateway.scene.transforms import IDENTITY, Matrix, affine_product, from_poses
+from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 
 _AFFINE_TOLERANCE: Final = 1e-6
 """Maximum deviation of a matrix's last row from (0, 0, 0, 1)."""
-_TRANSLATION: Final = (0.0, 0.0, 0.0)
-_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
-_SCALE: Final = (1.0, 1.0, 1.0)
+_DEFAULT_TRANSLATION: Final = (0.0, 0.0, 0.0)
+_DEFAULT_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion (x, y, z, w), as in glTF."""
+_DEFAULT_SCALE: Final = (1.0, 1.0, 1.0)
 
 
-def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
+def local_matrices(nodes: list[schema.Node], indices: list[int]) -> NDArray[np.float64]:
     """Return X_parent_node of each node.
 
     Args:
         indices: Indices of the nodes in the document, for messages.
 
     Returns:
-        (N, 4, 4) float64, their last rows exactly (0, 0, 0, 1).
+        (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).
 
     Raises:
-        GltfError: A property of the wrong length, not finite, or a matrix that is not affine.
+        GltfError: A property has the wrong length or is not finite, or a matrix is not affine.
     """
     X = np.empty((len(nodes), 4, 4))
     X[:] = IDENTITY
@@ -40,8 +41,8 @@ def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
         if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
     ]
     if with_matrix:
-        columns = _property_rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
-        matrices = columns.reshape(-1, 4, 4).transpose(0, 2, 1)
+        column_major = _property_rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
+        matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
         affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
         if not affine.all():
             bad = int(np.argmin(affine))
@@ -49,9 +50,9 @@ def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
             raise GltfError(f"{name}: not affine, its last row is {matrices[bad, 3].tolist()}")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
-        translations = _property_rows(nodes, indices, with_trs, "translation", _TRANSLATION)
-        rotations = _property_rows(nodes, indices, with_trs, "rotation", _ROTATION)
-        scales = _property_rows(nodes, indices, with_trs, "scale", _SCALE)
+        translations = _property_rows(nodes, indices, with_trs, "translation", _DEFAULT_TRANSLATION)
+        rotations = _property_rows(nodes, indices, with_trs, "rotation", _DEFAULT_ROTATION)
+        scales = _property_rows(nodes, indices, with_trs, "scale", _DEFAULT_SCALE)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
         poses[:, :3, :3] *= scales[:, None, :]
         X[with_trs] = poses
@@ -64,8 +65,10 @@ def _property_rows(
     """Return a property of the selected nodes as (len(selected), len(default)) float64.
 
     Args:
-        selected: Positions in ``nodes``.
-        default: Replaces null.
+        indices: Indices of the nodes in the document, for messages.
+        selected: Positions of the selected nodes in ``nodes``.
+        name: Name of the property, for instance ``translation``.
+        default: Value of nodes without the property.
     """
     values: list[Any] = [getattr(nodes[i], name) for i in selected]
     values = [default if value is None else value for value in values]
@@ -79,12 +82,14 @@ def _property_rows(
     return rows
 
 
-def world_matrices(X_parent_node: Matrix, parents: list[int], levels: list[list[int]]) -> Matrix:
-    """Return X_world_node of each node, the product of the matrices from its root down.
+def world_matrices(
+    X_parent_node: NDArray[np.float64], parents: list[int], levels: list[list[int]]
+) -> NDArray[np.float64]:
+    """Return X_world_node of each node: the product of the matrices from its root to the node.
 
     Args:
         parents: Position of each node's parent; -1 for roots.
-        levels: Positions of the nodes of each depth, roots first.
+        levels: For each depth, roots first: the positions of its nodes.
 
     Returns:
         (N, 4, 4) float64; not finite where a product overflows.

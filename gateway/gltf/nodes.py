@@ -1,4 +1,4 @@
-"""The nodes of a document's scene: traversal without recursion, world matrices, and the tree of named nodes."""
+"""Nodes of a document's scene: their order, their local and world matrices, and the scene tree made from them."""
 
 from __future__ import annotations
 
@@ -24,30 +24,31 @@ NodeParts: TypeAlias = list[tuple[Part, ...] | None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneNodes:
-    """The nodes of the scene, parents before children. All lists are parallel."""
+    """The nodes of the scene, parents before children. Entry i of each list and array belongs to the same node."""
 
     indices: list[int]
-    """Indices in the document."""
+    """Indices of the nodes in the document."""
     sources: list[schema.Node]
+    """The nodes as parsed."""
     parents: list[int]
     """Positions of the parents in these lists; -1 for the roots of the scene."""
     meshes: list[int | None]
-    """Indices of the nodes' meshes in the document."""
+    """Indices of the nodes' meshes in the document; None for nodes without a mesh."""
     X_parent_node: NDArray[np.float64]
-    """(N, 4, 4)."""
+    """(N, 4, 4), poses in the frame of the parent."""
     X_world_node: NDArray[np.float64]
-    """(N, 4, 4)."""
+    """(N, 4, 4), poses in the document's world frame."""
 
     def first_node_by_mesh(self) -> dict[int, int]:
-        """Return the meshes in use in the order of their first use: index of the mesh to index of its first node."""
-        nodes: dict[int, int] = {}
+        """Return the first node of each mesh in use: node indices by mesh index, in the order of the nodes."""
+        node_of_mesh: dict[int, int] = {}
         for node, mesh in zip(self.indices, self.meshes, strict=True):
             if mesh is not None:
-                nodes.setdefault(mesh, node)
-        return nodes
+                node_of_mesh.setdefault(mesh, node)
+        return node_of_mesh
 
     def tree(self, parts: NodeParts) -> tree.Node:
-        """Return a committed tree whose children are the roots of the scene.
+        """Return a committed tree: a root without parts, whose children are the roots of the scene.
 
         Args:
             parts: Parts of each node.
@@ -55,7 +56,7 @@ class SceneNodes:
         names = self._names()
         not_identity = (self.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
         matrices = [X if differs else IDENTITY for X, differs in zip(self.X_parent_node, not_identity, strict=True)]
-        # Children by the position of their parent, last child first; parent -1, the scene, is the last entry.
+        # children[p] has the children of the node at position p, last child first; children[-1] has the roots.
         children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(names) + 1)]
         for position in range(len(names) - 1, -1, -1):
             ordered = dict(reversed(children[position].items()))
@@ -75,14 +76,15 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
     """Return the nodes of the document's default scene.
 
     Raises:
-        GltfError: Cycles, several parents, references out of range, matrices that are not affine, or a limit.
+        GltfError: A node has several parents or is part of a cycle, a reference is out of range, a matrix is not
+            affine, or a limit is exceeded.
     """
     nodes = document.nodes or []
     roots, roots_path = _roots(document)
     indices: list[int] = []
     sources: list[schema.Node] = []
     parents: list[int] = []
-    levels: list[list[int]] = []  # positions by depth
+    levels: list[list[int]] = []  # positions of the nodes of each depth
     visited: set[int] = set()
     stack: list[tuple[Iterator[int | None], int]] = [(iter(roots), -1)]  # remaining children, position of their parent
     while stack:
@@ -119,9 +121,10 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
 
 
 def _roots(document: schema.Document) -> tuple[list[int | None], str]:
-    """Return the root nodes, and the name of the property that lists them, for messages.
+    """Return the indices of the root nodes, and the name of the property that lists them, for messages.
 
-    These are the nodes of the default or the first scene; without scenes, all nodes that are not children.
+    The roots are those of the default scene, or else of the first one. In a document without scenes, all nodes without
+    a parent are roots.
     """
     if document.scenes:
         index = document.scene or 0
@@ -139,8 +142,8 @@ def _unique(name: str, last_numbers: dict[str, int]) -> str:
     """Return ``name``, or the first of ``name#2``, ``name#3`` ... that no sibling has.
 
     Args:
-        last_numbers: The last number tried, by name of a sibling: with 100,000 equal names, trying all numbers for each
-            would take minutes.
+        last_numbers: The last number tried, by the names of the siblings; the result is added. With 100,000 equal
+            names, trying all numbers for each name would take minutes.
     """
     candidate, number = name, last_numbers.get(name, 1)
     while candidate in last_numbers:

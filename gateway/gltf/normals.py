@@ -1,4 +1,4 @@
-"""Vertex normals: computed for primitives without, and scaled to unit length."""
+"""Vertex normals: computed for primitives without stored normals, and scaled to unit length."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ _ROWS_PER_STOP_CHECK: Final = 1 << 18
 _KERNEL_STEPS_PER_STOP_CHECK: Final = 1 << 16
 """Triangles or vertices that the kernel processes between two checks of the ``StopFlag``."""
 _UNIT_TOLERANCE: Final = 1e-3
-"""Maximum deviation of a given normal's length from 1 that is left as it is."""
+"""Maximum deviation of a vector's length from 1 at which the vector is left as it is."""
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return normals like RenderEngineVtk's: cross products, hence weighted by area, summed per vertex *index*.
+    """Return vertex normals as RenderEngineVtk computes them.
 
-    Vertices at the same position stay separate, so boxes of 24 vertices stay flat.
+    A vertex normal is the sum of the cross products of the vertex's triangles, so large triangles have more weight.
+    Vertices with different indices at the same position are separate: a box of 24 vertices keeps flat faces.
 
     Args:
         positions: (N, 3) float32, finite, C-contiguous.
         triangles: (M, 3) uint32, C-contiguous, every value < N (not checked).
 
     Returns:
-        (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
+        (N, 3) float32, unit length; (0, 0, 1) for vertices without a triangle of positive area.
     """
     wait_until_compiled("formats")
     normals, sums = np.empty(positions.shape, np.float32), np.zeros(positions.shape, np.float64)
@@ -54,8 +55,8 @@ def _write_vertex_normals(positions_at, vertex_count, triangles_at, triangle_cou
 
     Args:
         positions_at, triangles_at: addresses of the arguments of ``vertex_normals``.
-        sums_at: address of (vertex_count, 3) zeroed float64 of scratch.
-        normals_at: address of the result.
+        sums_at: address of scratch memory: (vertex_count, 3) float64, zeros.
+        normals_at: address of the result, (vertex_count, 3) float32.
         stop_at: address of a ``StopFlag``; the result is incomplete once it is set.
     """
     positions, triangles = f32_at(positions_at), u32_at(triangles_at)
@@ -90,17 +91,17 @@ def _write_vertex_normals(positions_at, vertex_count, triangles_at, triangle_cou
 
 
 def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Scale rows to unit length, unless all of them have it within 0.1 %.
+    """Scale rows to unit length; return them as they are if all lengths are 1 within 0.1 %.
 
     Args:
         vectors: (N, 3) float32.
 
     Returns:
-        (N, 3) float32, and (N,) bool: True for rows without a direction (zero or not finite), which stay as they are.
+        (N, 3) float32, and (N,) bool: True for rows without a direction (zero or not finite), which are not scaled.
     """
     invalid = np.zeros(len(vectors), np.bool_)
-    step = _ROWS_PER_STOP_CHECK
-    blocks = [slice(begin, begin + step) for begin in range(0, len(vectors), step)]
+    block_size = _ROWS_PER_STOP_CHECK
+    blocks = [slice(begin, begin + block_size) for begin in range(0, len(vectors), block_size)]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         if all(_are_unit_length(vectors[block]) for block in blocks):
             return vectors, invalid

@@ -1,4 +1,4 @@
-"""JSON text to a ``schema.Document``, and helpers that read vectors and extensions from it."""
+"""Parses the JSON text of a document to a ``schema.Document``; helpers for its vectors and extensions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from gateway.gltf.schema import Document, Extensions
 from renderers.stop import check_stop
 
 _DECODER: Final = msgspec.json.Decoder(Document)
+_MAX_QUOTED_CHARACTERS: Final = 60
+"""Maximum number of characters of a JSON string in an error message."""
 
 
 def parse_document(text: bytes, limits: GltfLimits) -> Document:
     """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
 
     Raises:
-        GltfError: Not JSON, not a glTF 2 document, or beyond ``limits``.
+        GltfError: The text is not JSON, not a glTF 2 document, or beyond ``limits``.
     """
     if len(text) > limits.max_json_bytes:
         raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
-    if (value_count := count_values(text, limits)) > limits.max_json_values:
+    # A value takes at least one byte, so the values of a short text need not be counted.
+    if len(text) > limits.max_json_values and (value_count := count_values(text)) > limits.max_json_values:
         raise GltfError(
             f"the JSON text has about {value_count} values, more than max_json_values = {limits.max_json_values}"
         )
@@ -40,28 +43,32 @@ def parse_document(text: bytes, limits: GltfLimits) -> Document:
     return document
 
 
-def count_values(text: bytes, limits: GltfLimits) -> int:
-    """Return the approximate number of values in JSON ``text``; 0 for a text too short to exceed the limit."""
-    if len(text) <= limits.max_json_values:
-        return 0
+def count_values(text: bytes) -> int:
+    """Return the approximate number of values in JSON ``text``: its commas, opening braces and opening brackets."""
     return text.count(b",") + text.count(b"{") + text.count(b"[")
 
 
 def _parse_leniently(text: bytes) -> Document:
-    """Parse what some exporters write and msgspec refuses: NaN and Infinity (read as null), 3.0 for an integer."""
+    """Parse a document that some exporters write and msgspec rejects.
+
+    Such a document has NaN or Infinity, which are read as null, or whole numbers such as 3.0 for integers.
+    """
     try:
-        value = json.loads(text, parse_constant=lambda _: None, parse_float=_parse_number)
+        value = json.loads(text, parse_constant=lambda _: None, parse_float=_parse_float)
     except ValueError as error:
         raise GltfError(f"not JSON: {error}") from error
     if not isinstance(value, dict):
         raise GltfError(f"a glTF document is a JSON object, not {_json_type(value)}")
     try:
         return msgspec.json.decode(msgspec.json.encode(value), type=Document)
+    except UnicodeEncodeError as error:  # json.loads accepts an escape such as "\ud800" without its second half
+        surrogate, start = error.object[error.start], error.object[:_MAX_QUOTED_CHARACTERS]
+        raise GltfError(f"the JSON string {start!r} has an unpaired surrogate, {surrogate!r}") from error
     except (msgspec.MsgspecError, ValueError, OverflowError) as error:
         raise GltfError(_with_path_first(str(error))) from error
 
 
-def _parse_number(text: str) -> float | int | None:
+def _parse_float(text: str) -> float | int | None:
     """Return an integer for a whole number, and None for an overflow such as 1e999."""
     check_stop()
     value = float(text)
@@ -99,11 +106,11 @@ def finite_vector_or_default(values: list[float] | None, default: tuple[float, .
     """Return ``values`` as a tuple, or ``default`` for null.
 
     Args:
-        default: Its length is the required length of ``values``.
+        default: Default value. Its length is the required length of ``values``.
         path: Name of the property, for messages.
 
     Raises:
-        GltfError: Another length, or a value that is not finite.
+        GltfError: ``values`` has another length, or a number that is not finite.
     """
     if values is None:
         return default

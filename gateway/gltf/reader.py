@@ -1,11 +1,11 @@
 """Entry point of the reader: ``read_gltf`` turns the bytes of a glTF document into a scene, in four steps.
 
-1. Container and JSON: ``container``, ``parser`` (with the properties in ``schema``).
-2. Nodes of the scene with their matrices: ``nodes``.
-3. The meshes in use: ``buffers``, ``accessors``, ``meshes``; their ``materials`` and ``textures``.
-4. Cameras and lights of the nodes: ``cameras``, ``lights``.
+1. Split the file and parse its JSON: ``container``, ``parser`` (``schema`` declares the properties).
+2. Order the nodes of the scene and compute their matrices: ``nodes``.
+3. Read the meshes in use: ``buffers``, ``accessors``, ``meshes``; their ``materials`` and ``textures``.
+4. Place cameras and lights at their nodes: ``cameras``, ``lights``.
 
-Step 3 is skipped for documents that differ from an earlier one in their nodes only (``document_cache``).
+A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
 _MAX_WARNINGS: Final = 100
-"""Maximum number of warnings that are reported: a document with one fault often has it in every mesh."""
+"""Maximum number of warnings in a result: a document with one fault often has it in every mesh."""
 
 
 def read_gltf(
@@ -51,15 +51,15 @@ def read_gltf(
         data: The file. The result does not refer to these bytes.
         resolve: Returns the bytes of relative URIs; None: only data URIs are allowed.
         limits: None: ``GltfLimits()``.
-        cache: Makes equal meshes and images of several documents the same objects; None: within this document only.
-        textures: False leaves textures out, for images that need none.
+        cache: Cache shared with other documents; None: equal meshes and images are shared within this document only.
+        textures: False to leave textures out, for renderings that need none.
 
     Raises:
-        GltfError: The document cannot be read; a sentence that names the property, its value and the reason.
-        Exception: The error with which the current ``renderers.stop.StopFlag`` was set; no partial result is kept.
+        GltfError: The document cannot be read. The message names the property, its value and the reason.
+        Exception: The error with which the current ``renderers.stop.StopFlag`` was set. Nothing partial is cached.
     """
     limits = limits or _DEFAULT_LIMITS
-    hashed: HashedDocument | None = None  # for the document cache
+    hashed: HashedDocument | None = None  # None: the document cache is not used
     if isinstance(data, HashedDocument):
         hashed, data = data, data.data
     elif cache is not None and resolve is None:
@@ -94,7 +94,7 @@ def _read_content(
     *,
     textures: bool,
 ) -> DocumentContent:
-    """Read everything but the nodes: the meshes in use with their materials, cameras and lights."""
+    """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights."""
     warnings: list[str] = []
     check_extensions(document, warnings)
     lights = read_lights(document, warnings)
@@ -126,14 +126,14 @@ def _read_content(
         lights=lights,
         parts=parts,
         element_counts=element_counts,
-        morphed_meshes=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
+        morphed_mesh_count=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )
 
 
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
-    """Return the scene that nodes and content make together."""
+    """Return the scene of a document, given its content and its nodes."""
     warnings = [*content.warnings, *_deformation_warnings(content, nodes)]
     cameras = read_cameras(content.cameras, nodes)
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
@@ -144,7 +144,7 @@ def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) ->
 
 
 def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> tuple[NodeParts, int, int]:
-    """Return the parts of each node, and their numbers of primitives and of triangles, lines and points.
+    """Return the parts of each node, and two totals: the number of parts, and of their triangles, lines and points.
 
     Raises:
         GltfError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
@@ -168,11 +168,11 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
 
 
 def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
-    """Warn about skins and morph targets, which are not read: meshes are drawn as they are stored."""
+    """Return warnings about skins and morph targets, which are not read: meshes are drawn as they are stored."""
     warnings: list[str] = []
-    with_mesh = [node for node in nodes.sources if node.mesh is not None]
-    if skin_count := sum(1 for node in with_mesh if node.skin is not None):
+    mesh_nodes = [node for node in nodes.sources if node.mesh is not None]
+    if skin_count := sum(1 for node in mesh_nodes if node.skin is not None):
         warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")
-    if morph_count := content.morphed_meshes + sum(1 for node in with_mesh if node.weights and any(node.weights)):
+    if morph_count := content.morphed_mesh_count + sum(1 for node in mesh_nodes if node.weights and any(node.weights)):
         warnings.append(f"weights: morph targets are ignored, {morph_count} meshes are drawn as they are stored")
     return warnings

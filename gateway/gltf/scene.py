@@ -1,4 +1,4 @@
-"""Result of ``read_gltf``."""
+"""A scene read from a glTF document: the result of ``read_gltf``."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class GltfScene:
     """A scene read from a document."""
 
     content: DocumentContent
-    """Everything but the nodes; the same object for documents that differ in their nodes only."""
+    """Everything but the nodes. Documents that differ only in their nodes share this object."""
     nodes: SceneNodes
     parts: NodeParts
     """Primitives of each node."""
     cameras: tuple[GltfCamera, ...]
     """One for every node with a camera, parents first."""
     lights: tuple[Light, ...]
-    """KHR_lights_punctual, in the document's world."""
+    """Lights of KHR_lights_punctual, in the document's world frame."""
     instance_count: int
-    """Number of primitives of all nodes; 0 for a scene without geometry."""
+    """Number of primitives of all nodes, one for each use; 0 for a scene without geometry."""
     element_count: int
     """Number of triangles, lines and points of all instances."""
     warnings: tuple[str, ...]
@@ -51,10 +51,10 @@ class GltfScene:
 
     @property
     def camera(self) -> GltfCamera | None:
-        """The camera of a render request: that of the first node with camera 0.
+        """The camera of a render request: camera 0 of the document, at the first node that refers to it.
 
-        A document with cameras but without such a node has the identity pose. The result is None for a document
-        without cameras: Drake's client leaves the camera out if all of the scene's meshes are glTF files.
+        If the document has cameras but no such node, the camera has the identity pose of a glTF camera. The result is
+        None for a document without cameras: Drake's client writes none if all of the scene's meshes are glTF files.
         """
         for camera in self.cameras:
             if camera.index == 0:

@@ -10,18 +10,18 @@ from typing import Final, TypeAlias
 import msgspec
 
 Extensions: TypeAlias = dict[str, msgspec.Raw] | None
-"""JSON text of extensions by name, not parsed."""
+"""Extensions by name, each as JSON text that is not parsed yet."""
 
 
 DRAKE_MERGER: Final = "Drake glTF merger"
-"""``asset.generator`` of the documents from Drake's render client with glTF meshes."""
+"""``asset.generator`` of those documents from Drake's render client that have glTF meshes."""
 DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
-"""``asset.generator`` of all documents from Drake's render client: without and with glTF meshes."""
+"""``asset.generator`` of all documents from Drake's render client. Those without glTF meshes have ``VTK``."""
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
-    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec looks
-    for a name first after the field that it found last."""
+    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec is
+    fastest if the text has the order of the fields."""
 
 
 class Asset(_Object):
@@ -200,9 +200,9 @@ class Document(_Object):
 
     @property
     def from_old_drake(self) -> bool:
-        """True for documents from a Drake that numbers meshes (seen in 1.51.1), and does not name them (1.58.0)."""
-        first = self.meshes[0] if self.meshes else None
-        return self.from_drake and first is not None and first.name == "mesh0"
+        """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
+        first_mesh = self.meshes[0] if self.meshes else None
+        return self.from_drake and first_mesh is not None and first_mesh.name == "mesh0"
 
 
 class TextureTransform(_Object):

@@ -19,9 +19,13 @@ from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
 _NEAREST: Final = 9728
+"""``magFilter`` NEAREST."""
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
+"""Values of ``minFilter`` without interpolation within a mipmap level: NEAREST and NEAREST_MIPMAP_*."""
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
+"""Values of ``minFilter`` with mipmaps: *_MIPMAP_*."""
 _MIP_NEAREST: Final = frozenset({9984, 9985})
+"""Values of ``minFilter`` without interpolation between mipmap levels: *_MIPMAP_NEAREST."""
 _WRAPS: Final[dict[int | None, Wrap]] = {None: Wrap.REPEAT} | {wrap.value: wrap for wrap in Wrap}
 
 
@@ -40,7 +44,7 @@ class Textures:
     ) -> None:
         """
         Args:
-            enabled: False leaves all textures out; images are not read then.
+            enabled: False to leave all textures out; then no images are read.
         """
         self._document = document
         self._buffers = buffers
@@ -49,15 +53,15 @@ class Textures:
         self._warnings = warnings
         self._enabled = enabled
         self._textures: dict[int, Texture | None] = {}
-        """By index, with the first texture coordinates and no transform."""
+        """Textures by index, with TEXCOORD_0 and no transform; None for those without a usable image."""
         self._images: dict[int, tuple[Image, str]] = {}
-        """Images and their names, by index."""
+        """Images and their names for messages, by index."""
         self._counted_images: set[Image] = set()
         """Images whose pixels are counted towards ``max_total_image_pixels``."""
         self._total_pixels = 0
 
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
-        """Return the texture of a material's property; None where there is none, or none that can be read.
+        """Return the texture of a material's property; None if there is none, or none that can be read.
 
         Args:
             info: The property's value.
@@ -79,7 +83,7 @@ class Textures:
         return self._with_coordinates(texture, info, path)
 
     def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, path: str) -> Texture:
-        """Apply ``texCoord`` and KHR_texture_transform."""
+        """Return the texture with ``texCoord`` and KHR_texture_transform of its use in a material."""
         uv_set = info.tex_coord or 0
         uv_transform = None
         raw = extension_json(info.extensions, "KHR_texture_transform")
@@ -109,7 +113,7 @@ class Textures:
     def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
         raw = extension_json(texture.extensions, "EXT_texture_webp")
-        # Where Drake's client merges several files, it does not adapt the indices in extensions.
+        # When Drake's client merges several files, it does not adapt the indices in extensions.
         if raw is not None and not self._document.from_drake:
             try:
                 webp = msgspec.json.decode(raw, type=schema.ImageSource)
@@ -141,7 +145,7 @@ class Textures:
         return wrap or Wrap.REPEAT
 
     def _image(self, index: int, path: str) -> tuple[Image, str]:
-        """Return ``images[index]``, an object that other documents may share, and its name in this document."""
+        """Return ``images[index]`` and its name for messages. Other documents may share the image, but not the name."""
         if (image_and_name := self._images.get(index)) is not None:
             return image_and_name
         source = checked_item(self._document.images, index, "images", path)
@@ -154,7 +158,7 @@ class Textures:
         else:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
-        # Many images can share one buffer view, and each is copied.
+        # Count also images that share a buffer view: each of them is copied.
         self._buffers.count_bytes(length, f"images[{index}]")
         key = ImageKey(buffer.digest, offset, length, self._limits.max_image_pixels)
         image = self._content.get(key)
@@ -169,6 +173,12 @@ class Textures:
         return image, name
 
     def _count_pixels(self, data: memoryview, name: str) -> None:
+        """Count an image's pixels towards the limits; an image with an unknown header has none, and gives a warning.
+
+        Args:
+            data: The encoded image.
+            name: Name of the image, for messages.
+        """
         try:
             pixels = image_header(data, name).pixels
         except ImageError as error:
@@ -185,11 +195,11 @@ class Textures:
 
 
 def _uv_transform(source: schema.TextureTransform, path: str) -> tuple[float, float, float, float, float, float]:
-    """Return the first two rows of offset * rotation * scale, as in the extension's specification; v points down."""
-    u, v = finite_vector_or_default(source.offset, (0.0, 0.0), f"{path}.offset")
+    """Return the first two rows of the matrix offset * rotation * scale of KHR_texture_transform, row by row."""
+    offset_u, offset_v = finite_vector_or_default(source.offset, (0.0, 0.0), f"{path}.offset")
     scale_u, scale_v = finite_vector_or_default(source.scale, (1.0, 1.0), f"{path}.scale")
     angle = 0.0 if source.rotation is None else source.rotation
     if not math.isfinite(angle):
         raise GltfError(f"{path}.rotation: not finite")
-    c, s = math.cos(angle), math.sin(angle)
-    return (c * scale_u, s * scale_v, u, -s * scale_u, c * scale_v, v)
+    cos, sin = math.cos(angle), math.sin(angle)
+    return (cos * scale_u, sin * scale_v, offset_u, -sin * scale_u, cos * scale_v, offset_v)

@@ -1,4 +1,4 @@
-"""Index lists of all primitive modes (strips, fans, loops) as separate points, lines or triangles."""
+"""Converts index lists of any primitive mode (strips, fans, loops) to separate points, lines or triangles."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ TRIANGLES: Final = 4
 TRIANGLE_STRIP: Final = 5
 TRIANGLE_FAN: Final = 6
 MODE_COUNT: Final = 7
+"""Number of values of ``primitive.mode``, which are the constants above."""
 _SEPARATE_SIZES: Final = {POINTS: 1, LINES: 2, TRIANGLES: 3}
-"""Number of indices of an element, for modes whose elements share no indices."""
+"""Number of indices of an element, by mode, for modes whose elements share no indices."""
 
 
 def element_count(mode: int, index_count: int) -> int:
@@ -56,7 +57,7 @@ def elements_of(mode: int, indices: NDArray[Any]) -> NDArray[np.uint32]:
     elif mode == LINE_STRIP:
         elements[:, 0], elements[:, 1] = indices[:-1], indices[1:]
     elif mode == TRIANGLE_STRIP:
-        # Triangle i is (i, i + 1 + i % 2, i + 2 - i % 2): every second one has its last two vertices swapped.
+        # Triangle i is (i, i + 1 + i % 2, i + 2 - i % 2): the last two vertices of every second triangle are swapped.
         elements[:, 0] = indices[:-2]
         elements[0::2, 1], elements[0::2, 2] = indices[1:-1:2], indices[2::2]
         elements[1::2, 1], elements[1::2, 2] = indices[3::2], indices[2:-1:2]

@@ -1,4 +1,4 @@
-"""Vertex attributes in the form that ``Mesh`` requires: finite numbers, RGBA colours, tangents of unit length."""
+"""Converts vertex attributes to the form that ``Mesh`` requires: finite numbers, RGBA, tangents of unit length."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from gateway.gltf.normals import unit_rows
 from renderers.stop import check_stop
 
 Floats = NDArray[np.float32]
+"""(N, number of components) float32."""
 
 
 def zero_if_not_finite(values: Floats) -> Floats:
@@ -17,14 +18,14 @@ def zero_if_not_finite(values: Floats) -> Floats:
 
 
 def rgba_colors(values: Floats) -> Floats:
-    """Return RGB or RGBA colours as RGBA in 0 .. 1."""
+    """Return RGB or RGBA colours as RGBA, clamped to 0 .. 1."""
     result = np.ones((len(values), 4), np.float32)
     result[:, : values.shape[1]] = np.clip(zero_if_not_finite(values), 0.0, 1.0)
     return result
 
 
 def unit_tangents(values: Floats) -> Floats:
-    """Return tangents with xyz of unit length, (1, 0, 0) where there is no direction, and w of 1 or -1."""
+    """Return tangents (N, 4) with xyz of unit length and w of 1 or -1; xyz without a direction becomes (1, 0, 0)."""
     xyz, invalid = unit_rows(np.ascontiguousarray(values[:, :3]))
     check_stop()
     result = np.empty(values.shape, np.float32)
@@ -35,10 +36,10 @@ def unit_tangents(values: Floats) -> Floats:
 
 
 def without_invalid_vertices(positions: Floats, elements: NDArray[np.uint32]) -> tuple[Floats, NDArray[np.uint32], int]:
-    """Drop the triangles, lines and points that use positions that are not finite.
+    """Drop the triangles, lines and points with positions that are not finite.
 
     Returns:
-        The positions with zeros in place of invalid ones, the remaining elements, and the number of dropped ones.
+        The positions with zeros instead of invalid ones, the remaining elements, and the number of dropped elements.
     """
     invalid = np.asarray(~np.isfinite(positions).all(axis=1))
     remaining = np.ascontiguousarray(elements[~invalid[elements].any(axis=1)])

@@ -1,4 +1,4 @@
-"""The camera of a request: intrinsics from the form, the pose from the scene's camera node."""
+"""Camera of a render request: intrinsics from the form, the pose from the scene's camera node."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from gateway.render.scenes import PreparedScene
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 
 _NEAR_FAR_RATIO: Final = 1e-6
-"""Near plane over far plane, where neither the form nor the scene's camera has a near plane."""
+"""Ratio of near to far plane, used if neither the form nor the scene's camera has a near plane."""
 _MIN_NEAR: Final = 1e-9
-"""Minimum near plane, metres: the rasterizer's 1/z stays within float32. Less than ``form.MIN_FAR``."""
-_MAX_DISTANCE: Final = 1e12
-"""Maximum distance of the camera from the origin, metres. Beyond, float64 does not resolve millimetres."""
+"""Minimum near plane, metres: with it, the rasterizer's 1/z fits float32. It is less than ``form.MIN_FAR``."""
+_MAX_COORDINATE: Final = 1e12
+"""Maximum coordinate of the camera, metres. Larger float64 coordinates do not resolve millimetres."""
 _RIGID_TOLERANCE: Final = 1e-6
-"""Maximum deviation of a rotation from orthonormal that is used as it is: the error of six digits."""
+"""Maximum error of a rotation matrix that is used unchanged: the rounding error of numbers with six digits."""
 _MIN_ANGLE: Final = 1e-9
-"""Minimum angle between up and the line of sight, radians; below, the pose is singular."""
+"""Minimum angle between up and the line of sight, radians. With a smaller angle the pose is singular."""
 _NO_CAMERA: Final = (
     "the scene has geometry but no camera: Drake's client leaves the camera out when everything with a perception role "
     "is a glTF mesh. Add any other geometry with a perception role (a Box, Sphere or OBJ mesh, as small as you like) "
@@ -33,8 +33,8 @@ _NO_CAMERA: Final = (
 def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
     """Return the camera of a request.
 
-    A document with cameras but without a node for the first one, or an empty document, is seen from the origin along
-    -Z, the identity pose in glTF.
+    A scene without camera and geometry is seen from the origin along -Z: the pose of a glTF camera with the identity as
+    transform.
 
     Raises:
         RequestError: There is geometry but no camera, or the node's transform is singular.
@@ -60,20 +60,20 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
 
 
 def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """Return the rigid part of a transform, like VTK: position, line of sight, and the orthogonal part of up.
+    """Return a rigid pose with the position and line of sight of a transform, since camera nodes may have a scale.
 
-    It is needed because nodes with cameras may be scaled or mirrored.
+    As in VTK, the image's up direction is the part of the transform's up axis that is orthogonal to the line of sight.
 
     Args:
-        X: (4, 4) float64, pose of the optical frame.
+        X: (4, 4) float64, transform from the optical frame to the world.
         name: Name of the node, for messages.
 
     Raises:
         RequestError: The transform is singular, or too far from the origin.
     """
     linear, position = X[:3, :3], X[:3, 3]
-    if not (np.abs(position) <= _MAX_DISTANCE).all():
-        raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
+    if not (np.abs(position) <= _MAX_COORDINATE).all():
+        raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_COORDINATE:g} m away")
     if np.isfinite(X).all():
         with np.errstate(all="ignore"):
             deviation = np.abs(linear.T @ linear - np.eye(3)).max()

@@ -1,7 +1,7 @@
-"""The draw list of a posted scene, made from its nodes directly.
+"""Makes the draw list of a posted scene directly from its glTF nodes.
 
-In the requests of a moving robot only the poses differ. Everything else is the same ``SceneTopology`` object, by whose
-identity the renderer keeps its own tables.
+In the requests of a moving robot only the poses differ. Everything else is one shared ``SceneTopology`` object, so that
+the renderer, which caches by the identity of the instance set, does not build its tables again.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, PosedIn
 from renderers.stop import check_stop
 
 _INSTANCE_BYTES: Final = 1024
-"""Approximate size of an instance's entries, the renderer's tables included."""
+"""Approximate size of an instance in bytes, including its rows in the renderer's tables."""
 
 TopologyKey: TypeAlias = tuple[DocumentContent, tuple[int | None, ...], tuple[int, ...], bytes]
-"""Content (by identity), mesh and parent of each node, and one bit per node: set if it is near enough to draw."""
+"""Content (by identity); mesh and parent of each node; one bit per node, set if its matrix is drawable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,20 +33,20 @@ class SceneTopology:
 
     instances: InstanceSet
     nodes: NDArray[np.intp]
-    """(I,): node of each instance."""
+    """(number of instances,): position of each instance's node in ``SceneNodes``."""
     images: tuple[Image, ...]
 
     @property
     def nbytes(self) -> int:
-        """Approximate size, without meshes and images."""
+        """Approximate size in bytes, without meshes and images."""
         return _INSTANCE_BYTES * len(self.nodes)
 
 
 def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]) -> DrawList:
     """Return the draw list of a posted scene, with labels from the colours of its materials.
 
-    The same as ``flatten(scene.root, label_of=labels_of(scene.root))`` in a fraction of the time, and in
-    ``_drawing_order``.
+    The result has the instances of ``flatten(scene.root, label_of=labels_of(scene.root))`` in the order of
+    ``_drawing_order``, but takes a fraction of the time.
     """
     nodes = scene.nodes
     with np.errstate(all="ignore"):
@@ -85,11 +85,12 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
 
 
 def _drawing_order(scene: GltfScene) -> Sequence[int]:
-    """Return the nodes in the order in which RenderEngineVtk draws them, on which what it blends depends.
+    """Return the positions of the nodes in the order in which RenderEngineVtk draws them, which matters for blending.
 
-    It draws geometries in the reverse order of their registration, and the nodes of a glTF file last child first. VTK's
-    exporter writes its nodes, below the first root, in the order of drawing; Drake's merger appends files in the order
-    of registration. How files and other geometries alternate is not in the document: files come first here.
+    RenderEngineVtk draws geometries in the reverse order of their registration, and the nodes of a glTF file last child
+    first. In a document from Drake's merger, the nodes below the first root come from VTK's exporter, in the order of
+    drawing. The other roots are glTF files, in the order of registration. The document does not tell how the files and
+    the other geometries alternate, so this function puts the files first.
     """
     parents = scene.nodes.parents
     if scene.generator != DRAKE_MERGER:
@@ -99,21 +100,24 @@ def _drawing_order(scene: GltfScene) -> Sequence[int]:
     for node, parent in enumerate(parents):
         if parent >= 0:
             children[parent].append(node)
-    files: list[int] = []
+    file_nodes: list[int] = []
     stack = roots[1:]
     while stack:
         node = stack.pop()
-        files.append(node)
+        file_nodes.append(node)
         stack += children[node]
-    exported = set(range(len(parents))) - set(files)
-    return [*files, *sorted(exported)]
+    exported_nodes = set(range(len(parents))) - set(file_nodes)
+    return [*file_nodes, *sorted(exported_nodes)]
 
 
 def _labels_of_roots(scene: GltfScene, root_of_node: list[int]) -> dict[int, int]:
-    """Return the label of primitives without a material, by the root of the scene above them.
+    """Return the label of primitives without a material, by the root node above them.
 
-    Drake's client hangs each glTF file below one node, and a whole file has one label. Roots with several labels or
-    none are left out.
+    Drake's client puts each glTF file below one root node, and a whole file has one label. Root nodes with several
+    labels or none are left out.
+
+    Args:
+        root_of_node: Position of the root node above each node.
     """
     if all(part.material is not DEFAULT_MATERIAL for parts in scene.parts for part in parts or ()):
         return {}

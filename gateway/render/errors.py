@@ -1,4 +1,4 @@
-"""Errors of render requests, as one sentence each: Drake shows it in its exception."""
+"""Errors of render requests. Each message is one sentence, which Drake's client shows in its exception."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import re
 from typing import Final
 
 MAX_MESSAGE_BYTES: Final = 8000
-"""Drake's client drops error bodies of 8192 bytes and more ("Server Message: None.")."""
+"""Maximum size of an error body. Drake's client drops bodies of 8192 bytes and more ("Server Message: None.")."""
 _MAX_ECHO: Final = 120
 """Maximum number of characters of a client's value in an error message."""
 _CONTROL: Final = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
-"""Control characters, line breaks other than \\n, and surrogates, which UTF-8 cannot carry."""
+"""Control characters, line breaks other than \\n, and surrogates, which UTF-8 cannot encode."""
 
 
 class RequestError(Exception):
-    """The request is invalid; the client has to change it."""
+    """The request cannot be served as it is: its content is invalid, too large, or incomplete."""
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -31,9 +31,10 @@ def quoted(value: str | bytes) -> str:
 
 
 def message_bytes(sentence: str) -> bytes:
-    """Return a sentence as the body of a text/plain response: valid UTF-8, without control characters except newlines.
+    """Return a sentence as the body of a text/plain response, at most ``MAX_MESSAGE_BYTES`` long.
 
-    It has at most ``MAX_MESSAGE_BYTES``. pydrake raises UnicodeDecodeError instead of the message if it is not UTF-8.
+    Control characters except newlines are escaped. The body is valid UTF-8, because pydrake raises UnicodeDecodeError
+    instead of showing any other message.
     """
     clean = _CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), sentence)
     body = clean.encode()

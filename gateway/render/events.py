@@ -22,8 +22,8 @@ class RenderRecord:
     request: RenderRequest | None
     """None if the form was invalid. Holds the whole scene: do not keep a reference."""
     image: EncodedImage | None
-    """None if there is an error."""
+    """The response's image; None if there is an error."""
     error: str
     """Error message of the response; empty on success."""
     outcome: str = ""
-    """``slow`` if the request reached its deadline, for metrics; else empty, as the status says enough."""
+    """Label for metrics if ``status`` is ambiguous: ``slow`` for a 503 at the deadline; else empty."""

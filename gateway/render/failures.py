@@ -1,7 +1,7 @@
-"""Failed requests on disk, for replay.
+"""Stores failed requests on disk, for replay.
 
-Each is two files: the body as received, and a JSON file with the error and the headers needed to send it again
-(``curl --data-binary @NAME.multipart -H 'Content-Type: …' URL``).
+Each request has two files: the body as received, and a JSON file with the error and the Content-Type that is needed to
+send the request again (``curl --data-binary @NAME.multipart -H 'Content-Type: …' URL``).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Final
 
 _BODY_SUFFIX: Final = ".multipart"
 _FILE_NAME: Final = re.compile(r"\d{8}T\d{12}Z-\d{3}-[0-9a-zA-Z]{1,32}\.(multipart|json)")
-"""Names of files that may be deleted; others in the folder are not touched."""
-_UNSAFE: Final = re.compile(r"[^0-9a-zA-Z]")
+"""Names of the files that may be deleted. Other files in the folder are left alone."""
+_UNSAFE_CHARACTER: Final = re.compile(r"[^0-9a-zA-Z]")
 
 
 class FailureStore:
@@ -33,10 +33,12 @@ class FailureStore:
         """Store a request.
 
         Args:
-            body: pieces of the body that were received.
+            body: the received pieces of the body.
+            content_type: Content-Type header of the request.
+            reason: error message of the response.
 
         Returns:
-            Path of the body's file; None: the body is larger than the limit of the folder.
+            Path of the body's file; None if the body is larger than the folder's limit.
 
         Raises:
             OSError: the folder is not writable.
@@ -45,7 +47,7 @@ class FailureStore:
         if size > self._max_bytes or self._max_count < 1:
             return None
         now = datetime.now(UTC)
-        stem = f"{now:%Y%m%dT%H%M%S%f}Z-{status:03d}-{_UNSAFE.sub('', request_id)[:32] or '0'}"
+        stem = f"{now:%Y%m%dT%H%M%S%f}Z-{status:03d}-{_UNSAFE_CHARACTER.sub('', request_id)[:32] or '0'}"
         description = {"time": now.isoformat(), "status": status, "reason": reason, "content_type": content_type}
         description |= {"request_id": request_id, "bytes": size}
         with self._lock:

@@ -1,8 +1,8 @@
 """Validation of the fields of a render request; no I/O.
 
-Everything that Drake's demo server and drake-blender accept is accepted. Unlike the demo, unknown fields are ignored
-with a warning, so that a newer client with one more field gets its image, and a missing focal length is computed from
-the field of view.
+Every form that Drake's demo server or drake-blender accepts is accepted. Unlike Drake's demo server, this one ignores
+unknown fields with a warning, so that newer clients with more fields get their images, and computes a missing focal
+length from the field of view.
 """
 
 from __future__ import annotations
@@ -41,17 +41,18 @@ _FIELD_NAMES: Final = frozenset(
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Syntax of decimal fields; float() alone would accept "1_000", "nan" and Arabic digits."""
 _INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
+"""Syntax of integer fields; a decimal point with zeros may follow."""
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
 MAX_FOCAL: Final = 1e9
-"""Pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
+"""Maximum focal length, pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
 MIN_FOV: Final = 2e-5
-"""Radians. In the largest image a narrower field of view has a focal length above ``MAX_FOCAL``."""
+"""Minimum field of view, radians. A narrower one has a focal length above ``MAX_FOCAL`` in the largest image."""
 MAX_FOV: Final = 3.1415926
-"""Radians. In the smallest image a wider field of view has a focal length below ``1 / MAX_FOCAL``."""
+"""Maximum field of view, radians. A wider one has a focal length below ``1 / MAX_FOCAL`` in the smallest image."""
 MIN_FAR: Final = 1e-8
-"""Metres; no floating-point number fits between closer planes."""
+"""Minimum distance of the far plane, metres, so that there is room for a near plane."""
 MAX_FAR: Final = 1e12
-"""Metres; beyond it, float32 depths cannot resolve a scene."""
+"""Maximum distance of the far plane, metres. With a larger one, float32 depth cannot resolve a scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,27 +63,31 @@ class RenderRequest:
     width: int
     """Pixels."""
     height: int
+    """Pixels."""
     focal_x: float
     """Pixels, as in Drake's CameraInfo."""
     focal_y: float
+    """Pixels."""
     center_x: float
     """Principal point in pixels from the left edge; pixel i covers i .. i + 1."""
     center_y: float
+    """Principal point in pixels from the top edge."""
     near: float
-    """Metres, >= 0. Drake prints six decimals, so a near plane below 0.5 micrometres arrives as 0."""
+    """Near plane in metres, >= 0. Drake prints six decimals: a value below 0.5 micrometres arrives as 0."""
     far: float
-    """Metres, > near."""
+    """Far plane in metres, > near."""
     min_depth: float
     """Metres; closer depths are "too close". 0 unless the image is depth."""
     max_depth: float
     """Metres; larger depths are "too far". Infinite unless the image is depth."""
     scene: bytes | bytearray
-    """The glTF file."""
+    """The glTF file; must not change."""
     claimed_sha256: str | None = None
     """SHA-256 of the scene as sent by the client, 64 hexadecimal digits in lower case; None: not sent."""
     scene_filename: str = ""
+    """File name as sent by the client; empty if it was not sent."""
     warnings: tuple[str, ...] = ()
-    """Problems that do not prevent the image."""
+    """Sentences about problems that do not prevent the image."""
 
 
 def read_form(form: Form, config: RenderConfig) -> RenderRequest:
@@ -119,10 +124,12 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
     else:  # unused, but invalid values are still errors
         _optional_number(fields, "min_depth", minimum=0.0)
         _optional_number(fields, "max_depth")
-    claimed = fields.get("scene_sha256", "")
-    has_hash = _SHA256.fullmatch(claimed) is not None
+    sha256_text = fields.get("scene_sha256", "")
+    has_hash = _SHA256.fullmatch(sha256_text) is not None
     if not has_hash:  # drake-blender's tests send NOT_USED_IN_THE_TEST
-        warnings.append(f"scene_sha256 is no SHA-256 hash: {quoted(claimed)}" if claimed else "scene_sha256 is missing")
+        warnings.append(
+            f"scene_sha256 is no SHA-256 hash: {quoted(sha256_text)}" if sha256_text else "scene_sha256 is missing"
+        )
     return RenderRequest(
         image_type=cast("ImageType", image_type),
         width=width,
@@ -136,7 +143,7 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         min_depth=min_depth,
         max_depth=max_depth,
         scene=form.scene,
-        claimed_sha256=claimed.lower() if has_hash else None,
+        claimed_sha256=sha256_text.lower() if has_hash else None,
         scene_filename=form.scene_filename,
         warnings=tuple(warnings),
     )
@@ -161,7 +168,7 @@ def _image_side(fields: dict[str, str], name: str, config: RenderConfig) -> int:
 
 
 def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, maximum: float = math.inf) -> float:
-    """Return a finite number that is positive or, with ``minimum``, at least that."""
+    """Return the finite number in a field. It must be positive if ``minimum`` is None."""
     text = _required_text(fields, name)
     value = float(text) if _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
@@ -176,12 +183,17 @@ def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, 
 
 
 def _optional_number(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
-    """Return ``_number`` of a field; None where it is missing or empty."""
+    """Return ``_number`` of a field; None if the field is missing or empty."""
     return _number(fields, name, minimum=minimum) if fields.get(name) else None
 
 
 def _focal_length(fields: dict[str, str], axis: str, size: int) -> float:
-    """Return the focal length in pixels, from the field of view only if the focal length itself is missing."""
+    """Return the focal length in pixels. If it is missing, it is computed from the field of view.
+
+    Args:
+        axis: ``x`` or ``y``.
+        size: Width or height of the image, pixels.
+    """
     focal, fov = f"focal_{axis}", f"fov_{axis}"
     angle = _optional_number(fields, fov)
     if angle is not None and not angle < math.pi:

@@ -1,4 +1,4 @@
-"""Handling of one HTTP request to the render endpoint: body in, image or error message out."""
+"""Handles one HTTP request to the render endpoint: receives the body, returns an image or an error message."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from starlette.requests import ClientDisconnect
 from gateway.render.errors import RequestError, message_bytes
 from gateway.render.events import RenderRecord
 from gateway.render.form import RenderRequest, read_form
-from gateway.render.multipart import Form, FormReader, too_large
+from gateway.render.multipart import Form, FormReader, body_too_large
 from gateway.render.pipeline import EncodedImage
 from gateway.render.service import Admission, RenderService
-from gateway.runtime.kernel_cache import KernelError
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.worker_pool import DeadlineExceeded
 from gateway.server.disconnect import CLIENT_GONE, while_connected
+from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
 
 _log = structlog.get_logger("gateway.render")
 
 _TRANSIENT: Final = frozenset((CLIENT_GONE, 503))
-"""Statuses of requests that could succeed at another time; they are not stored for replay."""
+"""Statuses of requests that could succeed at another time: they are not stored for replay."""
 
 
 class RenderHandler:
-    """Handles one request; make one for each."""
+    """Handles one request; each request needs its own object."""
 
     def __init__(self, service: RenderService, http: Request) -> None:
         self._service = service
@@ -38,15 +38,15 @@ class RenderHandler:
         self._queue_seconds = 0.0
         self._received_bytes = 0
         self._admission: Admission | None = None
-        self._kept_body: list[bytes] | None = [] if service.failures is not None else None
-        """Body as received, for the store of failed requests."""
+        self._body_pieces: list[bytes] | None = [] if service.failures is not None else None
+        """Body as received, for the store of failed requests; None if there is no such store."""
         id_from_middleware = structlog.contextvars.get_contextvars().get("request_id")
         self._request_id = str(id_from_middleware) if id_from_middleware else uuid.uuid4().hex
         self._headers = {} if id_from_middleware else {"X-Request-ID": self._request_id}
-        """Headers of the response; the middleware adds X-Request-ID to those of its own requests."""
+        """Headers of the response. A middleware that sets an id also adds X-Request-ID."""
 
     async def respond(self) -> Response:
-        """Return the response; never raises."""
+        """Return the response: the image, or an error message. Never raises."""
         request: RenderRequest | None = None
         try:
             self._admission = self._service.admit()
@@ -54,36 +54,29 @@ class RenderHandler:
             image = await while_connected(self._http, self._render(request, self._admission))
         except RequestError as error:
             _log.warning("render request rejected", status=error.status, reason=error.sentence)
-            return await self._failure(error.status, error.sentence, request)
-        except QueueFull as error:
-            _log.warning("render request rejected", status=503, reason=str(error))
-            self._headers["Retry-After"] = str(error.retry_after)
-            return await self._failure(503, f"the server is busy: {error}", request)
-        except PoolClosed as error:
-            self._headers["Retry-After"] = "1"
-            return await self._failure(503, str(error), request)
-        except DeadlineExceeded as error:
-            sentence = f"rendering was stopped: {error}"
-            _log.warning("render request timed out", reason=sentence, request_id=self._request_id)
-            return await self._failure(503, sentence, request, outcome="slow")
-        except KernelError as error:
-            return await self._failure(503, str(error), request)
+            return await self._error_response(error.status, error.sentence, request)
+        except UnavailableErrors as error:
+            sentence = unavailable_message(error)
+            _log.warning("render request not served", reason=sentence, request_id=self._request_id)
+            self._headers |= retry_after(error)
+            outcome = "slow" if isinstance(error, DeadlineExceeded) else ""
+            return await self._error_response(503, sentence, request, outcome=outcome)
         except asyncio.CancelledError:  # the grace period at shutdown is over
             self._headers["Retry-After"] = "1"
-            return await self._failure(503, "the server shut down before the image was ready", request)
+            return await self._error_response(503, "the server shut down before the image was ready", request)
         except ClientDisconnect:
             _log.info("render client disconnected before its image was ready", received=self._received_bytes)
-            return await self._failure(CLIENT_GONE, "the client disconnected", request)
+            return await self._error_response(CLIENT_GONE, "the client disconnected", request)
         except Exception:  # noqa: BLE001 - the client gets a sentence, the log the traceback
             _log.exception("render request failed", request_id=self._request_id)
             sentence = f"internal error while rendering; the server's log has the details under {self._request_id}"
-            return await self._failure(500, sentence, request)
+            return await self._error_response(500, sentence, request)
         finally:
             if self._admission is not None:
                 self._admission.release()
             self._service.release_bytes(self._received_bytes)
         self._record(200, request, image, "")
-        return self._success(request, image)
+        return self._image_response(request, image)
 
     async def _receive_form(self) -> Form:
         """Receive the body and parse it piece by piece.
@@ -96,7 +89,7 @@ class RenderHandler:
         config = self._service.config
         content_length = self._http.headers.get("content-length", "")
         if content_length.isdecimal() and len(content_length) < 20 and int(content_length) > config.max_body_bytes:
-            raise too_large(int(content_length), config)
+            raise body_too_large(int(content_length), config)
         reader = FormReader(self._http.headers.get("content-type", ""), config)
         loop = asyncio.get_running_loop()
         try:
@@ -105,8 +98,8 @@ class RenderHandler:
                     timeout.reschedule(loop.time() + config.receive_timeout)
                     self._service.reserve_bytes(len(piece))
                     self._received_bytes += len(piece)
-                    if self._kept_body is not None:
-                        self._kept_body.append(piece)
+                    if self._body_pieces is not None:
+                        self._body_pieces.append(piece)
                     reader.feed(piece)
             return reader.form()
         except TimeoutError:
@@ -120,7 +113,7 @@ class RenderHandler:
         image, self._queue_seconds = await self._service.render(request, admission)
         return image
 
-    def _success(self, request: RenderRequest, image: EncodedImage) -> Response:
+    def _image_response(self, request: RenderRequest, image: EncodedImage) -> Response:
         for warning in (*request.warnings, *image.warnings):
             _log.warning("render request has a problem", warning=warning)
         stage_seconds = (("queue", self._queue_seconds), *image.stage_seconds)
@@ -136,22 +129,22 @@ class RenderHandler:
         self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stage_seconds)
         return Response(image.body, headers=self._headers, media_type=image.media_type)
 
-    async def _failure(
+    async def _error_response(
         self, status: int, sentence: str, request: RenderRequest | None, *, outcome: str = ""
     ) -> Response:
-        """Return an error response; the request is stored for replay if that is on and its error is reproducible.
+        """Return an error response. Store the request for replay if the error is reproducible and there is a store.
 
         Args:
-            outcome: label for metrics where ``status`` is ambiguous.
+            outcome: ``RenderRecord.outcome``.
         """
         self._record(status, request, None, sentence, outcome)
         failures = self._service.failures
         reproducible = status not in _TRANSIENT or outcome == "slow"
-        if failures is not None and self._kept_body is not None and reproducible:
+        if failures is not None and self._body_pieces is not None and reproducible:
             content_type = self._http.headers.get("content-type", "")
             try:
                 path = await asyncio.to_thread(
-                    failures.store, self._kept_body, content_type, status, sentence, self._request_id
+                    failures.store, self._body_pieces, content_type, status, sentence, self._request_id
                 )
                 _log.info("rejected render request stored", path=str(path))
             except OSError as error:

@@ -1,4 +1,4 @@
-"""Labels of posted scenes: Drake encodes them in the base colours of the materials."""
+"""Labels of the parts of posted scenes, which Drake's client encodes in the base colours of materials."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from renderers.drawlist import LABEL_NONE, DrawList, Instance
 
 
 def labels_of(root: Node) -> Callable[[Path, Part], int]:
-    """Return a function from a part and its path to the part's label.
+    """Return a function that returns the label of a part at a path.
 
-    Drake's client cannot label a primitive without a material. But it puts each glTF file, which has one label, below
-    one node: such a primitive gets the label of the others below its top-level node. If they have none, or several, it
-    has no label and is white.
+    Drake's client cannot label a primitive without a material. But it puts each glTF file below one top-level node, and
+    a whole file has one label. A primitive without a material gets the label of the other primitives below its
+    top-level node. If these have no label, or several, it has ``LABEL_NONE``, which is white in images.
     """
-    labels_of_file: dict[Path, set[int]] = {}
+    labels_of_root: dict[Path, set[int]] = {}
     """Labels below each top-level node."""
     for path, node in root.walk():
         for part in node.parts or ():
             if part.material is not DEFAULT_MATERIAL:
-                labels_of_file.setdefault(path[:1], set()).add(label_from_material(part.material))
+                labels_of_root.setdefault(path[:1], set()).add(label_from_material(part.material))
 
     def label_of(path: Path, part: Part) -> int:
         if part.material is not DEFAULT_MATERIAL:
             return label_from_material(part.material)
-        labels = labels_of_file.get(path[:1], set())
+        labels = labels_of_root.get(path[:1], set())
         return next(iter(labels)) if len(labels) == 1 else LABEL_NONE
 
     return label_of
 
 
 def unlabelled(scene: DrawList) -> DrawList:
-    """Return the draw list without labels, so that it is white in label images."""
+    """Return a draw list with the same instances without labels, which are white in label images."""
     if all(instance.label == LABEL_NONE for instance in scene.instances):
         return scene
     instances = (Instance(i.mesh, i.material, i.X_world_mesh, LABEL_NONE, i.instance_id) for i in scene.instances)

@@ -1,6 +1,6 @@
-"""Incremental parser of render requests in multipart/form-data (RFC 7578); no I/O.
+"""Incremental parser of the multipart/form-data body (RFC 7578) of a render request; no I/O.
 
-The scene is copied once, into the buffer that the glTF reader uses.
+The bytes of the scene are copied only once, into the buffer that the glTF reader uses.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gateway.render.errors import RequestError, quoted
 SCENE: Final = "scene"
 """Name of the part with the glTF file."""
 _IDENTITY_ENCODINGS: Final = frozenset((b"", b"7bit", b"8bit", b"binary"))
-"""Content-Transfer-Encodings that do not change the bytes; RFC 7578 (4.7) deprecates the others."""
+"""Content-Transfer-Encodings that do not change the bytes. The others, which RFC 7578 (4.7) deprecates, are errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,9 +27,9 @@ class Form:
     fields: dict[str, str]
     """Text parts by name, stripped of white space."""
     scene: bytearray | None
-    """The glTF file, not to be modified; None: the form has no such part."""
+    """The glTF file, which must not be modified; None: the form has no such part."""
     scene_filename: str
-    """File name as sent by the client."""
+    """File name as sent by the client; empty if it was not sent."""
 
 
 class FormReader:
@@ -87,23 +87,23 @@ class FormReader:
         """Parse the next piece of the body."""
         self._received_bytes += len(data)
         if self._received_bytes > self._config.max_body_bytes:
-            raise too_large(self._received_bytes, self._config)
+            raise body_too_large(self._received_bytes, self._config)
         try:
             self._parser.write(data)
         except FormParserError as error:
             raise RequestError(400, f"the multipart body is malformed: {error}") from None
 
     def close(self) -> None:
-        """Break the reference cycle with the parser, which would keep a body in memory until the next collection."""
+        """Break the reference cycle with the parser, which would keep the body until the next garbage collection."""
         self._parser.callbacks = {}
 
     def form(self) -> Form:
         """Return the form after the whole body has been fed."""
         if not self._is_complete:
-            inside = f" inside the part {quoted(self._part_name)}" if self._part_name else ""
+            location = f" inside the part {quoted(self._part_name)}" if self._part_name else ""
             raise RequestError(
                 400,
-                f"the multipart body ends{inside} after {self._received_bytes} bytes, before the closing boundary: "
+                f"the multipart body ends{location} after {self._received_bytes} bytes, before the closing boundary: "
                 "the upload was cut short",
             )
         return Form(self._fields, self._scene, self._scene_filename)
@@ -179,7 +179,7 @@ class FormReader:
         self._is_complete = True
 
 
-def too_large(size: int, config: RenderConfig) -> RequestError:
+def body_too_large(size: int, config: RenderConfig) -> RequestError:
     """Return the error for a body of at least ``size`` bytes."""
     limit = config.max_body_bytes
     return RequestError(413, f"the request body has {size} bytes or more, the limit is {limit} (max_body_bytes)")

@@ -1,4 +1,4 @@
-"""Rendering of one request in a worker thread: read the scene, render, encode. No I/O."""
+"""Renders one request in a worker thread: reads the scene, renders, and encodes the image. No I/O."""
 
 from __future__ import annotations
 
@@ -7,29 +7,31 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.gltf import GltfError, HashedDocument
+from gateway.gltf import DRAKE_MERGER, GltfError, HashedDocument
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
-from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
-from gateway.render.scenes import SceneStore
+from gateway.render.scenes import PreparedScene, SceneStore
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
-from renderers.depth_range import limit_depth
+from renderers.depth_range import depth_in_millimetres, limit_depth
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer
 
 Backdrop = Callable[[], DrawList | Node | None]
-"""Returns the scene to draw besides the request's; None for none. The same object means that it has not changed."""
+"""Function that returns a scene to draw in addition to the request's; None for none.
+
+It must return a new object if and only if that scene has changed.
+"""
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", "Drake glTF merger": "pbr"}
-"""Looks by ``asset.generator``. RenderEngineVtk switches to PBR as soon as one glTF mesh exists; then the client's
-merger writes the file, else VTK's exporter."""
+_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", DRAKE_MERGER: "pbr"}
+"""Look by ``asset.generator``. RenderEngineVtk uses PBR if the scene has a glTF mesh. The generator tells: the client's
+merger writes the documents of such scenes, and VTK's exporter those of all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +39,16 @@ class EncodedImage:
     """An encoded image."""
 
     body: bytes
+    """The image file."""
     media_type: str
     stage_seconds: tuple[tuple[str, float], ...]
-    """Durations of reading, rendering and encoding, by name."""
+    """Names and durations of the stages ``parse``, ``render`` and ``encode``."""
     generator: str
     """``asset.generator`` of the scene."""
     element_count: int
     """Number of triangles, lines and points of the scene, without the backdrop."""
     warnings: tuple[str, ...]
-    """Sentences about properties that the reader ignored or repaired."""
+    """Sentences about properties of the scene that the reader ignored or repaired."""
 
 
 class Pipeline:
@@ -56,7 +59,7 @@ class Pipeline:
         self._config = config
         self._backdrop = backdrop
         self._last_backdrop: tuple[DrawList | Node, DrawList] | None = None
-        """The last backdrop, and its draw list without labels."""
+        """Last result of ``backdrop``, and its draw list without labels."""
         self.scenes = SceneStore(config)
 
     def render(self, request: RenderRequest) -> EncodedImage:
@@ -88,7 +91,7 @@ class Pipeline:
             ),
             generator=scene.generator,
             element_count=scene.element_count,
-            warnings=scene.warnings,
+            warnings=scene.warnings + _label_warnings(scene, request),
         )
 
     def _look_name(self, generator: str) -> LookName:
@@ -120,12 +123,23 @@ class Pipeline:
         assert frame.depth is not None
         limit_depth(frame.depth, request.min_depth, request.max_depth)
         if self._config.depth_format == "png16":
-            return png_gray16(millimetres(frame.depth)), "image/png"
+            return png_gray16(depth_in_millimetres(frame.depth)), "image/png"
         return tiff_float32(frame.depth), "image/tiff"
 
 
+def _label_warnings(scene: PreparedScene, request: RenderRequest) -> tuple[str, ...]:
+    """Return a warning if a label image is requested of a scene with instances without a label."""
+    if request.image_type != "label" or scene.unlabelled_count == 0:
+        return ()
+    sentence = (
+        f"meshes without a material are white in label images ({scene.unlabelled_count} here): Drake's client sends "
+        "labels in materials. Give them one in their glTF file"
+    )
+    return (sentence,)
+
+
 def posted_document(request: RenderRequest) -> HashedDocument:
-    """Hash the posted scene.
+    """Return the posted scene with its hash.
 
     Raises:
         RequestError: The hash differs from the one in the form.

@@ -15,7 +15,7 @@ from gateway.render.service import RenderService
 from gateway.server.openapi import example
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
-"""Body limit of Starlette, out of reach: the handler's own 413 names the limit and its setting."""
+"""Starlette's limit on the body: out of reach, so that the handler's own 413, which names the setting, comes first."""
 
 _USAGE: Final = """\
 This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for instance
@@ -49,11 +49,12 @@ _EXAMPLE: Final = {
 }
 
 
-def _field(kind: str, text: str, **more: object) -> dict[str, Any]:
-    return {"type": kind, "description": text, **more}
+def _field(json_type: str, description: str, **limits: object) -> dict[str, Any]:
+    """Return the JSON schema of a form field."""
+    return {"type": json_type, "description": description, **limits}
 
 
-def _body(config: RenderConfig) -> dict[str, Any]:
+def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
     """Return the OpenAPI description of the form that ``FormReader`` and ``read_form`` accept."""
     positive: dict[str, Any] = {"exclusiveMinimum": 0}
     size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
@@ -166,7 +167,7 @@ def router(service: RenderService) -> APIRouter:
         summary="Render a glTF scene",
         response_class=Response,
         responses=_RESPONSES,
-        openapi_extra=_body(service.config),
+        openapi_extra=_openapi_extra(service.config),
         max_body_size=_NO_FRAMEWORK_LIMIT,
     )
     routes.add_api_route(

@@ -1,4 +1,4 @@
-"""Posted scenes as draw lists; scenes with the same bytes are read once."""
+"""Reads posted scenes as draw lists, with caches: scenes with the same bytes are read once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gateway.gltf import GltfCache, GltfCamera, HashedDocument, read_gltf
 from gateway.render.config import RenderConfig
 from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from renderers.cache import Cache
-from renderers.drawlist import DrawList
+from renderers.drawlist import LABEL_NONE, DrawList, PosedInstances
 
 _MAX_TOPOLOGIES: Final = 16
 """Maximum number of cached topologies; a few clients need one each for colour, depth and label images."""
@@ -17,28 +17,31 @@ _MAX_TOPOLOGIES: Final = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
-    """A posted scene ready for rendering, without its nodes. Shared by all requests with the same scene."""
+    """A posted scene ready for rendering. Shared by all requests with the same scene."""
 
     camera: GltfCamera | None
     """``GltfScene.camera``."""
     has_geometry: bool
-    """True where there are primitives, however far away."""
+    """True if the scene has primitives, even if all of them are too far away to be drawn."""
     generator: str
     """``asset.generator``."""
     element_count: int
     """Number of triangles, lines and points of all instances."""
     warnings: tuple[str, ...]
+    """Sentences about properties that the reader ignored or repaired."""
+    unlabelled_count: int
+    """Number of instances without a label: Drake's client sends labels in materials, and they have none."""
     draw_list: DrawList
     nbytes: int
-    """Approximate size."""
+    """Approximate size in bytes."""
 
 
 class SceneStore:
     """Reads posted scenes and keeps the latest ones. Thread-safe.
 
-    It has three caches, from the whole to its parts. ``scenes`` has the digest of all bytes as key: it serves a static
-    scene, or depth after colour. ``geometry`` has the digests of a document's parts: it serves a moving robot, whose
-    meshes stay the same. ``topologies`` keeps the draw lists' constant parts by the identity of that geometry.
+    There are three caches. ``scenes`` has the digest of the whole document as key: it serves static scenes, and depth
+    images of a scene after its colour image. ``geometry`` has the digests of parts of a document as keys: it serves
+    moving robots, whose meshes stay the same. ``topologies`` keeps what such robots' draw lists have in common.
     """
 
     def __init__(self, config: RenderConfig) -> None:
@@ -51,19 +54,22 @@ class SceneStore:
         """Return the scene of a document.
 
         Raises:
-            GltfError: It cannot be read; nothing is kept then.
+            GltfError: The document cannot be read. It is not cached.
         """
         cached = self.scenes.get(document.digest)
         if cached is not None:
             return cached
         gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
+        draw_list = draw_list_of(gltf, self._topologies)
+        assert isinstance(draw_list.instances, PosedInstances)
         scene = PreparedScene(
             camera=gltf.camera,
             has_geometry=gltf.instance_count > 0,
             generator=gltf.generator,
             element_count=gltf.element_count,
             warnings=gltf.warnings,
-            draw_list=draw_list_of(gltf, self._topologies),
+            unlabelled_count=draw_list.instances.set.labels.count(LABEL_NONE),
+            draw_list=draw_list,
             nbytes=len(document.data) + gltf.content.mesh_bytes,
         )
         self.scenes.put(document.digest, scene, scene.nbytes)

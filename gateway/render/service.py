@@ -1,4 +1,4 @@
-"""The render endpoint without HTTP: admission of requests, and rendering in worker threads."""
+"""Transport-independent part of the render endpoint: admission of requests, and rendering in worker threads."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from renderers.interface import Renderer
 _log = structlog.get_logger("gateway.render")
 
 _MEMORY_RETRY_SECONDS: Final = 5
-"""Retry-After in seconds when there is no memory for another body."""
+"""Retry-After in seconds if ``max_inflight_bytes`` is reached."""
 
 
 class Admission:
-    """Reserved place in the queue for a request whose body is arriving.
+    """Reserved place in the worker pool's queue for a request whose body is arriving.
 
-    It is released when the request is submitted to the worker pool, when the request fails, or after a time limit.
+    The place is released when the request is submitted to the worker pool, when the request fails, or after a time
+    limit.
     """
 
     __slots__ = ("_admitted", "_timer")
@@ -44,7 +45,7 @@ class Admission:
 
 
 class RenderService:
-    """Shared by all requests of one application; belongs to one event loop."""
+    """The render endpoint, shared by all requests of one application. It belongs to one event loop."""
 
     def __init__(
         self,
@@ -57,7 +58,7 @@ class RenderService:
     ) -> None:
         """
         Args:
-            backdrop: returns what to draw in addition to each request's scene; called in worker threads.
+            backdrop: returns the scene to draw in addition to each request's; called in worker threads.
             on_finished: called in the event loop for each finished request; must not block.
         """
         self.config = config if config is not None else RenderConfig()
@@ -76,7 +77,7 @@ class RenderService:
 
     @property
     def arriving(self) -> int:
-        """Requests with a place in the queue whose bodies are arriving."""
+        """Number of requests whose bodies are arriving and that have a place in the queue."""
         return len(self._admitted)
 
     def admit(self) -> Admission:
@@ -89,10 +90,10 @@ class RenderService:
         return Admission(self._admitted, self.config.arrival_seconds)
 
     async def render(self, request: RenderRequest, admission: Admission) -> tuple[EncodedImage, float]:
-        """Render an image, and return it with the seconds that the request waited for a thread.
+        """Render an image. Return it, and the seconds for which the request waited for a thread.
 
         Args:
-            admission: released here.
+            admission: the request's place in the queue, released by this call.
 
         Raises:
             RequestError: the scene cannot be rendered.
@@ -110,7 +111,7 @@ class RenderService:
         return await self._workers.run(work, nbytes=len(request.scene))
 
     def reserve_bytes(self, nbytes: int) -> None:
-        """Account for received bytes of a body.
+        """Count received bytes of a body towards ``max_inflight_bytes``.
 
         Raises:
             QueueFull: all bodies together would exceed the limit; nothing is reserved.

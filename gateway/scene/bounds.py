@@ -1,4 +1,4 @@
-"""Axis-aligned bounding boxes of instances and scenes in the world, from the vertices."""
+"""Axis-aligned bounding boxes of meshes, instances and scenes."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ Bounds = NDArray[np.float64]
 """(2, 3) float64: lowest and highest corner, metres."""
 
 EXACT_VERTICES: Final = 20_000
-"""Larger meshes are replaced by the boxes of the cells of a grid. Their bounds are too large by at most one cell;
-transforming a million vertices for every call would take as long as drawing them."""
+"""Maximum number of vertices of a mesh with exact bounds. The vertices of a larger mesh are grouped by the cells of a
+grid, and its bounds come from the boxes of these groups: they are too large by at most one cell. Transforming a million
+vertices for every call would take as long as drawing them."""
 _CELLS_PER_SIDE: Final = 12
+"""Number of cells of that grid along each axis."""
 _CHUNK_VERTICES: Final = 1 << 19
-"""Vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
+"""Number of vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
 _CORNER_INDEX: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3): for each corner of a box and each axis, 0 for the lowest and 1 for the highest coordinate."""
 _FLAT_RATIO: Final = 0.01
-"""A box is flat if its thinnest side is below this fraction of its longest."""
+"""Maximum ratio of the shortest to the longest side of a flat box."""
 _GROUND_RATIO: Final = 1.5
-"""A flat box is a ground or wall if it is longer than the diagonal of all other boxes by this factor."""
+"""A flat box is a ground or wall if it is longer than this factor times the diagonal around all other shapes."""
 
 
 class _Hull:
-    """Points that bound a mesh under any transform."""
+    """Points that bound a mesh under any affine transform."""
 
     __slots__ = ("box", "points")
 
@@ -38,11 +40,12 @@ class _Hull:
         self.box = box
         """Box in the mesh's frame; None for a mesh that draws nothing."""
         self.points = points
-        """(K, 3) float64, whose convex hull contains the mesh."""
+        """(K, 3) float64, in the mesh's frame. Their convex hull contains the mesh."""
 
 
 _hulls: WeakKeyDictionary[Mesh, _Hull] = WeakKeyDictionary()
 _focus_boxes: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
+"""Results of ``focus_bounds``, each in a tuple, because a result may be None."""
 _lock = threading.Lock()
 
 
@@ -73,7 +76,7 @@ def _make_hull(mesh: Mesh) -> _Hull:
 
 
 def _grid_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
-    """Divide a box into a grid; return the corners of the boxes around the points of each cell, (K, 3) float64."""
+    """Group points by the cells of a grid in their box; return the corners of each group's box, (K, 3) float64."""
     extent = box[1] - box[0]
     cells_per_metre = np.divide(_CELLS_PER_SIDE * 0.999999, extent, out=np.zeros(3), where=extent > 0)
     cell_xyz = ((points - box[0]) * cells_per_metre).astype(np.int64)
@@ -100,12 +103,16 @@ def corners_of(bounds: Bounds) -> NDArray[np.float64]:
 
 
 def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the boxes of one mesh under (N, 4, 4) transforms, (N, 2, 3); None for a mesh that draws nothing."""
+    """Return the world boxes of a mesh at N poses, (N, 2, 3); None for a mesh that draws nothing.
+
+    Args:
+        X_world_mesh: (N, 4, 4) float64.
+    """
     if hull.box is None:
         return None
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
     boxes = np.empty((len(linear), 2, 3))
-    # For rotations by quarter turns, the transformed box is the box of the transformed vertices.
+    # For rotations by quarter turns, the transformed box has the same bounds as the transformed vertices.
     is_aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
     for indices, points in ((np.flatnonzero(is_aligned), hull.box), (np.flatnonzero(~is_aligned), hull.points)):
         step = max(1, _CHUNK_VERTICES // len(points))
@@ -132,7 +139,7 @@ def instance_bounds(instances: Sequence[Instance]) -> list[Bounds | None]:
 
 
 def union(boxes: list[Bounds]) -> Bounds | None:
-    """Return the box around boxes; None where there are none."""
+    """Return the box around all boxes; None if there are none."""
     if not boxes:
         return None
     stacked = np.array(boxes)
@@ -140,11 +147,11 @@ def union(boxes: list[Bounds]) -> Bounds | None:
 
 
 class BoundsCache:
-    """Boxes of the instances of the last draw list, for the next one, which shares most of them. Not thread-safe."""
+    """Computes boxes of the instances of a changing scene, whose draw lists share most instances. Not thread-safe."""
 
     def __init__(self) -> None:
         self._box_by_id: dict[int, tuple[Instance, Bounds | None]] = {}
-        """Instance and box by the instance's ``id()``. Holding the instance keeps that id from being used again."""
+        """Instances of the last draw list and their boxes, by ``id()``. Keeping the instance keeps its id unique."""
 
     def bounds_of(self, draw_list: DrawList) -> list[Bounds | None]:
         """Return the box of each instance in the world; None for an instance that draws nothing."""
@@ -161,20 +168,23 @@ def scene_bounds(draw_list: DrawList) -> Bounds | None:
 
 
 def loose_bounds(draw_list: DrawList) -> Bounds | None:
-    """Return a box that contains all instances, up to 1.8 times too large, at a hundredth of the cost."""
-    boxed = [(box, i.X_world_mesh) for i in draw_list.instances if (box := mesh_bounds(i.mesh)) is not None]
-    if not boxed:
+    """Return a box that contains all instances, in a hundredth of the time of ``scene_bounds``.
+
+    It is up to 1.8 times as large, because it contains the transformed boxes of the meshes instead of their vertices.
+    """
+    placed_boxes = [(box, i.X_world_mesh) for i in draw_list.instances if (box := mesh_bounds(i.mesh)) is not None]
+    if not placed_boxes:
         return None
-    corners = _corners_of_boxes(np.array([box for box, _ in boxed]))
-    X_world_mesh = np.array([X for _, X in boxed])
+    corners = _corners_of_boxes(np.array([box for box, _ in placed_boxes]))
+    X_world_mesh = np.array([X for _, X in placed_boxes])
     corners = np.matmul(corners, X_world_mesh[:, :3, :3].transpose(0, 2, 1)) + X_world_mesh[:, None, :3, 3]
     return np.array((corners.min(axis=(0, 1)), corners.max(axis=(0, 1))))
 
 
 def focus_bounds(draw_list: DrawList) -> Bounds | None:
-    """Return the box around everything but grounds and walls much larger than the rest.
+    """Return the box around everything but grounds and walls that are much larger than everything else.
 
-    The result is kept while the draw list exists, for further cameras.
+    The result is cached as long as the draw list exists, for further cameras.
     """
     with _lock:
         cached = _focus_boxes.get(draw_list)
@@ -188,11 +198,11 @@ def focus_bounds(draw_list: DrawList) -> Bounds | None:
 def _focus_bounds(draw_list: DrawList) -> Bounds | None:
     boxes = [box for box in instance_bounds(draw_list.instances) if box is not None]
     solid_boxes = [box for box in boxes if not _is_flat(box)]
-    solid = union(solid_boxes)
-    if solid is None:
+    solid_box = union(solid_boxes)
+    if solid_box is None:
         return union(boxes)
-    longest_flat = _GROUND_RATIO * float(np.linalg.norm(solid[1] - solid[0]))
-    flat_boxes = [box for box in boxes if _is_flat(box) and (box[1] - box[0]).max() <= longest_flat]
+    max_flat_length = _GROUND_RATIO * float(np.linalg.norm(solid_box[1] - solid_box[0]))
+    flat_boxes = [box for box in boxes if _is_flat(box) and (box[1] - box[0]).max() <= max_flat_length]
     return union(solid_boxes + flat_boxes)
 
 

@@ -1,4 +1,4 @@
-"""Removal of textures that cannot be decoded, which would make every image of the live scene fail."""
+"""Removes textures that cannot be decoded. Such a texture would make every image of the live scene fail."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _TEXTURE_FIELDS: Final = (
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[Part, ...]:
     """Return the parts without textures that cannot be decoded.
 
-    A broken texture of one client must not break the images of the others. Each texture is decoded once; the pixels are
-    dropped at once.
+    A broken texture from one client must not break images for the other clients. Each texture is decoded once as a
+    test; its pixels are not kept.
 
     Args:
-        max_pixels: Maximum number of pixels of all different textures together. A texture that would exceed it is
-            removed, too.
+        max_pixels: Maximum total number of pixels, each different image counted once. A texture beyond it is removed,
+            too.
     """
     is_usable: dict[Image, bool] = {}
     remaining_pixels = max_pixels
@@ -54,7 +54,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
 
 
 def _pixel_count(image: Image) -> int | None:
-    """Return the number of pixels of an image; None where it cannot be decoded."""
+    """Return the number of pixels of an image; None if it cannot be decoded."""
     try:
         pixels = image.decode()
     except ImageError:

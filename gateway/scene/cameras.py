@@ -1,11 +1,11 @@
-"""Cameras as text: the grammar of ``camera=`` and ``--camera``.
+"""Parses cameras from text: the grammar of ``camera=`` and ``--camera``.
 
 ``stereo``
     the left camera of the stereo sensor;
 ``fit``
-    everything in view, seen from a corner;
+    a camera that sees the whole scene, from the front right and above;
 ``path:["robot", "head"]``
-    the frame of a node (its path as JSON), as an optical frame: +Z forward, +X right, +Y down;
+    a camera at a node, given by its path in JSON. The node's frame is the optical frame: +Z forward, +X right, +Y down;
 ``eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees``
     a free camera; ``up`` (default 0,0,1) and ``fovy`` may be left out.
 """
@@ -23,17 +23,19 @@ from numpy.typing import NDArray
 from gateway.scene.tree import Path
 
 DEFAULT_FOVY: Final = 45.0
-"""Degrees, vertical; Drake's default for its cameras."""
+"""Default vertical field of view, degrees; Drake's default for its cameras."""
 MIN_FOVY: Final = 0.001
-"""Degrees. In the largest image this is a focal length of 1e9 pixels, the render endpoint's limit."""
+"""Minimum vertical field of view, degrees. In the largest image it is a focal length of 1e9 pixels, the render
+endpoint's limit."""
 MIN_PLANE_DISTANCE: Final = 1e-9
-"""Minimum distance of a clipping plane, metres; the inverse of smaller ones would overflow."""
+"""Minimum distance of a clipping plane, metres; the inverse of a smaller one would overflow."""
 MAX_CAMERA_CHARACTERS: Final = 4096
 """Maximum length of a camera's text; a path of a dozen names is shorter."""
 MAX_COORDINATE: Final = 1e12
 """Maximum coordinate, metres; larger ones would overflow."""
 
 Vector = tuple[float, float, float]
+"""(x, y, z) in the world; a point in metres, or a direction."""
 
 _NUMBER: Final = r"[+-]?[0-9]{1,9}(\.[0-9]{0,9})?([eE][+-]?[0-2])?"
 _VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
@@ -42,8 +44,11 @@ _FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-
 CAMERA_PATTERN: Final = (
     rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?(;fovy={_FOVY})?)$"
 )
-"""Regular expression of the grammar, for API descriptions. ``parse_camera`` also accepts other orders and spaces, and
-refuses an ``eye`` equal to ``target`` and an ``up`` of zeros."""
+"""Regular expression of the grammar, for API descriptions.
+
+It does not say all: ``parse_camera`` also accepts spaces and another order of ``eye``, ``target``, ``up`` and ``fovy``,
+and rejects an ``eye`` equal to ``target`` and an ``up`` of zeros.
+"""
 
 
 class CameraError(ValueError):
@@ -56,24 +61,24 @@ class NoSuchCameraError(CameraError):
 
 @dataclass(frozen=True, slots=True)
 class StereoCamera:
-    """``stereo``."""
+    """``stereo``: the left camera of the stereo sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitCamera:
-    """``fit``."""
+    """``fit``: a camera that sees the whole scene."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeCamera:
-    """``path:[...]``."""
+    """``path:[...]``: a camera at a node."""
 
     path: Path
 
 
 @dataclass(frozen=True, slots=True)
 class LookAtCamera:
-    """``eye=...;target=...;up=...``, metres in the world."""
+    """``eye=...;target=...;up=...;fovy=...``: a free camera."""
 
     eye: Vector
     target: Vector
@@ -88,9 +93,10 @@ CameraSpec = StereoCamera | FitCamera | NodeCamera | LookAtCamera
 
 @dataclass(frozen=True, slots=True)
 class OrbitCamera:
-    """One of ``count`` cameras on a circle around the scene, all at the distance from which each has it in view."""
+    """One of ``count`` cameras on a circle around the scene, far enough away that each of them sees the whole scene."""
 
     index: int
+    """Index of the camera, 0 .. ``count`` - 1, counter-clockwise from +x."""
     count: int
     elevation: float
     """Degrees above the horizon, -89 .. 89."""
@@ -101,14 +107,14 @@ class PoseCamera:
     """A camera at a given pose."""
 
     X_world_camera: NDArray[np.float64]
-    """(4, 4) float64: rigid pose of the optical frame."""
+    """(4, 4) float64: rigid pose of the optical frame in the world."""
 
 
 def parse_camera(text: str) -> CameraSpec:
     """Parse a camera's text.
 
     Raises:
-        CameraError: The message names the part that is wrong.
+        CameraError: The text does not follow the grammar. The message quotes the part that is wrong.
     """
     if len(text) > MAX_CAMERA_CHARACTERS:
         raise CameraError(f"camera text has {len(text)} characters, at most {MAX_CAMERA_CHARACTERS} are allowed")
@@ -127,7 +133,7 @@ def parse_camera(text: str) -> CameraSpec:
 
 
 def quoted(text: str) -> str:
-    """Return a client's text for a message, at most 60 characters."""
+    """Return a client's text for an error message: quoted, and shortened to 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 

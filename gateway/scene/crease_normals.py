@@ -1,4 +1,4 @@
-"""Normals of meshes that come without them: smooth, but not across creases."""
+"""Computes normals for meshes without normals: smooth, except at creases, where vertices are duplicated."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
 
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
-"""Faces that meet at a larger angle are shaded apart (Director's feature angle)."""
+"""Cosine of the crease angle: where faces meet at a larger angle, there is a crease. It is Director's feature angle."""
 MAX_FACES_PER_VERTEX: Final = 256
-"""Beyond, the corners of a vertex get the normals of their own faces, since the time grows with the square of this
-number."""
+"""Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
+with more faces, each corner has the normal of its own face."""
 _SAME_NORMAL_COSINE: Final = 0.99999
-"""Corners of one vertex whose normals differ by less (0.26 degrees) share an output vertex."""
+"""Corners of one vertex share an output vertex if the cosine of the angle between their normals is larger than this
+(0.26 degrees)."""
 
 CREASED_MESH: Final = Struct(
     "CreasedMesh",
@@ -31,22 +32,23 @@ CREASED_MESH: Final = Struct(
         "vertex_count": I64,  # N
         "face_count": I64,  # M
         # Scratch.
-        "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges, as long as twice their areas
-        "unit_normals": pointer_to(F64),  # (M, 3)
-        "corners": pointer_to(I64),  # (3 M,): 3 * face + k, sorted by vertex
+        "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges; their length is twice the area
+        "unit_normals": pointer_to(F64),  # (M, 3): normals of the faces
+        "corners": pointer_to(I64),  # (3 M,): corners of the faces (3 * face + 0, 1 or 2), sorted by their vertex
         "starts": pointer_to(I64),  # (N + 2,), zeros at first: vertex v has corners[starts[v] : starts[v + 1]]
-        # Outputs; there are at most 3 M vertices.
+        # Outputs. There are at most 3 M output vertices.
         "source_vertex": pointer_to(I64),  # (3 M,): input vertex of each output vertex
-        "out_normals": pointer_to(F32),  # (3 M, 3)
-        "out_faces": pointer_to(U32),  # (M, 3)
+        "out_normals": pointer_to(F32),  # (3 M, 3): normal of each output vertex
+        "out_faces": pointer_to(U32),  # (M, 3): output vertices of the faces
     },
 )
-"""A mesh and the arrays that ``smooth_mesh`` computes."""
+"""A mesh of N vertices and M triangular faces, and the arrays that ``smooth_mesh`` computes."""
 _mesh_at: Final = CREASED_MESH.at
 
 
 @device_function
 def _write_face_normals(mesh):
+    """Write ``area_normals`` and ``unit_normals`` of a CREASED_MESH; a face without area has the unit normal +z."""
     positions, faces, area_normals, unit_normals = mesh.positions, mesh.faces, mesh.area_normals, mesh.unit_normals
     for face in range(mesh.face_count):
         a, b, c = (
@@ -72,26 +74,28 @@ def _write_face_normals(mesh):
 
 @device_function
 def _sort_corners(mesh):
+    """Write ``corners`` and ``starts`` of a CREASED_MESH: a counting sort by vertex."""
     faces, starts, corners = mesh.faces, mesh.starts, mesh.corners
     corner_count = 3 * mesh.face_count
-    # Counted two places further on, the starts are those of the next vertex while corners are written.
+    # The count of vertex v is kept at starts[v + 2]. The sums below turn starts[v + 1] into the start of vertex v, and
+    # writing its corners increments starts[v + 1] to their end, which is the start of vertex v + 1.
     for corner in range(corner_count):
         starts[np.int64(faces[corner]) + 2] += 1
     for vertex in range(2, mesh.vertex_count + 2):
         starts[vertex] += starts[vertex - 1]
     for corner in range(corner_count):
-        own_start = np.int64(faces[corner]) + 1
-        corners[starts[own_start]] = corner
-        starts[own_start] += 1
+        next_vertex = np.int64(faces[corner]) + 1
+        corners[starts[next_vertex]] = corner
+        starts[next_vertex] += 1
 
 
 @kernel("int64(int64)")
 def _split_at_creases(mesh_at):
     """Compute the outputs of a CREASED_MESH, and return its number of output vertices.
 
-    The normal of a face's corner is a mean, weighted by area, over the faces around its vertex: those whose normals are
-    within the crease angle of the face's own normal. Corners of a vertex with (almost) the same normal share one output
-    vertex.
+    The normal at a face's corner is the mean normal, weighted by area, of some faces around the corner's vertex: those
+    whose normals are within the crease angle of the face's own normal. Corners of a vertex whose normals are
+    (almost) the same share one output vertex.
     """
     mesh = _mesh_at(mesh_at)
     area_normals, unit_normals, starts, corners = mesh.area_normals, mesh.unit_normals, mesh.starts, mesh.corners
@@ -102,8 +106,8 @@ def _split_at_creases(mesh_at):
     out_count = 0
     for vertex in range(mesh.vertex_count):
         start, end = starts[vertex], starts[vertex + 1]
-        # Most vertices have no crease: all faces are within half the crease angle of the mean, so any two are within
-        # the crease angle of each other.
+        # At most vertices there is no crease. This is certain if all faces are within half the crease angle of their
+        # mean normal, because then any two of them are within the crease angle of each other.
         x, y, z = 0.0, 0.0, 0.0
         for i in range(start, end):
             face = 3 * (corners[i] // 3)
@@ -127,7 +131,7 @@ def _split_at_creases(mesh_at):
                     out_faces[corners[i]] = out_count
                 out_count += 1
                 continue
-        first_of_vertex = out_count
+        first_out_vertex = out_count
         too_many_faces = end - start > MAX_FACES_PER_VERTEX
         for i in range(start, end):
             face = 3 * (corners[i] // 3)
@@ -149,7 +153,7 @@ def _split_at_creases(mesh_at):
                 x, y, z = x / length, y / length, z / length
             else:
                 x, y, z = unit_normals[face], unit_normals[face + 1], unit_normals[face + 2]
-            out_vertex = first_of_vertex
+            out_vertex = first_out_vertex
             while out_vertex < out_count:
                 cosine = (
                     out_normals[3 * out_vertex] * x
@@ -170,13 +174,14 @@ def _split_at_creases(mesh_at):
 def smooth_mesh(
     positions: NDArray[np.float32], faces: NDArray[np.uint32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
-    """Return positions (K, 3) float32, faces (M, 3) uint32 and unit normals (K, 3) float32 of a mesh.
-
-    Vertices are doubled at creases; vertices that no face uses are left out.
+    """Return a copy of a mesh with unit normals. Vertices are duplicated at creases; unused vertices are left out.
 
     Args:
         positions: (N, 3) float32, finite, C-contiguous.
         faces: (M, 3) uint32, C-contiguous, every value < N (not checked).
+
+    Returns:
+        Positions (K, 3) float32, faces (M, 3) uint32 and normals (K, 3) float32.
     """
     wait_until_compiled("formats")
     vertex_count, face_count, corner_count = len(positions), len(faces), faces.size
@@ -188,7 +193,7 @@ def smooth_mesh(
     mesh[0] = (
         *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
         *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
-        *(address_of(each, np.int64) for each in (corners, starts, source_vertex)),
+        *(address_of(array, np.int64) for array in (corners, starts, source_vertex)),
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
     )
     out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
@@ -202,7 +207,7 @@ def with_creases(
     uv: NDArray[np.float32] | None = None,
     colors: NDArray[np.float32] | None = None,
 ) -> Mesh:
-    """Return a mesh with unit normals; vertices of equal positions are merged, then doubled at creases.
+    """Return a mesh with unit normals. Vertices at equal positions are merged, then duplicated at creases.
 
     Args:
         positions: (N, 3) float32, finite.
@@ -210,21 +215,22 @@ def with_creases(
         uv: (N, 2) float32 or None.
         colors: (N, 4) float32 or None.
     """
-    position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()  # no -0
+    # Compare positions by their bytes; adding 0 turns -0 into 0.
+    position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()
     _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
     merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
     smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
     if uv is None and colors is None:
         return Mesh(smooth_positions, smooth_triangles, normals)
-    # One output vertex for each pair of an input vertex (uv, colour) and a smooth vertex (normal).
+    # One output vertex for each pair of an input vertex, which has uv and colour, and a smooth vertex, with its normal.
     vertices, smooth_vertices = triangles.reshape(-1), smooth_triangles.reshape(-1)
     pairs = vertices * np.int64(max(len(smooth_positions), 1)) + smooth_vertices
-    _, corner, index = np.unique(pairs, return_index=True, return_inverse=True)
-    vertex = vertices[corner]
+    _, corner_of_vertex, output_vertex = np.unique(pairs, return_index=True, return_inverse=True)
+    input_vertex = vertices[corner_of_vertex]
     return Mesh(
-        positions[vertex],
-        index.reshape(-1, 3).astype(np.uint32),
-        normals[smooth_vertices[corner]],
-        uv0=None if uv is None else uv[vertex],
-        colors=None if colors is None else colors[vertex],
+        positions[input_vertex],
+        output_vertex.reshape(-1, 3).astype(np.uint32),
+        normals[smooth_vertices[corner_of_vertex]],
+        uv0=None if uv is None else uv[input_vertex],
+        colors=None if colors is None else colors[input_vertex],
     )

@@ -1,8 +1,8 @@
-"""The tree as a draw list: instances with world matrices and labels, without hidden subtrees.
+"""Converts a tree to a draw list: instances with world matrices and labels, without hidden subtrees.
 
 A tree changes little between two images. ``Flattener`` keeps the instances of every node, and makes new ones only for
-nodes that were edited or moved. Matrices are multiplied per level of the tree in one NumPy call: a call per node would
-take longer than the arithmetic.
+nodes that were edited or moved. One NumPy call multiplies the matrices of a whole level of the tree, because calls for
+single nodes would take longer than the arithmetic.
 """
 
 from __future__ import annotations
@@ -24,21 +24,22 @@ from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, 
 from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
-"""Metres. An instance whose world matrix has a number at or above this limit, or a non-finite one, is left out: its
-float32 vertices would overflow in the renderer."""
+"""Limit on the numbers in a world matrix, metres. An instance with a number that is not finite, or not below this
+limit, is left out: its float32 vertices would overflow in the renderer."""
 _MAX_CACHED_DEPTH: Final = 8
 """Depth of the tree down to which the instances of whole subtrees are kept. Without this limit a chain of N nodes would
 keep N * N / 2 references."""
 
 LabelOf = Callable[[Path, Part], int]
-"""Returns the label of a part at a path."""
+"""Function that returns the label of a part at a path."""
 
 
 class _Entry:
-    """The instances of one node."""
+    """Cached instances of one node."""
 
     __slots__ = (
         "X_node_mesh",
+        "X_world_node",
         "children",
         "first_index",
         "instances",
@@ -47,15 +48,14 @@ class _Entry:
         "path",
         "subtree_changed",
         "subtree_instances",
-        "world",
     )
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.node: Node | None = None
         """The node in the last tree; None for a new entry."""
-        self.world: Matrix = IDENTITY
-        """X_world_node, (4, 4)."""
+        self.X_world_node: Matrix = IDENTITY
+        """(4, 4) float64."""
         self.children: dict[PathElement, _Entry] = {}
         """Entries of the children that are visible and have geometry below them."""
         self.meshes: list[tuple[Mesh, Material, int]] = []
@@ -65,9 +65,9 @@ class _Entry:
         self.instances: list[Instance] = []
         """Instances of the node itself: its meshes with drawable transforms."""
         self.first_index = 0
-        """Index of the first of them in the draw list."""
+        """Index in the draw list of the subtree's first instance."""
         self.subtree_instances: list[Instance] | None = None
-        """All instances of the subtree in the last draw list; None where they are not kept."""
+        """All instances of the subtree in the last draw list; None if they are not kept."""
         self.subtree_changed = True
         """True if ``subtree_instances`` is out of date."""
 
@@ -76,7 +76,7 @@ def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
     """Return the draw list of a tree.
 
     Args:
-        label_of: None: all labels are ``LABEL_NONE``.
+        label_of: Returns the label of each part; None: all labels are ``LABEL_NONE``.
     """
     return _TreeFlattener(label_of or _unlabelled).flatten(root)
 
@@ -86,12 +86,11 @@ def _unlabelled(_path: Path, _part: Part) -> int:
 
 
 class Flattener:
-    """Draw lists of a changing tree, with a label per path. Thread-safe.
+    """Makes draw lists of a changing tree, with a label per path. Thread-safe.
 
-    ``instances[i].instance_id`` is i. ``LabelTable.path_of`` returns the path of an instance's label.
-
-    Instances that did not change since the last call are the same objects; an unchanged root returns the same
-    ``DrawList``.
+    The ``instance_id`` of each instance is its index in the draw list. ``LabelTable.path_of`` returns the path of its
+    label. Instances that did not change since the last call are the same objects. For an unchanged root, the draw list
+    is the same object.
     """
 
     def __init__(self, labels: LabelTable) -> None:
@@ -105,7 +104,7 @@ class Flattener:
 
 
 class _TreeFlattener:
-    """Keeps an entry per drawn node from one tree to the next. Not thread-safe."""
+    """Flattens a changing tree. Keeps an entry for each drawn node from one tree to the next. Not thread-safe."""
 
     def __init__(self, label_of: LabelOf) -> None:
         self._label_of = label_of
@@ -114,9 +113,10 @@ class _TreeFlattener:
         """Root of the tree of ``_last_draw_list``; None after an error."""
         self._last_draw_list = DrawList()
         self._materials_changed = False
-        """True if this call may have changed the set of materials."""
+        """True if the current call of ``flatten`` may have changed the set of materials."""
 
     def flatten(self, tree: Node) -> DrawList:
+        """Return the draw list of a tree, given its root."""
         if self._last_tree is tree:
             return self._last_draw_list
         self._last_tree = None
@@ -126,7 +126,7 @@ class _TreeFlattener:
             self._make_instances(outdated)
             instances = self._all_instances()
         except BaseException:
-            # The next call must not take half-updated entries for finished ones.
+            # The entries may be half-updated, so the next call must start with none.
             self._root = _Entry(())
             raise
         images = self._last_draw_list.images
@@ -146,7 +146,7 @@ class _TreeFlattener:
             moved_nodes: list[Node] = []
             parent_matrices: list[Matrix] = []
             parents: list[tuple[_Entry, Node, bool]] = []
-            for entry, node, parent_world, parent_moved in level:
+            for entry, node, X_world_parent, parent_moved in level:
                 old_node = entry.node
                 entry.subtree_changed = True
                 entry.node = node
@@ -157,7 +157,7 @@ class _TreeFlattener:
                 if moved:
                     moved_entries.append(entry)
                     moved_nodes.append(node)
-                    parent_matrices.append(parent_world)
+                    parent_matrices.append(X_world_parent)
                 elif parts_changed:
                     outdated.append(entry)
                 if node.children or entry.children:
@@ -165,8 +165,8 @@ class _TreeFlattener:
             if moved_entries:
                 with np.errstate(all="ignore"):
                     worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
-                for entry, world in zip(moved_entries, worlds, strict=True):
-                    entry.world = world
+                for entry, X_world_node in zip(moved_entries, worlds, strict=True):
+                    entry.X_world_node = X_world_node
                 outdated.extend(moved_entries)
             level = []
             for entry, node, moved in parents:
@@ -188,30 +188,34 @@ class _TreeFlattener:
     def _add_children(
         self, entry: _Entry, node: Node, moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
     ) -> None:
-        """Append the children to update to the next level, and drop the entries of removed ones."""
+        """Append the children that need an update to ``level``, the next one, and drop the entries of removed children.
+
+        Args:
+            moved: True if the world matrix of ``entry`` has changed.
+        """
         drawn = {name: child for name, child in node.children.items() if child.visible and child.nodes_with_parts}
         if list(entry.children) != list(drawn):
             self._materials_changed = True
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
         for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
             if moved or child_entry.node is not child:
-                level.append((child_entry, child, entry.world, moved))
+                level.append((child_entry, child, entry.X_world_node, moved))
 
     def _make_instances(self, entries: list[_Entry]) -> None:
-        """Create the instances of entries from their world matrices, in one product."""
+        """Create the instances of entries from their world matrices, with one matrix product for all of them."""
         for entry in entries:
             if entry.X_node_mesh is None:
                 entry.instances = []
-        with_meshes = [(entry, entry.X_node_mesh) for entry in entries if entry.X_node_mesh is not None]
-        if not with_meshes:
+        entries_with_meshes = [(entry, entry.X_node_mesh) for entry in entries if entry.X_node_mesh is not None]
+        if not entries_with_meshes:
             return
-        counts = [len(X_node_mesh) for _, X_node_mesh in with_meshes]
-        worlds = np.repeat(np.array([entry.world for entry, _ in with_meshes]), counts, axis=0)
+        counts = [len(X_node_mesh) for _, X_node_mesh in entries_with_meshes]
+        worlds = np.repeat(np.array([entry.X_world_node for entry, _ in entries_with_meshes]), counts, axis=0)
         with np.errstate(all="ignore"):
-            X_world_mesh = np.matmul(worlds, np.concatenate([X_node_mesh for _, X_node_mesh in with_meshes]))
+            X_world_mesh = np.matmul(worlds, np.concatenate([X_node_mesh for _, X_node_mesh in entries_with_meshes]))
             drawable = (np.abs(X_world_mesh) < DRAWABLE).all(axis=(1, 2)).tolist()
         row = 0
-        for entry, _ in with_meshes:
+        for entry, _ in entries_with_meshes:
             instances: list[Instance] = []
             for mesh, material, label in entry.meshes:
                 if drawable[row]:
@@ -223,12 +227,15 @@ class _TreeFlattener:
             entry.instances = instances
 
     def _all_instances(self) -> list[Instance]:
-        """Return all instances in the order of the tree, numbered. Unchanged subtrees at the same index are copied."""
+        """Return all instances in the order of the tree, with their index as ``instance_id``.
+
+        The instances of an unchanged subtree whose first index is unchanged are copied as a whole.
+        """
         result: list[Instance] = []
-        stack: list[tuple[_Entry, bool]] = [(self._root, False)]  # True: the subtree is complete
+        stack: list[tuple[_Entry, bool]] = [(self._root, False)]  # True: all instances of the subtree are in result
         while stack:
-            entry, complete = stack.pop()
-            if complete:
+            entry, is_complete = stack.pop()
+            if is_complete:
                 entry.subtree_instances = result[entry.first_index :]
                 continue
             index = len(result)
@@ -252,9 +259,9 @@ class _TreeFlattener:
 
 
 def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
-    """Return X_parent_node of each node, (N, 4, 4). Poses are converted in one call."""
+    """Return X_parent_node of each node, (N, 4, 4). All poses are converted in one call."""
     posed = [index for index, node in enumerate(nodes) if node.pose is not None]
-    if len(posed) < 8:  # fewer are faster one by one
+    if len(posed) < 8:  # one by one is faster then
         return np.array([node.matrix for node in nodes])
     matrices = np.empty((len(nodes), 4, 4))
     matrices[posed] = from_poses(np.array([nodes[index].pose for index in posed], dtype=np.float64))
@@ -265,9 +272,9 @@ def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
 
 
 def images_of(materials: Iterable[Material]) -> tuple[Image, ...]:
-    """Return the images of all materials, each once, in the order of first use."""
+    """Return the different images of all materials, in the order of first use."""
     images: dict[Image, None] = {}
-    for material in {id(material): material for material in materials}.values():  # comparing by value is slow
+    for material in {id(material): material for material in materials}.values():  # by id: comparing values is slow
         for texture in (
             material.base_color_texture,
             material.metallic_roughness_texture,

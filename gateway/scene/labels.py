@@ -1,4 +1,4 @@
-"""Labels of the live tree: one number per path, constant for the lifetime of the process."""
+"""Labels of the live tree: one number per path, which stays the same for the lifetime of the process."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ MAX_LABELS: Final = LABEL_NONE - 1
 class LabelTable:
     """Paths and their labels, 1 .. ``limit``. Thread-safe.
 
-    A label is never reused for another path, so that images of different times agree. Beyond the limit, new paths get
-    ``LABEL_NONE``: they are still drawn, but share the label of the background, and memory stays bounded.
+    A label is never reused for another path, so that it means the same in all images. To bound the memory, new paths
+    beyond the limit get ``LABEL_NONE``: they are still drawn, but with the label of the background.
     """
 
     def __init__(self, limit: int = 1_000_000) -> None:
@@ -33,7 +33,7 @@ class LabelTable:
         self._lock = threading.Lock()
 
     def label_of(self, path: Path) -> int:
-        """Return the label of a path; a new path gets the next free one."""
+        """Return the label of a path; a new path gets the next free label."""
         label = self._label_by_path.get(path)
         if label is not None:
             return label
@@ -48,9 +48,9 @@ class LabelTable:
             return label
 
     def path_of(self, label: int) -> Path | None:
-        """Return the path with this label; None where there is none."""
+        """Return the path with this label; None if there is none."""
         return self._paths[label - 1] if 1 <= label <= len(self._paths) else None
 
     def paths_by_label(self) -> Mapping[int, Path]:
-        """Return the paths that have a label."""
+        """Return all paths that have a label, by label."""
         return {index + 1: path for index, path in enumerate(self._paths)}

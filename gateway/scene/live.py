@@ -1,4 +1,4 @@
-"""The live tree that all interfaces share, with revisions and a feed of changes."""
+"""The live tree that all interfaces share. It counts revisions and notifies listeners of changes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Snapshot:
 
     root: Node
     revision: int
-    """Number of edits that changed something; 0 is the empty tree at start."""
+    """Number of edits so far that changed the tree; 0 for the empty tree at start."""
 
 
 class LiveTree:
-    """A tree that is edited under a lock. Readers take no lock: a snapshot is one attribute read."""
+    """A tree that is edited under a lock. Reading a snapshot takes no lock."""
 
     def __init__(self) -> None:
         self._snapshot = Snapshot(Node(), 0)
@@ -34,9 +34,9 @@ class LiveTree:
 
     @contextmanager
     def edit(self) -> Iterator[TreeEdit]:
-        """Edit the tree in a ``with`` block, which is published as one revision unless it raises an exception.
+        """Edit the tree in a ``with`` block. Its edits become one revision, unless the block raises an exception.
 
-        Listeners are called before the lock is released, in order of revision.
+        Listeners are called before the lock is released, in the order of the revisions.
         """
         with self._lock:
             edit = TreeEdit(self._snapshot.root)
@@ -49,10 +49,12 @@ class LiveTree:
                     listener(snapshot)
 
     def listen(self, listener: Callable[[Snapshot], None]) -> Callable[[], None]:
-        """Call ``listener`` with every new snapshot, in the writer's thread. It must not block and not edit.
+        """Call ``listener`` with every new snapshot, in the thread that edits. It must not block, nor edit the tree.
 
-        A listener that keeps its last snapshot finds the differences with ``tree.changes``, however many revisions lie
-        between. Returns a function that ends the subscription.
+        A listener that keeps a snapshot can get its differences from any later one with ``tree.changes``.
+
+        Returns:
+            Function that removes the listener.
         """
         self._listeners.append(listener)
 

@@ -1,4 +1,4 @@
-"""Shapes as meshes. Where possible, shapes share a unit mesh that the instance's transform scales."""
+"""Converts shapes to meshes. Boxes, spheres and cylinders share unit meshes, which the instance's transform scales."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from renderers.drawlist import Material, Mesh
 from renderers.tubes import clean_polyline, tube
 
 TRIAD_TUBE_RADIUS: Final = 0.002
-"""Metres, independent of the triad's scale (Director)."""
+"""Radius of the tubes of a triad of any scale, metres; the same as in Director."""
 MAX_CAPSULE_ASPECT: Final = 1e6
-"""Maximum ratio of length to radius; the ends of a longer capsule are below float32's resolution."""
+"""Maximum ratio of a capsule's length to its radius. The ends of a longer capsule are below float32's resolution."""
 MIN_POINT_SIZE: Final = 2.0
-"""Minimum point size, pixels (Director)."""
+"""Minimum point size, pixels; the same as in Director."""
 MIN_THICKNESS_RATIO: Final = 1e-6
-"""Minimum thickness of a solid, as a fraction of its largest extent. On a floor (a box of height 0) it is invisible,
-but keeps the transform invertible for normals."""
+"""Minimum thickness of a solid, as a fraction of its largest extent. It is invisible, but it keeps the transform of a
+flat solid, such as a box of height 0, invertible for normals."""
 
 MIN_EXTENT: Final = 1e-12
+"""Minimum extent of a shape, metres. A smaller one counts as zero, so that squares and ratios stay within float32."""
 MAX_EXTENT: Final = 1e15
-"""Metres. Extents below ``MIN_EXTENT`` count as zero and those above ``MAX_EXTENT`` as infinite, so that their squares
-and ratios stay within float32."""
+"""Maximum extent of a shape, metres. A larger one counts as infinite, so that squares stay within float32."""
 
 PlacedMesh = tuple[Mesh, Material, Matrix]
 """(mesh, material, X_part_mesh)."""
@@ -52,11 +52,11 @@ _ShapeMesh = tuple[Mesh, bool, Matrix]
 
 
 def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
-    """Return the meshes that draw ``shape`` in the part's frame.
+    """Return the meshes that draw ``shape``, with their materials and their transforms to the part's frame.
 
-    No value that a client can send raises an error. Shapes without extent or with numbers that are not finite draw
-    nothing. A cylinder or capsule without radius is a hairline. Negative lengths and radii of boxes and ellipsoids
-    count as positive ones, since the mirror images look the same.
+    No value that a client can send raises an error. A shape draws nothing if its extent is zero or one of its numbers
+    is not finite. A cylinder or capsule with a radius of zero is a hairline. The signs of lengths, and of the radii of
+    ellipsoids, are ignored, since the mirrored shapes look the same.
     """
     if isinstance(shape, PointCloud) and material.point_size < MIN_POINT_SIZE:
         material = replace(material, point_size=MIN_POINT_SIZE)
@@ -67,7 +67,7 @@ def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
 
 
 def _with_white_color(material: Material) -> Material:
-    """Return the material in white, with its alpha: the renderer multiplies it by vertex colours."""
+    """Return the material in white with the same alpha. The renderer multiplies this colour by the vertex colours."""
     return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
 
 
@@ -92,6 +92,7 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
 
 
 def _scaled_unit_mesh(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_ShapeMesh, ...]:
+    """Return a unit mesh with a scale along x, y, z; nothing if the scale is zero, too large or not finite."""
     x, y, z = (abs(float(value)) for value in scale)
     longest = max(x, y, z)
     if not _is_drawable(longest) or math.isnan(x + y + z):
@@ -122,12 +123,12 @@ def _capsule(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
 
 @lru_cache(maxsize=1)
 def _unit_segment() -> Mesh:
-    """Return a hairline of length 1 along z, around the origin."""
+    """Return a hairline of length 1 along z, centred on the origin."""
     return _hairlines(np.array(((0.0, 0.0, -0.5), (0.0, 0.0, 0.5))), closed=False)
 
 
 def _hairlines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
-    """Return hairlines from each point to the next."""
+    """Return hairlines from each point to the next, and from the last point to the first one if ``closed``."""
     index = np.arange(len(points), dtype=np.uint32)
     elements = np.stack((index, np.roll(index, -1)), axis=1)
     elements = elements if closed and len(points) > 2 else elements[:-1]
@@ -135,13 +136,14 @@ def _hairlines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
 
 
 _AXIS_COLORS: Final = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0))
+"""RGBA of the x, y and z axis of a triad."""
 
 
 def _triad(scale: float, with_tubes: bool) -> tuple[_ShapeMesh, ...]:
     if not _is_drawable(abs(scale)):
         return ()
     hairlines = (_triad_lines(), True, scaling(scale, scale, scale))
-    # Tubes as thin as Director's vanish at a distance; the hairlines inside them stay visible.
+    # Tubes as thin as Director's are invisible from a distance; the hairlines inside them stay visible.
     return ((_triad_tubes(float(scale)), True, IDENTITY), hairlines) if with_tubes else (hairlines,)
 
 
@@ -155,7 +157,7 @@ def _triad_lines() -> Mesh:
 
 @lru_cache(maxsize=64)
 def _triad_tubes(scale: float) -> Mesh:
-    """Return the three tubes as one mesh with vertex colours. The cache is bounded, since clients choose the scale."""
+    """Return a triad's tubes as one mesh with vertex colours. Clients choose the scale, so the cache is bounded."""
     tubes = [tube(np.stack((np.zeros(3), axis * scale)), TRIAD_TUBE_RADIUS) for axis in np.eye(3)]
     meshes = [mesh for mesh in tubes if mesh is not None]
     positions, normals = ([m.positions for m in meshes], [m.normals for m in meshes if m.normals is not None])
@@ -177,7 +179,7 @@ _meshes_lock = threading.Lock()
 
 
 def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
-    """Return the meshes of a shape, computed once per object."""
+    """Return the meshes of a shape, which are computed once and kept as long as the shape."""
     with _meshes_lock:
         meshes = _meshes_by_shape.get(shape)
     if meshes is None:
@@ -188,10 +190,7 @@ def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
 
 
 def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
-    """Return the finite points, coloured by ``rgb``, else by ``intensity`` as grey.
-
-    Channels of the wrong length are ignored: some clients send empty ones.
-    """
+    """Return a mesh of those points that are finite, with the colours of ``_cloud_colors``."""
     finite = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
     if not finite.any():
         return ()
@@ -204,7 +203,10 @@ def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
 
 
 def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
-    """Return (N, 4) float32 in 0 .. 1; None without a usable channel."""
+    """Return the colours of all points, (N, 4) float32 in 0 .. 1, from ``rgb``, or else in grey from ``intensity``.
+
+    Channels of the wrong shape are ignored: some clients send empty ones. None if neither channel is usable.
+    """
     count = len(cloud.points)
     rgb = cloud.channels.get("rgb")
     if rgb is not None and rgb.ndim == 2 and len(rgb) == count and rgb.shape[1] in (3, 4):
@@ -232,10 +234,10 @@ def _line(line: Line) -> tuple[_ShapeMesh, ...]:
 
 
 def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMesh], NDArray[np.float64]]:
-    """Return the cones at the ends, and the points of the shortened shaft.
+    """Return the cones at the ends of a line, and the points of the shaft, which is shortened at these ends.
 
-    As in Director, the tip lies at the end point, the base one head length behind it, and the shaft ends half a head
-    length before the tip. Of a last segment shorter than that, the shaft keeps a hundredth.
+    As in Director, the tip of a cone lies at the end point, its base one head length behind the tip, and the shaft ends
+    half a head length before the tip. If the last segment is shorter than that, a hundredth of the segment is left.
     """
     radius = float(line.head_radius)
     length = radius if line.head_length is None else float(line.head_length)
@@ -244,7 +246,7 @@ def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMes
         return [], points
     shaft = points.copy()
     heads: list[_ShapeMesh] = []
-    max_cut = 0.495 if all(has_head) and len(points) == 2 else 0.99  # fraction of the last segment
+    max_cut = 0.495 if all(has_head) and len(points) == 2 else 0.99  # fraction of a segment to cut off at one end
     for end, neighbour in ((0, 1), (-1, -2)):
         if not has_head[end]:
             continue
@@ -258,7 +260,7 @@ def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMes
 
 
 def _cone_pose(tip: NDArray[np.float64], direction: NDArray[np.float64], radius: float, length: float) -> Matrix:
-    """Return the (4, 4) transform of the unit cone to a tip and a unit direction."""
+    """Return the (4, 4) transform of the unit cone (tip at the origin, +z forward) to a tip and a unit direction."""
     least_parallel_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     x = np.cross(least_parallel_axis, direction)
     x /= np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""Camera mounts: a fixed pose in the world, or a node of the tree."""
+"""Mount of the stereo camera: a fixed pose in the world, or a node of the tree that the camera follows."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
         (4, 4) float64.
 
     Raises:
-        CameraError: The text is neither.
+        CameraError: The text has neither form.
     """
     if "=" in text:
-        look_at_camera = parse_camera(text)
-        assert isinstance(look_at_camera, LookAtCamera)  # the only kind with an equals sign
-        return look_at(look_at_camera.eye, look_at_camera.target, look_at_camera.up)
+        camera = parse_camera(text)
+        if isinstance(camera, LookAtCamera):
+            return look_at(camera.eye, camera.target, camera.up)
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -35,7 +35,7 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
 
 
 def parse_mount_path(text: str) -> Path:
-    """Parse a path of the tree from its JSON, ``["robot", "head"]``.
+    """Parse a path of the tree from JSON such as ``["robot", "head"]``.
 
     Raises:
         CameraError: The text is not a list of names.
@@ -46,7 +46,7 @@ def parse_mount_path(text: str) -> Path:
 
 
 class Mount:
-    """The pose of a mounted camera. Where its node is missing, the last pose is kept."""
+    """The pose of a mounted camera. While its node is missing, the camera keeps its last pose."""
 
     def __init__(self, pose: NDArray[np.float64], path: Path | None = None) -> None:
         """
@@ -57,10 +57,10 @@ class Mount:
         self._pose = pose
         self._path = path
         self.warning = ""
-        """Why the pose does not follow the node; empty where it does."""
+        """Reason why the pose does not follow the node; empty if it does, or if the pose is fixed."""
 
     def pose(self, root: Node) -> NDArray[np.float64]:
-        """Return X_world_camera in this tree, (4, 4) float64."""
+        """Return X_world_camera, (4, 4) float64, for the current tree with the given root."""
         if self._path is not None:
             try:
                 camera = resolve_camera(NodeCamera(self._path), root, 1, 1, draw_list=DrawList())

@@ -20,10 +20,10 @@ def _identity() -> Matrix:
 
 
 IDENTITY: Final[Matrix] = _identity()
-"""(4, 4) float64, read-only. Compare by ``is`` to skip work."""
+"""(4, 4) float64, read-only. A matrix that ``is IDENTITY`` need not be multiplied."""
 
 SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
-"""Range of squared quaternion norms that are far from underflow and overflow."""
+"""Range of squared norms for which a quaternion is normalised without underflow or overflow."""
 
 
 def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matrix:
@@ -31,8 +31,8 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
 
     Args:
         translation: (3,) metres.
-        quaternion: (4,) [w, x, y, z]; normalised here, all zeros means no rotation (as Director does). Non-finite
-            numbers give a non-finite matrix.
+        quaternion: (4,) [w, x, y, z] of any length. All zeros means no rotation, as in Director. Non-finite numbers
+            give a non-finite matrix.
     """
     w, x, y, z = quaternion
     squared_norm = w * w + x * x + y * y + z * z
@@ -56,7 +56,7 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
 
 
 def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``from_pose`` of many poses, with the same bits.
+    """Return ``from_pose`` of many poses; the results are bit-identical.
 
     Args:
         poses: (N, 7) float64: x, y, z, qw, qx, qy, qz.
@@ -81,7 +81,7 @@ def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return X @ Y of affine matrices, with the same bits on every CPU, unlike NumPy's matrix product.
+    """Return X @ Y of affine matrices. Unlike NumPy's matrix product, the result is bit-identical on every CPU.
 
     Args:
         X, Y: (N, 4, 4) float64.
@@ -108,29 +108,16 @@ def scaling(x: float, y: float, z: float) -> Matrix:
     return np.diag((x, y, z, 1.0))
 
 
-def from_column_major(values: Sequence[float]) -> Matrix:
-    """Return a matrix from glTF's 16 column-major numbers."""
-    return np.array(values, dtype=np.float64).reshape(4, 4).T.copy()
-
-
-def from_trs(translation: Sequence[float], rotation_xyzw: Sequence[float], scale: Sequence[float]) -> Matrix:
-    """Return T * R * S of glTF's node properties, the rotation as [x, y, z, w]."""
-    x, y, z, w = rotation_xyzw
-    matrix = from_pose(translation, (w, x, y, z))
-    matrix[:3, :3] *= scale
-    return matrix
-
-
 def look_at(
     eye: Sequence[float] | NDArray[np.float64], target: Sequence[float] | NDArray[np.float64], up: Sequence[float]
 ) -> Matrix:
     """Return the pose of an optical frame (+Z forward, +X right, +Y down) at ``eye`` that looks at ``target``.
 
     Args:
-        up: Direction that is up in the image; replaced by another axis where it is along the line of sight.
+        up: Direction that is up in the image; +z or +y replaces it if it is along the line of sight.
 
     Raises:
-        ValueError: Eye and target coincide.
+        ValueError: ``eye`` and ``target`` coincide.
     """
     position = np.asarray(eye, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - position
@@ -138,10 +125,10 @@ def look_at(
     if not distance > 0.0:
         raise ValueError("camera eye and target coincide")
     forward /= distance
-    for candidate in (np.asarray(up, dtype=np.float64), np.array((0.0, 0.0, 1.0)), np.array((0.0, 1.0, 0.0))):
-        right = np.cross(forward, candidate)
+    for up_axis in (np.asarray(up, dtype=np.float64), np.array((0.0, 0.0, 1.0)), np.array((0.0, 1.0, 0.0))):
+        right = np.cross(forward, up_axis)
         length = float(np.linalg.norm(right))
-        if length > 1e-9 * max(1.0, float(np.linalg.norm(candidate))):
+        if length > 1e-9 * max(1.0, float(np.linalg.norm(up_axis))):
             break
     right /= length
     matrix = np.eye(4)
@@ -152,4 +139,4 @@ def look_at(
 Y_UP_TO_Z_UP: Final[Matrix] = np.array(
     ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-"""+90 degrees about X: from glTF's Y-up world to our Z-up world."""
+"""Rotation by +90 degrees about X, from glTF's Y-up world to our Z-up world."""

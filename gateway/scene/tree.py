@@ -1,7 +1,7 @@
-"""The scene as a persistent tree: nodes are immutable once committed, edits copy only what they touch.
+"""The scene as a persistent tree. Committed nodes are immutable; an edit copies only the nodes on edited paths.
 
-A committed root is a consistent snapshot, which readers may keep without blocking writers. Two roots share every node
-that did not change, so the cost of comparing them (``changes``) depends on the changes only.
+A committed root is a consistent snapshot, which readers may keep without blocking writers. Two snapshots share every
+subtree that did not change, so the time to compare them (``changes``) depends only on the number of changes.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from gateway.scene.transforms import IDENTITY, from_pose
 
 PathElement = str | int
 Path = tuple[PathElement, ...]
-"""From the root down; () is the root. "a/b" is one element; 1 and "1" are different elements."""
+"""Path elements from the root to a node; () is the root. "a/b" is one element; 1 and "1" are different elements."""
 
 Pose = tuple[float, float, float, float, float, float, float]
-"""(x, y, z, qw, qx, qy, qz)."""
+"""(x, y, z, qw, qx, qy, qz): translation in metres, and a quaternion of any length."""
 
 
 class Node:
-    """A frame of the tree with its geometry and children. Only the edit that owns a node may change it."""
+    """A frame of the tree with its geometry and children. Only the ``TreeEdit`` that owns a node may change it."""
 
     __slots__ = (
         "__weakref__",
@@ -39,9 +39,9 @@ class Node:
     )
 
     children: dict[PathElement, Node]
-    """By path element, in order of creation."""
+    """Children by path element, in order of creation."""
     parts: tuple[Part, ...] | None
-    """The geometry, or None if it was never set. An empty tuple draws nothing, but counts as geometry."""
+    """The geometry; None if it was never set. An empty tuple draws nothing, but counts as geometry."""
     nodes_with_parts: int
     """Number of nodes with ``parts is not None`` in this subtree, this node included."""
     node_count: int
@@ -68,9 +68,9 @@ class Node:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) float64, affine, from this node's frame to its parent's (X_parent_node); do not write to it.
+        """X_parent_node, (4, 4) float64, affine: from this node's frame to its parent's. It must not be written to.
 
-        Computed from the pose at first use.
+        It is computed from the pose at first use.
         """
         if self._matrix is None:
             assert self._pose is not None
@@ -79,23 +79,23 @@ class Node:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose as the client sent it; None where the transform was given as a matrix."""
+        """The pose as the client sent it; None if the transform was given as a matrix."""
         return self._pose
 
     def set_matrix(self, matrix: NDArray[np.float64]) -> None:
-        """Replace the transform. For the owner only."""
+        """Replace the transform. Only the owner may call this."""
         self._matrix, self._pose = matrix, None
 
     def set_pose(self, pose: Pose) -> None:
-        """Replace the transform. For the owner only."""
+        """Replace the transform. Only the owner may call this."""
         self._matrix, self._pose = None, pose
 
     def same_transform(self, other: Node) -> bool:
-        """Return True if both share one transform object. Equal values of two edits count as different."""
+        """Return True if both nodes share one transform object. Equal transforms of two edits count as different."""
         return self._matrix is other._matrix if self._pose is None else self._pose is other._pose
 
     def find(self, path: Path) -> Node | None:
-        """Return the node at a path below this one; None where there is none."""
+        """Return the node at a path relative to this node; None if there is none."""
         node: Node | None = self
         for element in path:
             node = node.children.get(element) if node is not None else None
@@ -104,10 +104,14 @@ class Node:
         return node
 
     def world_matrix(self, path: Path) -> NDArray[np.float64] | None:
-        """Return the product of all transforms down to ``path``, this node's included; None without such a node.
+        """Return the product of the transforms from this node to the node at ``path``, both included.
+
+        Args:
+            path: Path relative to this node.
 
         Returns:
-            (4, 4) float64: X_world_node if this node is the root; else relative to the parent of this node.
+            (4, 4) float64: X_world_node if this node is the root, else relative to the parent of this node. None if
+            there is no node at ``path``.
         """
         node = self
         with np.errstate(all="ignore"):
@@ -121,7 +125,11 @@ class Node:
         return matrix
 
     def walk(self, prefix: Path = ()) -> Iterator[tuple[Path, Node]]:
-        """Iterate over this node and all below, parents first, without recursion."""
+        """Iterate over this node and its descendants with their paths, parents first.
+
+        Args:
+            prefix: Path of this node.
+        """
         stack = [(prefix, self)]
         while stack:
             path, node = stack.pop()
@@ -145,7 +153,7 @@ class Node:
 
 
 class TreeEdit:
-    """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends it."""
+    """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends the batch."""
 
     __slots__ = ("_owner", "_root", "changed", "created")
 
@@ -153,9 +161,9 @@ class TreeEdit:
         self._owner: object | None = object()
         self._root = root
         self.changed = False
-        """True once anything was edited."""
+        """True after the first edit."""
         self.created = 0
-        """Number of nodes that this edit created, for callers that limit the tree."""
+        """Number of nodes that this edit created, for callers that limit the size of the tree."""
 
     @property
     def root(self) -> Node:
@@ -163,7 +171,7 @@ class TreeEdit:
         return self._root
 
     def set_parts(self, path: Path, parts: tuple[Part, ...]) -> None:
-        """Replace the geometry at ``path``, creating nodes as needed. Transform and children stay."""
+        """Replace the geometry of the node at ``path``, creating nodes as needed."""
         nodes = self._own(path)
         leaf = nodes[-1]
         if leaf.parts is None:
@@ -203,7 +211,7 @@ class TreeEdit:
             parent.node_count += node.node_count - old_node_count
 
     def delete(self, path: Path) -> bool:
-        """Remove the node at ``path`` and all below it. The root is replaced by an empty node.
+        """Remove the node at ``path`` and its descendants. The root is replaced by an empty node.
 
         Returns:
             True if there was such a node (for the root: if it had parts or children).
@@ -225,25 +233,25 @@ class TreeEdit:
         return True
 
     def commit(self) -> Node:
-        """Return the edited tree, which is immutable from now on. The edit must not be used afterwards."""
+        """Return the root of the edited tree, which is immutable from now on. Further edits raise RuntimeError."""
         self._owner = None
         return self._root
 
     def _begin_change(self) -> object:
-        """Mark the tree as changed, and return the token of nodes that this edit may change."""
+        """Mark the tree as changed, and return the token that marks the nodes of this edit."""
         if self._owner is None:
             raise RuntimeError("this edit was committed")
         self.changed = True
         return self._owner
 
     def _own(self, path: Path) -> list[Node]:
-        """Return the nodes from the root to ``path``, copied or created as needed."""
+        """Return the nodes from the root to ``path``, copied or created as needed, so that this edit owns them."""
         owner = self._begin_change()
         node = self._root
         if node.owner is not owner:
             node = self._root = node.copy(owner)
         nodes = [node]
-        before = self.created
+        created_before = self.created
         for element in path:
             child = node.children.get(element)
             if child is None:
@@ -256,10 +264,10 @@ class TreeEdit:
                 node.children[element] = child
             nodes.append(child)
             node = child
-        if self.created != before:  # created nodes are the last ones of the path
-            created = self.created - before
-            for below, owned in enumerate(reversed(nodes)):
-                owned.node_count += min(below, created)
+        created_here = self.created - created_before
+        if created_here:  # the created nodes are the last ones of the path
+            for descendant_count, owned in enumerate(reversed(nodes)):
+                owned.node_count += min(descendant_count, created_here)
         return nodes
 
 
@@ -267,17 +275,17 @@ class Change(NamedTuple):
     """One difference between two trees."""
 
     kind: Literal["added", "removed", "reordered", "geometry", "transform", "visible"]
-    """``added``: the node is new; its children follow as changes of their own. ``removed``: the node and its subtree
-    are gone. ``reordered``: the node follows other siblings than before."""
+    """``added``: the node is new; further changes add its children. ``removed``: the node and its descendants were
+    removed. ``reordered``: the node's position among its siblings changed. Otherwise, the property that changed."""
     path: Path
     node: Node | None
-    """The new state of the node; None if removed."""
+    """The new state of the node; None if it was removed."""
 
 
 def changes(old: Node, new: Node) -> Iterator[Change]:
     """Yield the differences from ``old`` to ``new``: parents before children, siblings in their order.
 
-    Subtrees that both trees share are skipped, so the cost depends on the number of changes, not of nodes.
+    Subtrees that both trees share are skipped, so the time depends on the number of changes, not of nodes.
     """
     stack: list[tuple[Path, Node | None, Node, bool]] = [((), old, new, False)]
     while stack:
@@ -302,15 +310,19 @@ def changes(old: Node, new: Node) -> Iterator[Change]:
         for name in previous:
             if name not in after.children:
                 yield Change("removed", (*path, name), None)
-        moved = _reordered(previous, after.children)
+        reordered_names = _reordered_names(previous, after.children)
         for name, child in reversed(after.children.items()):
             earlier = previous.get(name)
-            if earlier is not child or name in moved:
-                stack.append(((*path, name), earlier, child, name in moved))
+            if earlier is not child or name in reordered_names:
+                stack.append(((*path, name), earlier, child, name in reordered_names))
 
 
-def _reordered(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
-    """Return the names that both mappings have, from the first one whose order differs."""
+def _reordered_names(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
+    """Return the names of children that both nodes have, starting at the first one whose order differs.
+
+    Args:
+        before, after: Children of a node.
+    """
     new_order = list(after)
     old_order = [name for name in before if name in after]
     if new_order[: len(old_order)] == old_order:

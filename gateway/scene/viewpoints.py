@@ -1,4 +1,4 @@
-"""Placement of cameras in a scene: pose, focal length and clipping planes."""
+"""Places cameras in a scene: computes pose, focal length and clipping planes."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from renderers.drawlist import DrawList
 FIT_DIRECTION: Final = (1.0, -1.0, 0.8)
 """Direction from the scene's centre to the eye: front right and above, for robots that face +x."""
 FIT_MARGIN: Final = 1.05
-"""Ratio of the image's half height to the framed box's."""
+"""Size of the field of view, relative to the smallest one that contains the scene's box."""
 
 _EMPTY_SCENE_BOX: Final = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
-"""Box that is framed where the scene draws nothing, metres."""
+"""Box that stands for the bounds of a scene that draws nothing, metres."""
 
 
 def resolve_camera(
@@ -53,20 +53,20 @@ def resolve_camera(
     stereo: Camera | None = None,
     draw_list: DrawList | None = None,
 ) -> Camera:
-    """Return the camera of an image of a scene.
+    """Return the camera for an image of a scene.
 
     Args:
         spec: Result of ``parse_camera``, or an orbit or pose.
-        root: The tree, for ``path`` and for framing.
-        width, height: Pixels.
-        fovy: Vertical field of view in degrees where the text has none.
+        root: Root of the scene's tree.
+        width, height: Size of the image, pixels.
+        fovy: Vertical field of view in degrees, if ``spec`` has none.
         near, far: Clipping planes, metres; None: chosen so that the whole scene lies between them.
         stereo: Current left camera of the stereo sensor, of any size; None without such a sensor.
-        draw_list: The tree's draw list, if the caller has it.
+        draw_list: The tree's draw list, if the caller has it; None: it is computed.
 
     Raises:
-        NoSuchCameraError: No such node, or no stereo camera.
-        CameraError: A node's frame is not invertible, or the size or planes are invalid.
+        NoSuchCameraError: The node does not exist, or there is no stereo camera.
+        CameraError: A node's frame is not invertible, or the size, ``fovy`` or the planes are invalid.
     """
     if not MIN_FOVY <= fovy < 180.0:
         raise CameraError(f"fovy {fovy:g} must be at least {MIN_FOVY:g} and less than 180 degrees")
@@ -92,18 +92,18 @@ def resolve_camera(
         fovy = fovy if spec.fovy is None else spec.fovy
     focal_length = 0.5 * height / math.tan(math.radians(0.5 * fovy))
     near, far = _clipping_planes(near, far, _fitted_planes(loose_bounds(draw_list), pose))
-    return _camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, pose)
+    return _checked_camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, pose)
 
 
 def _clipping_planes(near: float | None, far: float | None, fitted: tuple[float, float]) -> tuple[float, float]:
-    """Return the given planes. A missing one is the fitted one, moved if it conflicts with the given one."""
+    """Return the near and far plane. The fitted plane replaces a missing one, and is moved if near >= far otherwise."""
     fitted_near, fitted_far = fitted
     if near is None:
         return (fitted_near if far is None else min(fitted_near, 0.5 * far)), far or fitted_far
     return near, (far or max(fitted_far, 2.0 * near))
 
 
-def _camera(
+def _checked_camera(
     width: int,
     height: int,
     fx: float,
@@ -121,10 +121,10 @@ def _camera(
 
 
 def _resized(stereo: Camera, width: int, height: int, near: float | None, far: float | None) -> Camera:
-    """Return the sensor's camera at another size: the same horizontal field of view, square pixels stay square."""
+    """Return the sensor's camera for another image size, with the same horizontal field of view and pixel aspect."""
     scale = width / stereo.width
     near, far = _clipping_planes(near, far, (stereo.near, stereo.far))
-    return _camera(
+    return _checked_camera(
         width,
         height,
         stereo.fx * scale,
@@ -138,7 +138,11 @@ def _resized(stereo: Camera, width: int, height: int, near: float | None, far: f
 
 
 def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
-    """Return the node's frame without scale and shear. The forward axis is kept, then the right one."""
+    """Return the frame of a node in the world, without scale and shear.
+
+    Shear is removed from the axes in this order: the forward axis keeps its direction, the right axis becomes
+    orthogonal to it, and the down axis orthogonal to both.
+    """
     text = json.dumps(list(path))
     world = root.world_matrix(path)
     if world is None:
@@ -158,12 +162,14 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
 def _framing_pose(
     bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
 ) -> NDArray[np.float64]:
-    """Return a pose that looks at the centre of the bounds, or of ``_EMPTY_SCENE_BOX``.
+    """Return a pose that looks at the centre of a box.
 
     Args:
+        bounds: The box; None: ``_EMPTY_SCENE_BOX``.
+        fovy: Vertical field of view, degrees.
         aspect: Width of the image divided by its height.
         direction: Direction from the centre to the eye.
-        distance: Metres from the centre to the eye; None: the smallest one that has all corners in view.
+        distance: Metres from the centre to the eye; None: the smallest distance that has all corners in view.
     """
     box = _EMPTY_SCENE_BOX if bounds is None else bounds
     centre = box.mean(axis=0)
@@ -186,12 +192,15 @@ def _orbit_pose(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitC
 
 @lru_cache(maxsize=64)
 def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevation: float) -> float:
-    """Return the distance from which each camera of an orbit has all corners in view.
+    """Return the distance from which every camera of an orbit has all corners of a box in view.
 
-    Cached, because every camera of the orbit needs it.
+    The result is cached, because every camera of the orbit needs it.
 
     Args:
-        bounds: Bytes of a (2, 3) float64 box.
+        bounds: Bytes of the box, (2, 3) float64.
+        fovy: Vertical field of view, degrees.
+        aspect: Width of the image divided by its height.
+        count, elevation: As in ``OrbitCamera``.
     """
     box = np.frombuffer(bounds).reshape(2, 3)
     poses = (_framing_pose(box, fovy, aspect, _orbit_direction(index / count, elevation)) for index in range(count))
@@ -199,16 +208,24 @@ def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevati
 
 
 def _orbit_direction(turn: float, elevation: float) -> Vector:
-    """Return the direction from the centre to the eye after a fraction of a turn, counter-clockwise from +x."""
+    """Return the direction from the centre to the eye.
+
+    Args:
+        turn: Angle from +x, counter-clockwise, as a fraction of a full turn.
+        elevation: Angle above the horizon, degrees.
+    """
     azimuth, altitude = 2.0 * math.pi * turn, math.radians(elevation)
     return math.cos(azimuth) * math.cos(altitude), math.sin(azimuth) * math.cos(altitude), math.sin(altitude)
 
 
 def _fitted_planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:
-    """Return near and far planes around the whole scene.
+    """Return a near and a far plane with the whole scene between them.
 
-    A near plane close to the eye costs no resolution, because depth is stored as 1/z in floating point. For a camera
-    within the scene's box the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
+    For a camera inside the scene's box, the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
+    A near plane so close to the eye costs no resolution, because depth is stored as 1/z in floating point.
+
+    Args:
+        bounds: Box around the scene; None: the scene draws nothing.
     """
     if bounds is None:
         return 0.01, 100.0

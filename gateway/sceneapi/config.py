@@ -1,4 +1,4 @@
-"""Limits and defaults of the scene over HTTP."""
+"""Limits of the HTTP interface to the live scene, and defaults of its query parameters."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class SceneApiConfig:
     look: LookName = "studio"
     """Default look."""
     samples: SampleCount = 4
-    """Default number of samples per pixel of the studio look; the other looks have one, and FXAA."""
+    """Default number of samples per pixel of the studio look. The default of the other looks is 1, with FXAA."""
     rig: Rig = STUDIO
     """Lights of the studio look."""
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB background of colour images, the same as the render endpoint's."""
+    """RGB background of colour images, 0 .. 255; the same as the render endpoint's."""
     antialias: Literal["fxaa", "none"] = "fxaa"
-    """Antialiasing of colour images with one sample per pixel, except in the studio look."""
+    """Antialiasing of colour images with one sample per pixel. The studio look has no FXAA."""
     max_pixels: int = 4096 * 4096
     """Maximum number of pixels of an image; one of this size takes about 200 MB while it is rendered."""
     max_side: int = 16384
@@ -34,4 +34,4 @@ class SceneApiConfig:
     max_export_bytes: int = 512 << 20
     """Maximum size of ``/scene.glb``: the file is built in memory, and browsers cannot load much larger ones."""
     max_nodes: int = 200_000
-    """Maximum number of nodes listed by ``GET /scene``, 300 bytes of JSON each. Further nodes are only counted."""
+    """Maximum number of nodes in the response of ``GET /scene``, 300 bytes each. Further nodes are only counted."""

@@ -1,4 +1,4 @@
-"""The JSON of ``GET /scene``."""
+"""Makes the JSON of ``GET /scene``."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from renderers.drawlist import LABEL_NONE, DrawList
 
 
 class ListedNode(msgspec.Struct):
-    """One node. Parents come before their children."""
+    """One node of the scene."""
 
     path: list[str | int]
-    """Names from the root."""
+    """Names from the root to the node."""
     kinds: list[str]
     """Kinds of the node's own parts, as the client named them."""
     has_geometry: bool
-    """True if geometry was ever set, even if it is empty."""
+    """True if a client has set the node's geometry, even if it is empty."""
     visible: bool
-    """The node's own flag; a node is also hidden if an ancestor is."""
+    """The node's own flag. A node is also hidden if an ancestor's flag is false."""
     label: int | None
     """Label in label images, as red + 256 green + 65536 blue; null without geometry."""
     bounds: list[list[float]] | None
-    """World bounds of the visible subtree as minimum and maximum corner, metres; null if nothing is drawn."""
+    """Bounds of the visible subtree in the world: minimum and maximum corner, metres. Null if nothing is drawn."""
     transform: list[list[float]]
-    """(4, 4), row-major, X_world_node; values that are not finite are null."""
+    """X_world_node, (4, 4), row-major. Values that are not finite are null."""
 
 
 class Listing(msgspec.Struct):
@@ -41,11 +41,11 @@ class Listing(msgspec.Struct):
     revision: int
     """Revision of the live tree."""
     nodes: list[ListedNode]
-    """The first nodes, up to the server's limit."""
+    """The first nodes, up to the server's limit. Parents come before their children."""
     node_count: int
     """Number of nodes of the whole tree."""
     bounds: list[list[float]] | None
-    """World bounds of the whole scene."""
+    """Bounds of the whole scene, as ``ListedNode.bounds``."""
 
 
 def list_scene(
@@ -56,20 +56,21 @@ def list_scene(
     Args:
         draw_list: The snapshot's draw list, with labels from ``labels``.
         boxes: World bounds of the draw list's instances.
+        max_nodes: Maximum number of nodes in the result.
     """
     index_of: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []
-    """Index of each node's parent; the root's is its own."""
+    """Index of each node's parent in ``nodes``; 0 for the root."""
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
     with np.errstate(all="ignore"):
         while stack and len(nodes) < max_nodes:
-            path, node, parent_world, parent_index = stack.pop()
-            world = parent_world @ node.matrix
+            path, node, X_world_parent, parent_index = stack.pop()
+            X_world_node = X_world_parent @ node.matrix
             index = index_of[path] = len(nodes)
-            nodes.append(_listed_node(path, node, world, labels))
+            nodes.append(_listed_node(path, node, X_world_node, labels))
             parents.append(parent_index)
-            stack.extend(((*path, name), child, world, index) for name, child in reversed(node.children.items()))
+            stack.extend(((*path, name), child, X_world_node, index) for name, child in reversed(node.children.items()))
     _set_bounds(nodes, parents, index_of, draw_list, boxes, labels)
     bounds = union([box for box in boxes if box is not None])
     return msgspec.json.encode(
@@ -77,7 +78,7 @@ def list_scene(
     )
 
 
-def _listed_node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
+def _listed_node(path: Path, node: Node, X_world_node: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
     return ListedNode(
         path=[json_element(element) for element in path],
@@ -86,7 +87,7 @@ def _listed_node(path: Path, node: Node, world: NDArray[np.float64], labels: Lab
         visible=node.visible,
         label=None if label == LABEL_NONE else label,
         bounds=None,
-        transform=world.tolist(),
+        transform=X_world_node.tolist(),
     )
 
 
@@ -98,16 +99,16 @@ def _set_bounds(
     boxes: list[Bounds | None],
     labels: LabelTable,
 ) -> None:
-    """Set the bounds of all nodes from their instances and children, leaves first."""
-    boxes_of: dict[int, list[Any]] = {}
+    """Set the bounds of all nodes from their instances and their children's bounds, children first."""
+    boxes_by_node: dict[int, list[Any]] = {}
     for instance, box in zip(draw_list.instances, boxes, strict=True):
         path = labels.path_of(instance.label)
         if box is not None and path in index_of:
-            boxes_of.setdefault(index_of[path], []).append(box)
+            boxes_by_node.setdefault(index_of[path], []).append(box)
     for index in range(len(nodes) - 1, -1, -1):
-        box = union(boxes_of.pop(index, []))
+        box = union(boxes_by_node.pop(index, []))
         if box is None:
             continue
         nodes[index].bounds = box.tolist()
         if index:
-            boxes_of.setdefault(parents[index], []).append(box)
+            boxes_by_node.setdefault(parents[index], []).append(box)

@@ -1,4 +1,4 @@
-"""Query parameters of ``/scene/render`` and ``/scene.glb``: each is declared once, for the parser and for OpenAPI."""
+"""Query parameters of ``/scene/render`` and ``/scene.glb``. One declaration serves both the parser and OpenAPI."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far")
 
 
 class QueryError(ValueError):
-    """A parameter is invalid. The message has its name, value and limits."""
+    """A parameter is invalid. The message has the parameter's name, value and limits."""
 
 
 class CameraNotFoundError(QueryError):
@@ -39,7 +39,7 @@ class CameraNotFoundError(QueryError):
 
 @dataclass(frozen=True, slots=True)
 class ImageQuery:
-    """The parameters of ``GET /scene/render``."""
+    """The values of the parameters of ``GET /scene/render``."""
 
     camera: CameraSpec
     type: ImageType
@@ -48,31 +48,35 @@ class ImageQuery:
     height: int
     """Pixels."""
     look: LookName
+    """Shading of colour images."""
     samples: SampleCount
+    """Samples per pixel of colour images."""
     fovy: float
     """Vertical field of view in degrees, for cameras without one."""
     near: float | None
-    """Near plane in metres; None fits it to the scene."""
+    """Near plane in metres; None: fitted to the scene."""
     far: float | None
-    """Far plane in metres; None fits it to the scene."""
+    """Far plane in metres; None: fitted to the scene."""
     format: DepthFormat
     """File format of depth images."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A query parameter."""
+    """Declaration of a query parameter."""
 
     name: str
     description: str
+    """Description for OpenAPI."""
     schema: Mapping[str, Any]
     """JSON schema, with the limits that ``parse`` checks and the default."""
     example: object
+    """Example value for OpenAPI."""
     unit: str = ""
-    """Unit of numbers, for error messages."""
+    """Unit of a number, for error messages."""
 
     def parse(self, text: str) -> Any:
-        """Return the value of the parameter.
+        """Return the value of the parameter, given its text in the query.
 
         Raises:
             QueryError: The value does not match the schema.
@@ -106,9 +110,9 @@ class Parameter:
         if not math.isfinite(value):
             raise QueryError(f"{self.name}={quoted(text)} is not a number")
         low = self.schema["minimum"]
-        high, below = self.schema.get("maximum", math.inf), self.schema.get("exclusiveMaximum", math.inf)
-        if not (low <= value <= high and value < below):
-            limit = f"at most {high:g}" if high < math.inf else f"less than {below:g}"
+        high, exclusive_high = self.schema.get("maximum", math.inf), self.schema.get("exclusiveMaximum", math.inf)
+        if not (low <= value <= high and value < exclusive_high):
+            limit = f"at most {high:g}" if high < math.inf else f"less than {exclusive_high:g}"
             raise QueryError(f"{self.name}={quoted(text)} must be at least {low:g} and {limit} {self.unit}")
         return value
 
@@ -138,10 +142,10 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
             {"type": "string", "default": "fit", "pattern": CAMERA_PATTERN},
             "eye=2,-2,1.5;target=0,0,0.5",
         ),
-        Parameter("type", "Type of the image.", _choice(get_args(ImageType), "color"), "color"),
+        Parameter("type", "Type of the image.", _choice_schema(get_args(ImageType), "color"), "color"),
         Parameter("width", pixels, {**side, "default": config.width}, 640, "pixels"),
         Parameter("height", pixels, {**side, "default": config.height}, 480, "pixels"),
-        Parameter("look", "Shading of colour images.", _choice(get_args(LookName), config.look), config.look),
+        Parameter("look", "Shading of colour images.", _choice_schema(get_args(LookName), config.look), config.look),
         Parameter(
             "samples",
             f"Samples per pixel of colour images; default {config.samples} for studio, 1 and FXAA for other looks.",
@@ -160,18 +164,18 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
         Parameter(
             "format",
             "File format of depth images: TIFF in float32 metres, or PNG in millimetres.",
-            _choice(get_args(DepthFormat), "tiff"),
+            _choice_schema(get_args(DepthFormat), "tiff"),
             "tiff",
         ),
     )
 
 
-def _choice(choices: tuple[str, ...], default: str) -> dict[str, Any]:
+def _choice_schema(choices: tuple[str, ...], default: str) -> dict[str, Any]:
     return {"type": "string", "enum": list(choices), "default": default}
 
 
 def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery | None:
-    """Parse the camera of ``GET /scene.glb``; return None without any parameter.
+    """Parse the query of ``GET /scene.glb``; return None if it has no parameters.
 
     Raises:
         QueryError: A parameter is unknown or invalid.

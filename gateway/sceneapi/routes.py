@@ -108,6 +108,12 @@ def router(service: SceneApi) -> APIRouter:
 
 
 def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI descriptions of a route's responses.
+
+    Args:
+        content: Media types of the 200 response.
+        cached: True for a route that responds with ``_cacheable``.
+    """
     responses: dict[int | str, dict[str, Any]] = {
         200: {"description": "The header X-Scene-Revision has the revision of the scene.", "content": content},
         503: {
@@ -124,7 +130,7 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
 
 
 async def _cacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
-    """Respond with something that depends on the scene only; 304 if the client has it."""
+    """Return the result of ``make``, which depends only on the scene; 304 if the client has the newest revision."""
     headers = {"Cache-Control": "no-cache"}
     revision = service.snapshot.revision
     etag = service.etag(revision)
@@ -138,7 +144,7 @@ async def _cacheable(service: SceneApi, request: Request, make: Callable[[], Sce
 
 
 async def _uncacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
-    """Respond with something that depends on more than the scene."""
+    """Return the result of ``make``, which depends on more than the scene, so that clients must not cache it."""
     result = await _run(service, request, make)
     return _response(result, {"Cache-Control": "no-store"}) if isinstance(result, SceneResponse) else result
 

@@ -1,4 +1,4 @@
-"""Listing, glTF file and images of the live scene."""
+"""Makes the listing, the glTF file and the images of the live scene, for ``routes``."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
 from gateway.sceneapi.query import CameraNotFoundError, ImageQuery, QueryError
 from renderers.camera import Camera
+from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import DrawList, Topology
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, Output, Renderer
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-_NO_DEPTH_MM: Final = 65535.0
 
 
 @dataclass(frozen=True, slots=True)
 class SceneResponse:
-    """A response body."""
+    """A response without its headers."""
 
     body: bytes
     media_type: str
@@ -59,7 +59,7 @@ class SceneApi:
         """
         Args:
             labels: Labels of the live tree, shared with other interfaces.
-            flattener: Flattener with these labels, shared with other interfaces.
+            flattener: Flattener that uses ``labels``, shared with other interfaces.
             stereo_camera: Returns the left camera of the stereo sensor, for ``camera=stereo``.
         """
         if flattener is not None and labels is None:
@@ -84,7 +84,7 @@ class SceneApi:
         return self._tree.snapshot
 
     def etag(self, revision: int) -> str:
-        """Return the ETag of a revision, unique to this process: revisions start at zero in each."""
+        """Return the ETag of a revision. It contains a process id, because revisions start at 0 in each process."""
         return f'"{self._process_id}-{revision}"'
 
     def status(self) -> dict[str, Any]:
@@ -109,7 +109,10 @@ class SceneApi:
             return listing
 
     def file(self, query: ImageQuery | None = None) -> SceneResponse:
-        """Return the response of ``GET /scene.glb``, with the camera of a query.
+        """Return the response of ``GET /scene.glb``.
+
+        Args:
+            query: The camera to write into the file; None: the file has no camera.
 
         Raises:
             ExportError: The file would be too large.
@@ -174,12 +177,15 @@ def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None,
         return png_label(frame.label), "image/png"
     assert frame.depth is not None
     if query.format == "png":
-        return png_gray16(_to_millimetres(frame.depth)), "image/png"
+        return png_gray16(depth_in_millimetres(frame.depth)), "image/png"
     return tiff_float32(frame.depth), "image/tiff"
 
 
 def _point_instances(draw_list: DrawList) -> NDArray[np.bool_] | None:
-    """Return a flag for each instance that draws points, and False for the background's id -1; None without points."""
+    """Return a flag for each instance: True if it draws points. None if no instance draws points.
+
+    A last flag, False, stands for the background, whose instance id is -1.
+    """
     flags = [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]
     return np.array([*flags, False]) if any(flags) else None
 
@@ -187,18 +193,17 @@ def _point_instances(draw_list: DrawList) -> NDArray[np.bool_] | None:
 def _apply_fxaa(
     color: NDArray[np.uint8], instance: NDArray[np.int32] | None, is_point: NDArray[np.bool_] | None
 ) -> None:
-    """Apply FXAA in place, except to points: it would blend a single pixel with a third of its surroundings."""
+    """Apply FXAA in place, except to points: it would mix a third of the neighbours' colour into a one-pixel point.
+
+    Args:
+        instance: (H, W) instance ids; None: there are no points.
+        is_point: Result of ``_point_instances``.
+    """
     if instance is None or is_point is None:
         fxaa(color)
         return
-    points = np.flatnonzero(is_point[instance.ravel()])
+    point_pixels = np.flatnonzero(is_point[instance.ravel()])
     pixels = color.reshape(-1, 3)
-    point_colors = pixels[points]
+    point_colors = pixels[point_pixels]
     fxaa(color)
-    pixels[points] = point_colors
-
-
-def _to_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return depth in rounded millimetres, (H, W) uint16; 65535 for no surface and for more than 65.534 m."""
-    rounded: NDArray[np.float32] = depth * np.float32(1000.0) + np.float32(0.5)
-    return np.minimum(rounded, np.float32(_NO_DEPTH_MM)).astype(np.uint16)
+    pixels[point_pixels] = point_colors

@@ -8,7 +8,7 @@ from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 
 UnavailableErrors = (QueueFull, PoolClosed, DeadlineExceeded, KernelError)
-"""What ``WorkerPool.run`` raises for calls that it rejects or stops, and for kernels that could not be compiled."""
+"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be compiled."""
 
 
 def retry_after(error: Exception) -> dict[str, str]:
@@ -18,7 +18,15 @@ def retry_after(error: Exception) -> dict[str, str]:
     return {"Retry-After": str(getattr(error, "retry_after", 1))}
 
 
+def unavailable_message(error: Exception) -> str:
+    """Return the text of the 503 response for one of ``UnavailableErrors``."""
+    if isinstance(error, QueueFull):
+        return f"the server is busy: {error}"
+    if isinstance(error, DeadlineExceeded):
+        return f"rendering was stopped: {error}"
+    return str(error)
+
+
 def unavailable(error: Exception) -> PlainTextResponse:
     """Return a 503 response for one of ``UnavailableErrors``."""
-    sentence = f"rendering was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
-    return PlainTextResponse(sentence, 503, retry_after(error))
+    return PlainTextResponse(unavailable_message(error), 503, retry_after(error))

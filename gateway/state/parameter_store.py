@@ -86,5 +86,5 @@ class ParameterStore:
                 restored += 1
             except (LookupError, ValueError) as error:
                 _log.warning("stored parameter ignored", camera=self._camera, node=node, reason=str(error))
-        self._stored = self.capture()  # defaults are not stored: a later version may have better ones
+        self._stored = self.capture()  # so defaults are not written: a later release may have better ones
         return restored

@@ -58,6 +58,7 @@ class RecentRenders:
                 "scene": entry.summary.scene_text,
                 "image": bool(entry.body),
                 "error": entry.summary.error,
+                "warnings": list(entry.summary.warnings),
             }
             for entry in reversed(self._entries)
         ]

@@ -88,3 +88,5 @@ class RenderSummary:
     """Media type of ``body``."""
     error: str
     """The error message that was sent; empty if there is none."""
+    warnings: tuple[str, ...] = ()
+    """Sentences about what was ignored or repaired."""

@@ -83,4 +83,5 @@ def render_summary(record: RenderRecord) -> RenderSummary:
         body=image.body if image is not None else b"",
         media_type=image.media_type if image is not None else "",
         error=record.error,
+        warnings=image.warnings if image is not None else (),
     )

@@ -19,8 +19,8 @@ MAX_DISPARITIES: Final = 2032
 """Maximum number of disparities: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels)."""
 
 FULL_MAX_DISPARITIES: Final = 256
-"""Maximum number of disparities at full resolution: the device's memory limit, 128 pixels of a High image
-(manual 20.04; later manuals mention the limit without a figure)."""
+"""Maximum number of disparities at full resolution, a limit of the device's memory. The manual (20.04) says 128 at
+High, half the resolution; later manuals mention the limit without a figure."""
 
 
 class Quality(Enum):

@@ -239,12 +239,20 @@ def test_the_result_does_not_depend_on_the_cache(data: st.DataObject) -> None:
         assert outcome(read_gltf(text.encode(), cache=cache)) == outcome(read_gltf(text.encode()))
 
 
-@pytest.mark.parametrize("limit", ["max_json_bytes", "max_json_values"])
-def test_hits_are_limited_as_whole_documents_are(limit: str) -> None:
-    """The text from the nodes on alone is beyond the limit."""
-    small, large = dump(moved(document(), 1)), moved(document(), 2)
-    large["nodes"] += [{} for _ in range(20_000)]
-    value = {"max_json_bytes": 30_000, "max_json_values": 15_000}[limit]
+@pytest.mark.parametrize(
+    ("limit", "value", "node_count"),
+    [
+        ("max_json_bytes", 30_000, 20_000),
+        ("max_json_bytes", 30_000, 4_000),
+        ("max_json_values", 15_000, 20_000),
+        ("max_json_values", 15_000, 6_000),
+    ],
+)
+def test_hits_are_limited_as_whole_documents_are(limit: str, value: int, node_count: int) -> None:
+    """The text from the nodes on is beyond the limit alone, or only together with the text before the nodes."""
+    before = {"extras": [0] * 9_500} if limit == "max_json_values" else {"extras": "x" * 20_000}
+    small, large = dump({**before, **moved(document(), 1)}), {**before, **moved(document(), 2)}
+    large["nodes"] += [{} for _ in range(node_count)]
     limits, cache = GltfLimits(**{limit: value}), GltfCache()
     for _ in range(2):
         read_gltf(small, cache=cache, limits=limits)
@@ -255,6 +263,28 @@ def test_hits_are_limited_as_whole_documents_are(limit: str) -> None:
             read_gltf(dump(large), cache=used_cache, limits=limits)
         messages.append(str(caught.value))
     assert messages[0] == messages[1]
+
+
+def test_a_cached_part_does_not_allow_deeper_nesting() -> None:
+    def is_read(depth: int, cache: GltfCache | None) -> bool:
+        source = moved(document(), 2)
+        source["nodes"][0]["extras"] = "NESTED"
+        text = dump(source).replace(b'"NESTED"', b"[" * depth + b"]" * depth)
+        try:
+            read_gltf(text, cache=cache)
+        except GltfError as error:
+            assert "nested too deeply" in str(error)
+            return False
+        return True
+
+    deepest, refused = 1, 200_000
+    while refused - deepest > 1:
+        depth = (deepest + refused) // 2
+        deepest, refused = (depth, refused) if is_read(depth, None) else (deepest, depth)
+    cache = GltfCache()
+    warm(cache, document())
+    assert is_read(deepest, cache)
+    assert not is_read(refused, cache)
 
 
 @pytest.mark.parametrize(("size", "expected"), [(MIN_BYTES - 1, 0), (MIN_BYTES, MIN_BYTES)])

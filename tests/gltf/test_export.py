@@ -113,7 +113,7 @@ def test_nodes_keep_names_and_parents() -> None:
     by_name = {node["name"]: node for node in nodes if "name" in node}
     children = {nodes[index].get("name") for index in by_name["robot"]["children"]}
     assert {"arm/1", "7"} <= children
-    np.testing.assert_array_equal(tf.from_column_major(nodes[0]["matrix"]) @ (0, 0, 1, 1), (0, 1, 0, 1))
+    np.testing.assert_array_equal(np.reshape(nodes[0]["matrix"], (4, 4)).T @ (0, 0, 1, 1), (0, 1, 0, 1))
 
 
 def test_equal_meshes_materials_and_images_are_written_once() -> None:

@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 
 from gateway.gltf import GltfError, GltfLimits, read_gltf
-from gateway.scene.transforms import IDENTITY, from_trs, look_at
+from gateway.scene.transforms import IDENTITY, Matrix, from_pose, look_at
 from tests.gltf.builder import Builder, parts
 
 SHIFT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]
+
+
+def from_trs(translation: Any, rotation_xyzw: Any, scale: Any) -> Matrix:
+    """Translation * rotation * scale, one node at a time."""
+    x, y, z, w = rotation_xyzw
+    matrix = from_pose(translation, (w, x, y, z))
+    matrix[:3, :3] *= scale
+    return matrix
 
 
 def paths(scene: Any) -> list[tuple[str | int, ...]]:

@@ -186,3 +186,16 @@ def test_damaged_requests_of_drake(data: st.DataObject) -> None:
 def test_any_bytes_are_read_or_a_gltf_error(data: bytes) -> None:
     for start in (b"", b"{", b"glTF\2\0\0\0"):
         assert check(start + data) in (True, False)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'{"asset":{"version":"2.0","generator":"a\ud800"}}',
+        r'{"extras":{"a\ud800":1}}',
+        r'{"nodes":[{"name":"a\ud800"}]}',
+    ],
+)
+def test_unpaired_surrogates_are_errors_that_quote_the_string(text: str) -> None:
+    with pytest.raises(GltfError, match=r"^the JSON string 'a\\ud800' has an unpaired surrogate, '\\ud800'$"):
+        read_gltf(text.encode())

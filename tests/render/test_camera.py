@@ -23,7 +23,7 @@ REQUEST = RenderRequest("color", 64, 48, 100.0, 90.0, 32.0, 20.0, 0.1, 10.0, 0.0
 
 def scene(X: Any = POSE, znear: float = 0.02) -> PreparedScene:
     camera = GltfCamera(0, "head", X, 1.0, znear, None, None)
-    return PreparedScene(camera, True, "VTK", 1, (), DrawList(), 0)
+    return PreparedScene(camera, True, "VTK", 1, (), 0, DrawList(), 0)
 
 
 def test_intrinsics_come_from_the_form_and_the_pose_from_the_scene() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from typing import Any
 
 import cv2
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from gateway.gltf import GltfError, HashedDocument
 from gateway.render.config import RenderConfig
-from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
@@ -70,12 +68,6 @@ def test_wrong_scene_hash_is_refused() -> None:
     assert hashlib.sha256(data).hexdigest() in str(caught.value)
 
 
-def test_millimetres_round_and_saturate() -> None:
-    metres = np.array([[0.0, 0.0004, 0.0006, 1.2344, 1.2346, 65.534, 65.5349, 65.536, 1e9, math.inf]], np.float32)
-    expected = np.array([[0, 0, 1, 1234, 1235, 65534, 65535, 65535, 65535, 65535]], np.uint16)
-    np.testing.assert_array_equal(millimetres(metres), expected)
-
-
 def test_fxaa_can_be_turned_off() -> None:
     """Labels and depth never are: only two values, the edge as hard as the geometry."""
     renderer = CpuRenderer(1)
@@ -91,6 +83,20 @@ def test_fxaa_can_be_turned_off() -> None:
     renderer.close()
     assert shades["none", "color"] == shades["none", "label"] == shades["fxaa", "label"] == 2
     assert shades["fxaa", "color"] > 5
+
+
+def test_meshes_without_a_label_are_a_warning_of_label_images() -> None:
+    renderer, config = CpuRenderer(1), RenderConfig()
+    pipeline = Pipeline(renderer, config)
+    bare = gltf(meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}])
+    warnings = {}
+    for name, document, kind in (("bare", bare, "label"), ("bare", bare, "color"), ("labelled", gltf(), "label")):
+        reader = FormReader(CONTENT_TYPE, config)
+        reader.feed(body(document, drake_fields(kind)))
+        warnings[name, kind] = pipeline.render(read_form(reader.form(), config)).warnings
+    renderer.close()
+    assert ["(1 here)" in text for text in warnings["bare", "label"]] == [True]
+    assert warnings["bare", "color"] == warnings["labelled", "label"] == ()
 
 
 def _pixels(png: bytes) -> NDArray[np.generic]:

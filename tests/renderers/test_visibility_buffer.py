@@ -269,6 +269,32 @@ def test_before_draws_only_in_front_of_a_layer(renderer: CpuRenderer) -> None:
         assert (merged == shell.ids).any()
 
 
+def test_layers_in_drawing_order_are_those_by_distance(renderer: CpuRenderer) -> None:
+    """Every pixel sees the same primitives, the last first, and below an id the nearest of those drawn before."""
+    rng = np.random.default_rng(8)
+    ends = rng.uniform((-1, -1, 1), (1, 1, 4), (20, 3))
+    lines = mesh(ends, np.arange(20).reshape(-1, 2))
+    scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(64, 32, 2.5), lines)
+    view = camera(near=0.05)
+    by_distance: list[np.ndarray] = []
+    layer = renderer.visibility(scene, view)
+    while (layer.ids >= 0).any():
+        by_distance.append(layer.ids.copy())
+        with layer:
+            layer = renderer.visibility(scene, view, beyond=layer)
+    seen = np.array(by_distance)
+    earlier = None
+    for expected in np.sort(seen, axis=0)[::-1]:
+        with renderer.visibility(scene, view, earlier=earlier, latest=True) as layer:
+            np.testing.assert_array_equal(layer.ids, expected)
+            earlier = layer.ids.copy()
+    bound = rng.integers(0, seen.max(), seen.shape[1:]).astype(np.int32)
+    is_earlier = (seen >= 0) & (seen < bound)
+    nearest = np.where(is_earlier.any(axis=0), np.take_along_axis(seen, is_earlier.argmax(axis=0)[None], 0)[0], -1)
+    with renderer.visibility(scene, view, earlier=bound) as layer:
+        np.testing.assert_array_equal(layer.ids, nearest)
+
+
 def test_normals_face_the_camera_and_follow_the_mesh(renderer: CpuRenderer) -> None:
     X = np.diag((1.0, 0.5, 1.5, 1.0))
     X[:3, 3] = 0.1, 0.2, 3.0

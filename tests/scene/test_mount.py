@@ -24,7 +24,9 @@ def test_a_pose_in_words_looks_at_the_target_with_up_upwards() -> None:
     assert np.allclose(pose[:3, 3], (2, 0, 1))
 
 
-@pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,0,0,0,0", "1,2,3,1,0,0,nan", "a,b,c,d,e,f,g", "fit", "eye=1,2,3"])
+@pytest.mark.parametrize(
+    "text", ["", "1,2,3", "1,2,3,0,0,0,0", "1,2,3,1,0,0,nan", "a,b,c,d,e,f,g", "fit", "eye=1,2,3", 'path:["a=b"]']
+)
 def test_anything_else_is_refused(text: str) -> None:
     with pytest.raises(CameraError):
         parse_mount_pose(text)

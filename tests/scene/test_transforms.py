@@ -105,20 +105,6 @@ def test_look_at_refuses_to_look_at_itself() -> None:
         tf.look_at((1, 2, 3), (1, 2, 3), (0, 0, 1))
 
 
-def test_gltf_trs_is_translation_after_rotation_after_scale() -> None:
-    quarter = math.sqrt(0.5)
-    matrix = tf.from_trs((10, 20, 30), (0, 0, quarter, quarter), (2, 3, 4))
-    np.testing.assert_allclose(matrix @ (1, 0, 0, 1), (10, 22, 30, 1), atol=1e-12)
-    np.testing.assert_allclose(matrix @ (0, 1, 0, 1), (7, 20, 30, 1), atol=1e-12)
-    np.testing.assert_allclose(matrix @ (0, 0, 1, 1), (10, 20, 34, 1), atol=1e-12)
-
-
-def test_column_major_puts_the_translation_last() -> None:
-    matrix = tf.from_column_major([1, 2, 3, 0, 4, 5, 6, 0, 7, 8, 9, 0, 10, 11, 12, 1])
-    np.testing.assert_array_equal(matrix[:3, 3], (10, 11, 12))
-    np.testing.assert_array_equal(matrix[0], (1, 4, 7, 10))
-
-
 def test_y_up_becomes_z_up() -> None:
     np.testing.assert_array_equal(tf.Y_UP_TO_Z_UP @ (0, 1, 0, 0), (0, 0, 1, 0))
     np.testing.assert_array_equal(tf.Y_UP_TO_Z_UP @ (0, 0, 1, 0), (0, -1, 0, 0))

@@ -12,7 +12,7 @@ from gateway.server.unavailable import UnavailableErrors, unavailable
 @pytest.mark.parametrize(
     ("error", "retry_after", "text"),
     [
-        (QueueFull("9 requests are waiting", 7), "7", "9 requests are waiting; try again in 7 s"),
+        (QueueFull("9 requests are waiting", 7), "7", "the server is busy: 9 requests are waiting; try again in 7 s"),
         (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
         (DeadlineExceeded("it took longer than 30 s"), None, "rendering was stopped: it took longer than 30 s"),
         (KernelError("a kernel is not in the cache"), None, "a kernel is not in the cache"),

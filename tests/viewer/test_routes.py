@@ -209,11 +209,13 @@ async def test_renders_are_listed_with_previews(world: World) -> None:
         ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
     ]
     for kind, body, media_type in kinds:
-        world.hub.renders.add(RenderSummary(200, 0.01, 0.002, kind, "scene", kind, body, media_type, ""))
+        summary = RenderSummary(200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
+        world.hub.renders.add(summary)
     world.hub.renders.add(RenderSummary(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
     listing = (await world.http.get("/view/renders")).json()
     assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
     assert listing[0]["error"] == "width is missing"
+    assert [entry["warnings"] for entry in listing] == [[], *[["no labels"]] * 3]
     assert (await world.http.get(f"/view/renders/{listing[3]['id']}.png")).content == kinds[0][1]
     shown = decode((await world.http.get(f"/view/renders/{listing[2]['id']}.png")).content)
     assert shown[:, :4].max() == 0

@@ -321,13 +321,15 @@ async def test_the_status_bar(contexts: Any) -> None:
 )
 def test_a_render_request_in_the_list(size: int, text: str) -> None:
     request: Any = SimpleNamespace(image_type="depth", width=64, height=48, scene=bytes(size))
-    image: Any = SimpleNamespace(body=b"image", media_type="image/tiff", generator="g" * 90, element_count=3)
+    image: Any = SimpleNamespace(
+        body=b"image", media_type="image/tiff", generator="g" * 90, element_count=3, warnings=("a",)
+    )
     record = RenderRecord("id", 200, 0.25, 0.125, request, image, "")
     shown = view.render_summary(record)
     assert shown.image_text == "depth, 64 × 48"
     assert shown.scene_text == f"scene of {text} by {'g' * 76}, 3 primitives"
     assert (shown.status, shown.seconds, shown.queue_seconds, shown.kind) == (200, 0.25, 0.125, "depth")
-    assert (shown.body, shown.media_type, shown.error) == (b"image", "image/tiff", "")
+    assert (shown.body, shown.media_type, shown.error, shown.warnings) == (b"image", "image/tiff", "", ("a",))
     image.generator = ""
     assert view.render_summary(record).scene_text == f"scene of {text}, 3 primitives"
     rejected = view.render_summary(RenderRecord("id", 400, 0.25, 0.0, None, None, "no width"))

@@ -1,9 +1,9 @@
-"""Write a tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, shared meshes, embedded textures.
+"""Writes a scene tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, meshes, embedded textures.
 
-The tree is Z-up and glTF is Y-up, so all nodes are below a root that is rotated by -90 degrees about X. Meshes and
-images that are the same object, and equal materials, are written once. Vertex colours of point clouds and triads are
-converted from sRGB to linear colours, as glTF requires (3.7.2.1); those of meshes are linear in the tree. Hidden
-subtrees are left out, and so are nodes whose transform is not finite, which JSON cannot express.
+The tree is Z-up and glTF is Y-up, so all nodes are below a root that is rotated by -90 degrees about X. A ``Mesh`` or
+``Image`` object with several uses is written once, and so are equal materials. Vertex colours of point clouds and
+triads are converted from sRGB to linear colours, as glTF requires (3.7.2.1); those of meshes are already linear in
+the tree. Hidden subtrees are left out, and so are nodes whose transform is not finite, which JSON cannot express.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from renderers.drawlist import Material, Mesh, Topology
 from renderers.stop import check_stop
 
 GENERATOR: Final = "Scenegate"
-"""Differs from Drake's generators, so that our reader takes the file as Y-up."""
+"""``asset.generator`` of the files. Our reader takes only files of Drake's generators as Z-up."""
 _MODES: Final = {Topology.POINTS: 0, Topology.LINES: 1, Topology.TRIANGLES: 4}
+"""``primitive.mode`` by topology."""
 
 
 def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX_BYTES) -> bytes:
@@ -35,7 +36,7 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
 
     Args:
         root: A committed tree, Z up, metres.
-        camera: The file's only camera. glTF has no principal point: it is moved to the centre of the image.
+        camera: The file's only camera; None for none. Its principal point is lost: glTF puts it into the centre.
         max_bytes: Maximum size of the file's binary part.
 
     Raises:
@@ -45,37 +46,40 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
 
 
 class _Writer:
+    """Writes one file."""
+
     def __init__(self, max_bytes: int) -> None:
         self._document = GltfDocument(GENERATOR, max_bytes)
         self._materials = MaterialWriter(self._document)
         self._primitives: list[dict[str, Any]] = []
-        """Primitives without their materials."""
+        """JSON of the primitives, one for each ``Mesh``, without materials."""
 
     def write(self, root: Node, camera: Camera | None) -> bytes:
-        root_item: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
-        root_index = self._document.add("nodes", root_item)
-        self._add_nodes(root, root_item)
+        json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
+        root_index = self._document.add("nodes", json_root)
+        self._add_nodes(root, json_root)
         if camera is not None:
-            self._add_camera(camera, root_item)
+            self._add_camera(camera, json_root)
         return self._document.glb(root_index)
 
-    def _add_nodes(self, root: Node, root_item: dict[str, Any]) -> None:
-        stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, root_item)]
+    def _add_nodes(self, root: Node, json_root: dict[str, Any]) -> None:
+        """Add ``root`` and its descendants below the JSON node ``json_root``."""
+        stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, json_root)]
         while stack:
             check_stop()
-            name, node, parent = stack.pop()
+            name, node, json_parent = stack.pop()
             if not node.visible or not _is_writable(node.matrix):
                 continue
-            item: dict[str, Any] = {"name": name} if name else {}
+            json_node: dict[str, Any] = {"name": name} if name else {}
             if node.matrix is not IDENTITY and not np.array_equal(node.matrix, IDENTITY):
-                item["matrix"] = _column_major(node.matrix)
-            index = self._document.add("nodes", item)
-            parent.setdefault("children", []).append(index)
-            self._add_geometry(node, item)
-            stack.extend((str(json_element(key)), child, item) for key, child in reversed(node.children.items()))
+                json_node["matrix"] = _column_major(node.matrix)
+            index = self._document.add("nodes", json_node)
+            json_parent.setdefault("children", []).append(index)
+            self._add_geometry(node, json_node)
+            stack.extend((str(json_element(key)), child, json_node) for key, child in reversed(node.children.items()))
 
-    def _add_camera(self, camera: Camera, parent: dict[str, Any]) -> None:
-        """Add a perspective camera (glTF 2.0, 3.10.3)."""
+    def _add_camera(self, camera: Camera, json_parent: dict[str, Any]) -> None:
+        """Add a perspective camera (glTF 2.0, 3.10.3) below a JSON node."""
         perspective = {
             "yfov": 2.0 * math.atan(0.5 * camera.height / camera.fy),
             "aspectRatio": (camera.width / camera.fx) / (camera.height / camera.fy),
@@ -85,34 +89,36 @@ class _Writer:
         index = self._document.add("cameras", {"type": "perspective", "perspective": perspective})
         pose = camera.X_world_camera @ OPENGL_FROM_OPTICAL
         node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": _column_major(pose)})
-        parent.setdefault("children", []).append(node)
+        json_parent.setdefault("children", []).append(node)
 
-    def _add_geometry(self, node: Node, item: dict[str, Any]) -> None:
-        """Add a node's meshes. The first without a transform becomes the node's own, the others get child nodes."""
+    def _add_geometry(self, node: Node, json_node: dict[str, Any]) -> None:
+        """Add a node's meshes. ``json_node`` gets the first mesh without a transform, child nodes get the others."""
         for part in node.parts or ():
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 with np.errstate(all="ignore"):
                     X = part.X_node_part @ X_part_mesh
                 if not _is_writable(X):
                     continue
-                index = self._mesh(mesh, material, linear=isinstance(part.shape, Surface))
+                index = self._mesh(mesh, material, linear_colors=isinstance(part.shape, Surface))
                 if index is None:
                     continue
-                if "mesh" not in item and np.array_equal(X, IDENTITY):
-                    item["mesh"] = index
+                if "mesh" not in json_node and np.array_equal(X, IDENTITY):
+                    json_node["mesh"] = index
                     continue
                 child: dict[str, Any] = {"mesh": index}
                 if not np.array_equal(X, IDENTITY):
                     child["matrix"] = _column_major(X)
-                item.setdefault("children", []).append(self._document.add("nodes", child))
+                json_node.setdefault("children", []).append(self._document.add("nodes", child))
 
-    def _mesh(self, mesh: Mesh, material: Material, *, linear: bool) -> int | None:
-        """Return the index of a mesh of one primitive; None where it draws nothing or is not finite.
+    def _mesh(self, mesh: Mesh, material: Material, *, linear_colors: bool) -> int | None:
+        """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite.
 
         Args:
-            linear: True if its vertex colours are linear, False for sRGB.
+            linear_colors: True if the vertex colours are linear, False for sRGB.
         """
-        primitive = self._document.once_per_object("primitive", mesh, lambda: self._primitive(mesh, linear=linear))
+        primitive = self._document.get_or_add_by_identity(
+            "primitive", mesh, lambda: self._primitive(mesh, linear_colors=linear_colors)
+        )
         if primitive is None:
             return None
 
@@ -120,13 +126,13 @@ class _Writer:
             with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
             return self._document.add("meshes", {"primitives": [with_material]})
 
-        return self._document.once_per_key("mesh", (primitive, material), add)
+        return self._document.get_or_add("mesh", (primitive, material), add)
 
-    def _primitive(self, mesh: Mesh, *, linear: bool) -> int | None:
-        """Write a mesh's arrays and return its index in ``_primitives``; see ``_mesh``."""
+    def _primitive(self, mesh: Mesh, *, linear_colors: bool) -> int | None:
+        """Write a mesh's arrays and return its index in ``_primitives``; None and arguments as for ``_mesh``."""
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
-        colors = mesh.colors if linear or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
+        colors = mesh.colors if linear_colors or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
         attributes = {"POSITION": self._document.add_accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
         for name, array in (
             ("NORMAL", mesh.normals),

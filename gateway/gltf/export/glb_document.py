@@ -1,4 +1,4 @@
-"""A glTF document under construction: its arrays, its buffer, and the ``.glb`` file around them."""
+"""Builder of a glTF document: its JSON arrays, its buffer, and the ``.glb`` file that holds them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_BYTES: Final = 1 << 30
-"""Maximum size of a file; the header allows 4 GB, but most readers less."""
+"""Default maximum size of a file's buffer. The header allows 4 GB, but most readers allow less."""
 VERTEX_TARGET: Final = 34962
 INDEX_TARGET: Final = 34963
 """Targets of buffer views: ARRAY_BUFFER and ELEMENT_ARRAY_BUFFER."""
 _FLOAT: Final = 5126
 _UINT16: Final = 5123
 _UINT32: Final = 5125
-_COMPONENTS: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+"""Values of ``componentType``."""
+_ACCESSOR_TYPES: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+"""``type`` by number of components."""
 
 
 class ExportError(ValueError):
@@ -39,9 +41,9 @@ class GltfDocument:
         self._nbytes = 0
         self._arrays: dict[str, list[Any]] = {}
         self._indices: dict[tuple[str, object], int | None] = {}
-        """Results of ``once_per_key``, by kind and key."""
+        """Results of ``get_or_add``, by kind and key."""
         self._kept_alive: list[object] = []
-        """Objects whose ids are keys; a new object could get the id of one that is gone."""
+        """Objects whose ids are keys. They are kept alive because a new object could get the id of a deleted one."""
         self.extensions: set[str] = set()
         """Names of the extensions in use."""
 
@@ -51,14 +53,14 @@ class GltfDocument:
         array.append(item)
         return len(array) - 1
 
-    def once_per_object(self, kind: str, source: object, add: Callable[[], int | None]) -> int | None:
-        """Return the result of ``add``, which is called once for each object (compared by identity) and kind."""
+    def get_or_add_by_identity(self, kind: str, source: object, add: Callable[[], int | None]) -> int | None:
+        """Return the index for a kind and an object; call ``add`` for it if the object is new for that kind."""
         if (kind, id(source)) not in self._indices:
             self._kept_alive.append(source)
-        return self.once_per_key(kind, id(source), add)
+        return self.get_or_add(kind, id(source), add)
 
-    def once_per_key(self, kind: str, key: object, add: Callable[[], int | None]) -> int | None:
-        """Return the result of ``add``, which is called once for each key (compared by equality) and kind."""
+    def get_or_add(self, kind: str, key: object, add: Callable[[], int | None]) -> int | None:
+        """Return the index for a kind and a key; call ``add`` for it if no equal key was used with that kind."""
         if (kind, key) not in self._indices:
             self._indices[kind, key] = add()
         return self._indices[kind, key]
@@ -76,7 +78,7 @@ class GltfDocument:
             "bufferView": self.add_buffer_view(np.ascontiguousarray(array).tobytes(), target),
             "componentType": component_type,
             "count": len(array),
-            "type": _COMPONENTS[array.shape[1]],
+            "type": _ACCESSOR_TYPES[array.shape[1]],
         }
         if bounds:
             item["min"] = array.min(axis=0).astype(float).tolist()
@@ -102,16 +104,16 @@ class GltfDocument:
             item["target"] = target
         return self.add("bufferViews", item)
 
-    def glb(self, root: int) -> bytes:
+    def glb(self, root_node: int) -> bytes:
         """Return the file (GLB 2.0): a header, the JSON chunk padded with spaces, the binary chunk padded with zeros.
 
         Args:
-            root: Index of the scene's root node.
+            root_node: Index of the scene's root node.
         """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": self._generator},
             "scene": 0,
-            "scenes": [{"nodes": [root]}],
+            "scenes": [{"nodes": [root_node]}],
             **self._arrays,
         }
         if self.extensions:

@@ -1,4 +1,4 @@
-"""Materials, textures and images of a glTF document under construction."""
+"""Writes materials, textures and images into a ``GltfDocument``."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from renderers.encode import png_rgba
 _NEAREST: Final = 9728
 _LINEAR: Final = 9729
 _MIN_FILTERS: Final = {(True, True): 9987, (True, False): _LINEAR, (False, True): 9984, (False, False): _NEAREST}
-"""``minFilter`` by (linear, with mipmaps)."""
+"""``minFilter`` by (linear interpolation within a level, with mipmaps)."""
 _UNLIT: Final = "KHR_materials_unlit"
 _TEXTURE_TRANSFORM: Final = "KHR_texture_transform"
 
 
 class MaterialWriter:
-    """Writes materials; equal ones once."""
+    """Writes materials; equal materials are written once."""
 
     def __init__(self, document: GltfDocument) -> None:
         self._document = document
 
     def material(self, material: Material) -> int:
-        """Return the index of a material."""
-        index = self._document.once_per_key(
+        """Write a material if it is new, and return its index."""
+        index = self._document.get_or_add(
             "material", material, lambda: self._document.add("materials", self._item(material))
         )
         assert index is not None
@@ -58,17 +58,18 @@ class MaterialWriter:
         return item
 
     def _set_texture(self, owner: dict[str, Any], name: str, texture: Texture | None, **factors: float) -> None:
-        """Set a texture as the property ``name``, unless its image cannot be decoded.
+        """Set the texture property ``name`` of a JSON object, unless the texture's image cannot be decoded.
 
         Args:
-            factors: ``scale`` or ``strength``.
+            owner: JSON of a material, or of a part of it.
+            factors: ``scale`` or ``strength`` of the texture.
         """
         if texture is None:
             return
-        image = self._document.once_per_object("image", texture.image, lambda: self._image(texture))
+        image = self._document.get_or_add_by_identity("image", texture.image, lambda: self._image(texture))
         if image is None:
             return
-        index = self._document.once_per_key(
+        index = self._document.get_or_add(
             "texture",
             (image, texture.sampler),
             lambda: self._document.add("textures", {"source": image, "sampler": self._sampler(texture.sampler)}),
@@ -83,7 +84,10 @@ class MaterialWriter:
         owner[name] = info
 
     def _image(self, texture: Texture) -> int | None:
-        """Return the index of a texture's image: its own PNG or JPEG file, else a PNG of its pixels."""
+        """Return the index of a texture's image: a copy of its PNG or JPEG file, else a PNG of its pixels.
+
+        The result is None for an image that cannot be decoded.
+        """
         image = texture.image
         data = getattr(image.decode, "data", None)
         mime_type = _mime_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
@@ -99,7 +103,7 @@ class MaterialWriter:
         return self._document.add("images", item)
 
     def _sampler(self, sampler: Sampler) -> int:
-        index = self._document.once_per_key(
+        index = self._document.get_or_add(
             "sampler",
             sampler,
             lambda: self._document.add(
@@ -128,12 +132,16 @@ def _mime_type(start: bytes) -> str | None:
     return "image/jpeg" if start.startswith(b"\xff\xd8\xff") else None
 
 
-def _transform_extension(values: tuple[float, float, float, float, float, float]) -> dict[str, Any]:
-    """Return offset, rotation and scale of KHR_texture_transform from a matrix T R S without shear."""
-    a, b, c, d, e, f = values
-    rotation = math.atan2(-d, a)
+def _transform_extension(matrix: tuple[float, float, float, float, float, float]) -> dict[str, Any]:
+    """Return KHR_texture_transform for a matrix offset * rotation * scale.
+
+    Args:
+        matrix: The first two rows, row by row: (u_u, u_v, offset_u, v_u, v_v, offset_v).
+    """
+    u_u, u_v, offset_u, v_u, v_v, offset_v = matrix
+    rotation = math.atan2(-v_u, u_u)
     return {
-        "offset": [c, f],
+        "offset": [offset_u, offset_v],
         "rotation": rotation,
-        "scale": [math.hypot(a, d), b * math.sin(rotation) + e * math.cos(rotation)],
+        "scale": [math.hypot(u_u, v_u), u_v * math.sin(rotation) + v_v * math.cos(rotation)],
     }

@@ -14,6 +14,7 @@ interface Render {
   scene: string;
   image: boolean;
   error: string;
+  warnings: string[];
 }
 
 export class RendersPanel {
@@ -89,6 +90,7 @@ export class RendersPanel {
         h("div", { class: "what" }, render.what),
         h("div", { class: "quiet" }, `${time} · ${render.milliseconds.toFixed(1)} ms${waited}`),
         h("div", { class: render.error ? "problem" : "quiet" }, render.error || render.scene),
+        ...render.warnings.map((warning) => h("div", { class: "warning" }, warning)),
       ),
     );
   }
