@@ -38,7 +38,7 @@ class FakeConnection:
 
 def wire_body(message: Any) -> dict[str, Any]:
     data = bytes(message)
-    body: dict[str, Any] = msgspec.json.decode(data[data.index(b"{") :])
+    body: dict[str, Any] = msgspec.json.decode(data[data.index(b'{"') :])
     return body
 
 

@@ -36,7 +36,7 @@ def request(**commands: list[Any]) -> dict[str, Any]:
     while not answers:
         bus.handle()  # as long as it takes
     message = answers.pop()
-    response: dict[str, Any] = json.loads(message[message.index(b"{") :])
+    response: dict[str, Any] = json.loads(message[message.index(b'{"') :])
     return response
 
 

@@ -181,5 +181,5 @@ async def test_lcm_spy_reads_a_log_of_ours(tmp_path: Path) -> None:
     for number, (line, (channel, data)) in enumerate(zip(lines, SENT, strict=True)):
         assert line.startswith(f"{number} {channel} {len(data)}")
         if channel != "IMU":
-            body = data[data.index(b"{") :].decode()
+            body = data[data.index(b'{"') :].decode()
             assert line.endswith(f" treeviewer_json {len(body)} {body}")
