@@ -218,36 +218,45 @@ def _sample_between(texture, sampler, k, t, u, v):
     return rgba
 
 
-@device_function
-def _sample_mipmapped(texture, sampler, u, v, footprint):
-    """Return RGBA from the mip levels that the texture's sampler selects.
+@inlined
+def _mip_levels(texture, footprint):
+    """Return the mip levels that the texture's sampler selects for eight pixels.
 
     Args:
         footprint: square of the longer side of the pixel's footprint, texels of the first level.
+
+    Returns:
+        i32x8, ``_NO_LEVEL`` for magnified pixels; f32x8, weight of the next level.
     """
     last, mips = texture.level_count - 1, texture.mips
-    mag_linear, min_linear = texture.mag_linear != 0, texture.min_linear != 0
     # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
-    is_minified = footprint > vec.f32(2.0 if mag_linear and not min_linear and mips != MIPS_NONE else 1.0)
-    if vec.movemask(is_minified) == 0:
-        return _sample_level(texture, sampler, np.int64(0), mag_linear, u, v)
-    zero, half = vec.f32(0.0), vec.f32(0.5)
+    begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and mips != MIPS_NONE
+    is_minified = footprint > vec.f32(2.0 if begins_late else 1.0)
+    zero = vec.f32(0.0)
     levels, t = vec.i32(0), zero
     if mips != MIPS_NONE:
         detail = vec.minimum(_half_log2(footprint), vec.f32(last))
         if mips == MIPS_NEAREST:
-            levels = vec.minimum(vec.to_i32(vec.ceil(detail + half)) - vec.i32(1), vec.i32(last))
+            levels = vec.minimum(vec.to_i32(vec.ceil(detail + vec.f32(0.5))) - vec.i32(1), vec.i32(last))
         else:
             levels = vec.to_i32(detail)
             t = detail - vec.to_f32(levels)
+    return vec.select(is_minified, levels, vec.i32(_NO_LEVEL)), vec.select(is_minified, t, zero)
+
+
+@device_function
+def _sample_mipmapped(texture, sampler, u, v, levels, t):
+    """Return RGBA from mip levels; ``levels`` and ``t`` are from ``_mip_levels``."""
     no_level = vec.i32(_NO_LEVEL)
-    levels = vec.select(is_minified, levels, no_level)
     k = vec.minimum_of(levels)
+    if k == _NO_LEVEL:
+        return _sample_level(texture, sampler, np.int64(0), texture.mag_linear != 0, u, v)
     if vec.movemask(levels == vec.i32(k)) == 255:  # nearly always
         return _sample_between(texture, sampler, k, t, u, v)
+    zero = vec.f32(0.0)
     rgba = zero, zero, zero, zero
-    if vec.movemask(is_minified) != 255:
-        rgba = _sample_level(texture, sampler, np.int64(0), mag_linear, u, v)
+    if vec.movemask(levels == no_level) != 0:
+        rgba = _sample_level(texture, sampler, np.int64(0), texture.mag_linear != 0, u, v)
     while k != _NO_LEVEL:
         is_level = levels == vec.i32(k)
         rgba = _select4(is_level, _sample_between(texture, sampler, k, t, u, v), rgba)
@@ -345,12 +354,18 @@ def sample(segment, index, count, rows, alpha):
             is_minified = is_minified or vec.movemask(footprint > vec.f32(1.0)) != 0
     prefetches = width * height > _MIN_PREFETCHED_TEXELS
     if is_minified:
-        if prefetches:
-            for x in range(0, count, vec.LANES):
-                _prefetch_level(texture, sampler, vec.load(rows, x), _transformed_uv(uv_transform, uv, x))
+        integer_rows = as_i32(rows)
+        for x in range(0, count, vec.LANES):
+            footprint = vec.load(rows, x)
+            levels, t = _mip_levels(texture, footprint)
+            vec.store(integer_rows, x, levels)
+            vec.store(rows, STRIDE + x, t)
+            if prefetches:
+                _prefetch_level(texture, sampler, footprint, _transformed_uv(uv_transform, uv, x))
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
-            _store_texel(rows, x, _sample_mipmapped(texture, sampler, u, v, vec.load(rows, x)), alpha)
+            levels, t = vec.load(integer_rows, x), vec.load(rows, STRIDE + x)
+            _store_texel(rows, x, _sample_mipmapped(texture, sampler, u, v, levels, t), alpha)
     elif texture.mag_linear == 0:
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
