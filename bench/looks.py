@@ -27,11 +27,15 @@ SCENES: Final = (
     "alpha_opaque_texture_double",
     "alpha_cut_out_mask",
     "stacked_gltf_210",
+    "primitives_half_alpha",
     "wrap_mirror_clamp",
+    "minified_nearest_mipmap_nearest",
     "emissive_factor",
+    "vertex_grey",
     "mirrored_node",
     "obj_mirrored",
     "magnified_none",
+    "stacked_boxes_beside_gltf",
 )
 SCALE: Final = 2
 CAPTION_ROWS: Final = 18

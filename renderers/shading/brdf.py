@@ -47,9 +47,10 @@ def headlight_cosines(normal, ray_x, ray_y):
 
 @inlined
 def vtk_specular(n_l, n_v, v_l, roughness):
-    """Return n . l and D V n . l, both 0 where the light does not reach the surface.
+    """Return n . l, at least 1e-5, and D V n . l.
 
-    D is the GGX distribution, V the Smith visibility term. The cosines are from ``headlight_cosines``.
+    D is the GGX distribution, V the Smith visibility term. The cosines are from ``headlight_cosines``. The minimum is
+    VTK's: because of it, rough surfaces that face away from the light are not quite black.
 
     With h = (v + l) / |v + l| and |v + l|^2 = w = 2 + 2 v . l, neither h nor its length is needed:
     n . h^2 = (n . v + n . l)^2 / w, so D = a2 w^2 / (pi (w - (1 - a2) (n . v + n . l)^2)^2).
@@ -57,14 +58,13 @@ def vtk_specular(n_l, n_v, v_l, roughness):
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     alpha = vec.f32(_VTK_MIN_ROUGHNESS) + vec.f32(np.float32(1.0) - _VTK_MIN_ROUGHNESS) * roughness
     a2 = (alpha * alpha) * (alpha * alpha)
-    is_lit = n_l > zero
     cosine_sum = vec.maximum(n_v + n_l, zero)
     n_l, n_v = vec.maximum(n_l, vec.f32(_VTK_MIN_COSINE)), vec.maximum(n_v, vec.f32(_VTK_MIN_COSINE))
     w, one_minus_a2 = two + two * v_l, one - a2
     d = w - one_minus_a2 * (cosine_sum * cosine_sum)
     smith = n_l * vec.sqrt(a2 + one_minus_a2 * (n_v * n_v)) + n_v * vec.sqrt(a2 + one_minus_a2 * (n_l * n_l))
     specular = (a2 * vec.f32(0.5 / math.pi) * n_l * (w * w)) / (d * d * smith)
-    return vec.select(is_lit, n_l, zero), vec.select(is_lit, specular, zero)
+    return n_l, specular
 
 
 @inlined

@@ -198,8 +198,6 @@ def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughne
     glTF 2.0, appendix B, with VTK's F90 and roughness.
     """
     l = np.array((0.0, 0.0, -1.0))
-    if n @ l <= 0:
-        return np.zeros(3)
     h = unit(l + v)
     nl, nv, nh, vh = (float(np.clip(c, 1e-5, 1.0)) for c in (n @ l, n @ v, n @ h, v @ h))
     alpha2 = (0.05 + 0.95 * roughness) ** 4

@@ -35,8 +35,6 @@ def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness):
         red, green, blue: linear base colour.
     """
     n_l = -nz  # the light shines along +Z, so the vector to it is (0, 0, -1)
-    if not (n_l > _ZERO):
-        return _ZERO, _ZERO, _ZERO
     hx, hy, hz = vx, vy, vz - _ONE
     scale = _ONE / math.sqrt(hx * hx + hy * hy + hz * hz)
     hx, hy, hz = hx * scale, hy * scale, hz * scale
