@@ -32,6 +32,8 @@ class Pose:
 
 INFLUENCES: Final = ("JOINTS_", "WEIGHTS_")
 """Starts of the names of the attributes that bind vertices to joints."""
+_MAX_INFLUENCES: Final = 4
+"""Maximum number of pairs ``JOINTS_n`` and ``WEIGHTS_n``; exporters write one or two."""
 REST: Final = Pose()
 """The pose in which meshes are drawn as they are stored."""
 
@@ -112,7 +114,7 @@ def deformation_of(
             continue
         differences = {}
         for attribute, index in (target or {}).items():
-            if index is None or attribute not in attributes:
+            if index is None or attribute not in attributes or attribute.startswith(INFLUENCES):
                 continue
             path = f"{name}.targets[{k}].{attribute}"
             # The differences of tangents have no handedness.
@@ -127,10 +129,12 @@ def deformation_of(
 
 def _influences(attributes: dict[str, Accessor], name: str) -> Iterator[tuple[Accessor, Accessor]]:
     """Yield the pairs ``JOINTS_n`` and ``WEIGHTS_n`` of a primitive."""
-    for n in range(len(attributes)):
+    for n in range(_MAX_INFLUENCES + 1):
         joints, weights = attributes.get(f"JOINTS_{n}"), attributes.get(f"WEIGHTS_{n}")
         if joints is None or weights is None:
             return
+        if n == _MAX_INFLUENCES:
+            raise GltfError(f"{name}.attributes.JOINTS_{n}: more than {4 * n} joints per vertex are not supported")
         if joints.dtype not in (np.uint8, np.uint16):
             raise GltfError(
                 f"{name}.attributes.JOINTS_{n}: {joints.name} does not have unsigned integers of 8 or 16 bits"

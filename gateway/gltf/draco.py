@@ -79,6 +79,8 @@ def _decode(data: bytes, vertex_count: int, triangle_count: int, name: str) -> A
                 f"{vertices} vertices and {triangles} triangles, but the accessors have {vertex_count} and "
                 f"{triangle_count}"
             )
+        if triangles == 0:
+            raise DracoError("there are no triangles")
         mesh = DracoPy.decode(data)
     except (ValueError, DracoPy.FileTypeException) as error:
         raise GltfError(f"{name}: {error}") from error

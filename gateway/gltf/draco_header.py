@@ -8,6 +8,8 @@ _MAGIC: Final = b"DRACO\x02\x02\x01"
 """Start of a mesh in version 2.2 of the format, the only one that glTF allows."""
 _HAS_METADATA: Final = 0x8000
 _SEQUENTIAL: Final = 0
+_MAX_HEADER_BYTES: Final = 64 << 10
+"""Maximum size of the header with its metadata; exporters write none or a few names."""
 _MAX_METADATA_DEPTH: Final = 32
 
 
@@ -25,7 +27,7 @@ def element_counts(data: bytes) -> tuple[int, int]:
     """
     if not data.startswith(_MAGIC):
         raise DracoError("not a Draco mesh of version 2.2")
-    reader = _Reader(data, len(_MAGIC))
+    reader = _Reader(data[:_MAX_HEADER_BYTES], len(_MAGIC))
     method = reader.byte()
     flags = reader.byte() | reader.byte() << 8
     if flags & _HAS_METADATA:
@@ -66,7 +68,7 @@ class _Reader:
     def skip(self, count: int) -> None:
         self._position += count
         if self._position > len(self._data):
-            raise DracoError("the data is truncated")
+            raise DracoError(f"the header is truncated, or longer than {_MAX_HEADER_BYTES} bytes")
 
     def varint(self) -> int:
         """Read an unsigned LEB128 number of at most 5 bytes."""

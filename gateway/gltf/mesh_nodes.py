@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import msgspec
@@ -17,6 +16,7 @@ from gateway.gltf.limits import GltfLimits
 from gateway.gltf.nodes import SceneNodes
 from gateway.gltf.parser import extension_json
 from gateway.scene.transforms import IDENTITY, affine_product, from_poses
+from renderers.stop import check_stop
 
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
@@ -48,27 +48,30 @@ def pose_meshes(
     Raises:
         GltfError: A reference is out of range, an accessor has the wrong type, or a limit is exceeded.
     """
-    position_of_node = {index: position for position, index in enumerate(nodes.indices)}
+    skins = _Skins(document, nodes, accessors)
+    weights_of_mesh: dict[int, tuple[float, ...]] = {}
     poses: dict[int, Pose] = {}
     added = _AddedNodes(nodes, limits)
     for position, source in enumerate(nodes.sources):
         if source.mesh is None or not is_posed(source):
             continue
+        check_stop()
         name = f"nodes[{nodes.indices[position]}]"
-        weights = source.weights
-        if weights is None:
-            weights = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh").weights or []
+        if source.weights is not None:
+            weights = tuple(source.weights)
+        else:
+            if source.mesh not in weights_of_mesh:
+                mesh = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh")
+                weights_of_mesh[source.mesh] = tuple(mesh.weights or ())
+            weights = weights_of_mesh[source.mesh]
         positions, joint_matrices = range(position, position + 1), None
         if source.skin is not None:
-            skin = checked_item(document.skins, source.skin, "skins", f"{name}.skin")
-            X_world_mesh, joint_matrices = _skin_matrices(
-                skin, f"skins[{source.skin}]", nodes, position_of_node, accessors
-            )
+            X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
             positions = added.add(position, -1, X_world_mesh[None])
         elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
-            matrices = _instance_matrices(raw, accessors, f"{name}.extensions.{INSTANCING}")
+            matrices = _instance_matrices(raw, accessors, limits, f"{name}.extensions.{INSTANCING}")
             positions = added.add(position, position, matrices)
-        poses |= dict.fromkeys(positions, Pose(tuple(weights), joint_matrices))
+        poses |= dict.fromkeys(positions, Pose(weights, joint_matrices))
     return added.nodes(), poses
 
 
@@ -130,50 +133,60 @@ class _AddedNodes:
         )
 
 
-def _skin_matrices(
-    skin: schema.Skin,
-    name: str,
-    nodes: SceneNodes,
-    position_of_node: Mapping[int, int],
-    accessors: Accessors,
-) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Return the pose of a skinned mesh and the matrices of its joints.
+class _Skins:
+    """The skins of one document, each read at its first use."""
 
-    The mesh is moved to the place of its first joint, so that the joint matrices are exact in float32 far from the
-    origin as well.
+    def __init__(self, document: schema.Document, nodes: SceneNodes, accessors: Accessors) -> None:
+        self._sources = document.skins
+        self._nodes = nodes
+        self._accessors = accessors
+        self._position_of_node = {index: position for position, index in enumerate(nodes.indices)}
+        self._skins: dict[int, tuple[NDArray[np.float64], NDArray[np.float32]]] = {}
 
-    Args:
-        name: Name of the skin, for messages.
-        position_of_node: Positions in ``nodes`` by node index.
+    def get(self, index: int, path: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Return the pose of the meshes with a skin, and the matrices of its joints.
 
-    Returns:
-        X_world_mesh (4, 4), a translation; (number of joints, 3, 4), as in ``Pose``.
-    """
-    positions = []
-    for k, index in enumerate(skin.joints or ()):
-        if index not in position_of_node:
-            raise GltfError(f"{name}.joints[{k}]: nodes[{index}] is not part of the scene")
-        positions.append(position_of_node[index])
-    if not positions:
-        raise GltfError(f"{name}.joints: there are none")
-    matrices = nodes.X_world_node[positions]
-    if skin.inverse_bind_matrices is not None:
-        path = f"{name}.inverseBindMatrices"
-        accessor = accessors.get(skin.inverse_bind_matrices, path)
-        if accessor.components != 16 or accessor.dtype != np.float32 or accessor.count < len(positions):
-            raise GltfError(f"{path}: {accessor.name} does not have {len(positions)} float matrices (MAT4)")
-        column_major = accessor.values(0, len(positions)).astype(np.float64).reshape(-1, 4, 4)
+        The meshes are moved to the place of the first joint, so that the joint matrices are exact in float32 far from
+        the origin as well.
+
+        Args:
+            path: Property that holds the index, for messages.
+
+        Returns:
+            X_world_mesh (4, 4), a translation; (number of joints, 3, 4), as in ``Pose``.
+        """
+        if index not in self._skins:
+            self._skins[index] = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")
+        return self._skins[index]
+
+    def _read(self, skin: schema.Skin, name: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        joints = skin.joints or []
+        if not joints:
+            raise GltfError(f"{name}.joints: there are none")
+        if len(set(joints)) < len(joints):
+            raise GltfError(f"{name}.joints: a node is there twice")
+        for k, node in enumerate(joints):
+            if node not in self._position_of_node:
+                raise GltfError(f"{name}.joints[{k}]: nodes[{node}] is not part of the scene")
+        matrices = self._nodes.X_world_node[[self._position_of_node[node] for node in joints]]
+        if skin.inverse_bind_matrices is not None:
+            path = f"{name}.inverseBindMatrices"
+            accessor = self._accessors.get(skin.inverse_bind_matrices, path)
+            if accessor.components != 16 or accessor.dtype != np.float32 or accessor.count < len(joints):
+                raise GltfError(f"{path}: {accessor.name} does not have {len(joints)} float matrices (MAT4)")
+            column_major = accessor.values(0, len(joints)).astype(np.float64).reshape(-1, 4, 4)
+            with np.errstate(all="ignore"):
+                matrices = affine_product(matrices, column_major.transpose(0, 2, 1))
+        check_stop()
+        X_world_mesh = IDENTITY.copy()
+        X_world_mesh[:3, 3] = np.nan_to_num(matrices[0, :3, 3], nan=0.0, posinf=0.0, neginf=0.0)
+        joint_matrices = matrices[:, :3].copy()
         with np.errstate(all="ignore"):
-            matrices = affine_product(matrices, column_major.transpose(0, 2, 1))
-    X_world_mesh = IDENTITY.copy()
-    X_world_mesh[:3, 3] = np.nan_to_num(matrices[0, :3, 3], nan=0.0, posinf=0.0, neginf=0.0)
-    joint_matrices = matrices[:, :3].copy()
-    joint_matrices[:, :, 3] -= X_world_mesh[:3, 3]
-    with np.errstate(all="ignore"):
-        return X_world_mesh, joint_matrices.astype(np.float32)
+            joint_matrices[:, :, 3] -= X_world_mesh[:3, 3]
+            return X_world_mesh, joint_matrices.astype(np.float32)
 
 
-def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, path: str) -> NDArray[np.float64]:
+def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, limits: GltfLimits, path: str) -> NDArray[np.float64]:
     """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4).
 
     Args:
@@ -190,6 +203,8 @@ def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, path: str) -> NDA
             accessor = accessors.get(index, f"{path}.attributes.{attribute}")
             if accessor.components != len(default):
                 raise GltfError(f"{path}.attributes.{attribute}: {accessor.name} has {accessor.components} components")
+            if accessor.count > limits.max_nodes:  # before memory is allocated
+                raise GltfError(f"{path}: {accessor.count} instances are more than max_nodes = {limits.max_nodes}")
             columns[attribute] = accessor.floats().astype(np.float64)
     if len({len(values) for values in columns.values()}) != 1:
         raise GltfError(f"{path}.attributes: no TRANSLATION, ROTATION or SCALE, or of different lengths")

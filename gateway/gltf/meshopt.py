@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gateway.gltf import schema
 from gateway.gltf.errors import GltfError
 from gateway.gltf.meshopt_kernels import MeshoptError, decode_attributes, decode_indices, decode_triangles
+from renderers.stop import check_stop
 
 Bytes: TypeAlias = NDArray[np.uint8]
 """(number of elements, bytes of an element) uint8."""
@@ -18,6 +19,7 @@ EXTENSION: Final = "EXT_meshopt_compression"
 MAX_ELEMENT_BYTES: Final = 256
 _INDEX_DTYPES: Final[dict[int, type[np.uint16] | type[np.uint32]]] = {2: np.uint16, 4: np.uint32}
 _MAX_INT16: Final = 32767
+_ELEMENTS_PER_STOP_CHECK: Final = 1 << 16
 
 
 def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview, path: str) -> memoryview:
@@ -32,11 +34,14 @@ def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview
         GltfError: A property has a value that is not allowed, or the bytes cannot be decompressed.
     """
     count, stride = checked_layout(source, path)
+    if count == 0:
+        return memoryview(b"")
     stream = np.frombuffer(compressed, np.uint8)
     try:
         if source.mode == "ATTRIBUTES":
             elements = decode_attributes(stream, count, stride)
-            return _filtered(elements, source.filter, path).data.cast("B")
+            _apply_filter(elements, source.filter, path)
+            return elements.data.cast("B")
         decode = decode_triangles if source.mode == "TRIANGLES" else decode_indices
         return decode(stream, count).astype(_INDEX_DTYPES[stride]).data.cast("B")
     except MeshoptError as error:
@@ -65,18 +70,24 @@ def checked_layout(source: schema.MeshoptCompression, path: str) -> tuple[int, i
     return count, stride
 
 
-def _filtered(elements: Bytes, name: str | None, path: str) -> NDArray[Any]:
-    """Return the values that a filter of the extension makes of decoded elements."""
+def _apply_filter(elements: Bytes, name: str | None, path: str) -> None:
+    """Replace decoded elements by the values that a filter of the extension makes of them."""
     stride = elements.shape[1]
+    values: NDArray[Any]
     if name in (None, "NONE"):
-        return elements
+        return
     if name == "OCTAHEDRAL" and stride in (4, 8):
-        return _octahedral(elements.view(np.int8 if stride == 4 else np.int16))
-    if name == "QUATERNION" and stride == 8:
-        return _quaternions(elements.view(np.int16))
-    if name == "EXPONENTIAL":
-        return _exponential(elements.view(np.int32))
-    raise GltfError(f"{path}.filter: {str(name)[:20]} is not a filter for a byteStride of {stride}")
+        values, decode = elements.view(np.int8 if stride == 4 else np.int16), _octahedral
+    elif name == "QUATERNION" and stride == 8:
+        values, decode = elements.view(np.int16), _quaternions
+    elif name == "EXPONENTIAL":
+        values, decode = elements.view(np.int32), _exponential
+    else:
+        raise GltfError(f"{path}.filter: {str(name)[:20]} is not a filter for a byteStride of {stride}")
+    for begin in range(0, len(values), _ELEMENTS_PER_STOP_CHECK):
+        check_stop()
+        block = values[begin : begin + _ELEMENTS_PER_STOP_CHECK]
+        block[:] = decode(block).view(values.dtype)
 
 
 def _octahedral(values: NDArray[Any]) -> NDArray[Any]:

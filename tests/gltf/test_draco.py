@@ -154,6 +154,23 @@ def test_headers_that_cannot_be_read(data: bytes) -> None:
         element_counts(data)
 
 
+def test_a_mesh_without_triangles() -> None:
+    with pytest.raises(GltfError, match=NAME + ": there are no triangles"):
+        document(b"DRACO\2\2\1\0\0\0\0\4").read()
+
+
+def test_long_metadata() -> None:
+    entry = b"\1x\xe8\7" + bytes(1000)  # a name of one byte and a value of 1000
+    counts = b"\2\4"
+    for entries, read in ((60, True), (70, False)):
+        data = b"DRACO\2\2\1\0\0\x80\0" + bytes([entries]) + entry * entries + b"\0" + counts
+        if read:
+            assert element_counts(data) == (4, 2)
+        else:
+            with pytest.raises(DracoError, match="truncated, or longer than 65536 bytes"):
+                element_counts(data)
+
+
 def test_metadata_nested_too_deeply() -> None:
     level = b"\0\1\0"  # no entries, one child with an empty name
     with pytest.raises(DracoError, match="nested too deeply"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -58,11 +59,11 @@ def skinned(**node: Any) -> Builder:
     return b
 
 
-def bent(joints: Any = JOINTS, weights: Any = WEIGHTS) -> NDArray[np.float64]:
+def bent(joints: Any = JOINTS, weights: Any = WEIGHTS, positions: Any = STRIP) -> NDArray[np.float64]:
     """Positions of the strip's vertices by the formula of glTF 2.0, section 3.7.3.3, in a loop."""
     world = [BONES[0], BONES[0] @ BONES[1], BONES[2]]
     result = []
-    for position, joint, weight in zip(STRIP, joints, weights, strict=True):
+    for position, joint, weight in zip(positions, joints, weights, strict=True):
         X = sum((w * world[j] @ BINDS[j] for j, w in zip(joint, weight, strict=True)), np.zeros((4, 4)))
         result.append((X / np.sum(weight) @ (*position, 1.0))[:3])
     return np.array(result)
@@ -141,6 +142,7 @@ def test_far_from_the_origin_bends_are_exact() -> None:
     [
         (lambda b: b.json["nodes"][0].update(skin=4), r"nodes\[0\]\.skin: 4 is out of range \(1 skins\)"),
         (lambda b: b.json["skins"][0].update(joints=[1, 9]), r"skins\[0\]\.joints\[1\]: nodes\[9\] is not part of"),
+        (lambda b: b.json["skins"][0].update(joints=[1, 2, 1]), r"skins\[0\]\.joints: a node is there twice"),
         (lambda b: b.json["skins"][0].update(joints=[]), r"skins\[0\]\.joints: there are none"),
         (
             lambda b: b.json["skins"][0].update(inverseBindMatrices=0),
@@ -170,10 +172,46 @@ def test_errors_of_skins(change: Any, message: str) -> None:
         b.read()
 
 
+def test_a_morphed_skin() -> None:
+    b = skinned(weights=[2.0])
+    primitive = b.json["meshes"][0]["primitives"][0]
+    up = b.accessor(np.tile([0.0, 0.0, 0.5], (8, 1)))
+    primitive["targets"] = [{"POSITION": up, "JOINTS_0": 0, "WEIGHTS_0": 0}]  # joints cannot be morphed
+    (triangles,) = world_triangles(b.read())
+    assert np.abs(triangles - bent(positions=STRIP + np.array((0, 0, 1)))[QUADS.reshape(-1, 3)]).max() < 1e-5
+
+
+def test_more_joints_than_supported() -> None:
+    b = skinned()
+    attributes = b.json["meshes"][0]["primitives"][0]["attributes"]
+    for n in range(1, 4):
+        attributes |= {f"JOINTS_{n}": attributes["JOINTS_0"], f"WEIGHTS_{n}": attributes["WEIGHTS_0"]}
+    assert b.read().warnings == ()
+    attributes |= {"JOINTS_4": attributes["JOINTS_0"], "WEIGHTS_4": attributes["WEIGHTS_0"]}
+    with pytest.raises(GltfError, match=r"attributes\.JOINTS_4: more than 16 joints per vertex are not supported"):
+        b.read()
+
+
+def test_a_skin_is_read_once_for_all_of_its_nodes() -> None:
+    """Otherwise a small document could use gigabytes."""
+    b = skinned()
+    first = len(b.json["nodes"])
+    binds = b.accessor(np.tile(np.eye(4).ravel(), (2000, 1)))
+    b.json["skins"].append({"joints": [b.node() for _ in range(2000)], "inverseBindMatrices": binds})
+    nodes = [b.node(mesh=0, skin=1) for _ in range(2000)]
+    b.json["scenes"] = [{"nodes": [*range(first, first + 2000), *nodes]}]
+    tracemalloc.start()
+    scene = b.read()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert scene.instance_count == 2000
+    assert peak < 100e6  # a matrix for each joint and node would take 384 MB
+
+
 def morphed(weights: Any, mesh_weights: Any = None) -> Builder:
     b = Builder()
     up = {"POSITION": b.accessor(np.tile([0.0, 0, 1], (8, 1))), "NORMAL": b.accessor(np.tile([1.0, 0, -1], (8, 1)))}
-    wide = {"POSITION": b.accessor(STRIP * (1, 0, 0)), "TEXCOORD_0": None, "TANGENT": 0, "COLOR_0": 77}
+    wide = {"POSITION": b.accessor(STRIP * (1, 0, 0)), "TEXCOORD_0": None, "TANGENT": 0, "COLOR_0": 77, "JOINTS_0": 0}
     primitive = {
         "attributes": {"POSITION": b.accessor(STRIP), "NORMAL": b.accessor(np.tile([0.0, 0, 1], (8, 1)))},
         "indices": b.accessor(QUADS, "H"),
@@ -336,6 +374,13 @@ def test_instances_are_nodes() -> None:
     assert b.read(limits=GltfLimits(max_nodes=5)).instance_count == 4
     with pytest.raises(GltfError, match=r"nodes\[0\]: the scene has more nodes than max_nodes = 4"):
         b.read(limits=GltfLimits(max_nodes=4))
+
+
+def test_the_number_of_instances_is_checked_before_they_are_read() -> None:
+    b = Builder()
+    b = instanced({"SCALE": b.add("accessors", {"componentType": 5126, "count": 60_000_000, "type": "VEC3"})}, b)
+    with pytest.raises(GltfError, match="EXT_mesh_gpu_instancing: 60000000 instances are more than max_nodes = 100000"):
+        b.read()
 
 
 def test_documents_that_drake_merged_have_neither_skins_nor_morph_targets() -> None:

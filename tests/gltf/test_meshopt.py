@@ -99,6 +99,12 @@ def test_attributes_of_any_widths(count: int, size: int, seed: int, spread: int)
     assert (decode_attributes(np.frombuffer(stream, np.uint8), count, size) == elements).all()
 
 
+@pytest.mark.parametrize("mode", ["ATTRIBUTES", "TRIANGLES", "INDICES"])
+def test_no_elements(mode: str) -> None:
+    record = {"count": 0, "byteStride": 4, "filter": None, "mode": mode}
+    assert bytes(meshopt.decompress(extension(record), b"", "x")) == b""
+
+
 @pytest.mark.parametrize("decode", [decode_triangles, decode_indices])
 def test_a_stream_of_another_kind(decode: Any) -> None:
     for stream in (b"", b"\xa0" + bytes(40)):
