@@ -83,7 +83,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("TCPQ: patterns", "gateway.lcm.patterns", ("MAX_STEPS",)),
     ("TCPQ: patterns of one client", "gateway.lcm.subscriptions", ("MAX_CLIENT_STEPS",)),
     ("UDP multicast", "gateway.lcm.udpm_assembler", ("MAX_PARTIAL", "MIN_FRAGMENT_BYTES")),
-    ("LCM's library", "gateway.lcm.liblcm_transport", ("MAX_FILES",)),
+    ("LCM's library", "gateway.lcm.liblcm_transport", ("MAX_OPEN_FILES",)),
     ("LCM logs", "gateway.lcm.event_log", ("MAX_DATA_BYTES",)),
     ("LCM logs that are played", "gateway.lcm.replay", ("MAX_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
