@@ -92,7 +92,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS",)),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
     ("Images", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS")),
-    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
+    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME",)),
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client import dataset, manifest
-from gateway.client.manifest import CameraRecord, Failure, ImageFile, ImageType, RecordError, Sample
+from gateway.client.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
 from gateway.datasets.files import TEMPORARY_SUFFIX, sha256_of
 from gateway.datasets.scenes import digest_of
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST
@@ -47,19 +47,19 @@ def check_dataset(folder: Path, threads: int) -> Report:
     report = Report()
     try:
         description = manifest.read_dataset(folder)
-        if not (folder / manifest.MANIFEST).exists():
+        if not (folder / manifest.MANIFEST_FILE).exists():
             report.problems.append(
-                f"{manifest.MANIFEST} is missing: the run has not ended; give its command again to go on"
+                f"{manifest.MANIFEST_FILE} is missing: the run has not ended; give its command again to go on"
             )
             return report
-        failed = folder / manifest.FAILED
-        failures = list(manifest.read_lines(failed, Failure)) if failed.exists() else []
+        failed = folder / manifest.FAILURES_FILE
+        failures = list(manifest.read_lines(failed, FailureRecord)) if failed.exists() else []
     except RecordError as error:
         report.problems.append(str(error))
         return report
     report.notes += [f"{f.scene}{'' if f.view is None else ', ' + f.view} was not drawn: {f.reason}" for f in failures]
-    if (folder / manifest.JOURNAL).exists():
-        report.notes.append(f"{manifest.JOURNAL} is there: a run is going on, or was stopped")
+    if (folder / manifest.JOURNAL_FILE).exists():
+        report.notes.append(f"{manifest.JOURNAL_FILE} is there: a run is going on, or was stopped")
     try:
         _check_samples(folder, description, threads, report)
     except RecordError as error:
@@ -67,7 +67,7 @@ def check_dataset(folder: Path, threads: int) -> Report:
     return report
 
 
-def _check_samples(folder: Path, description: manifest.Dataset, threads: int, report: Report) -> None:
+def _check_samples(folder: Path, description: manifest.DatasetRecord, threads: int, report: Report) -> None:
     """Check the samples of the manifest.
 
     Raises:
@@ -77,20 +77,20 @@ def _check_samples(folder: Path, description: manifest.Dataset, threads: int, re
     id_hashes, path_hashes = set[int](), set[int]()
 
     @lru_cache(CACHED_SCENES)
-    def scene_of(name: str) -> manifest.Scene | None:
+    def scene_of(name: str) -> manifest.SceneRecord | None:
         return _read_scene(folder, name, report)
 
-    def problems_of(sample: Sample, scene: manifest.Scene | None) -> list[str]:
+    def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
         return list(_sample_problems(folder, sample, description, scene))
 
-    samples = manifest.read_lines(folder / manifest.MANIFEST, Sample)
+    samples = manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord)
     with ThreadPoolExecutor(threads) as pool:
         while batch := list(islice(samples, BATCH_PER_THREAD * threads)):
             scenes = [scene_of(sample.scene) for sample in batch]
             for sample, problems in zip(batch, pool.map(problems_of, batch, scenes), strict=True):
                 report.problems += [f"{sample.id}: {problem}" for problem in problems]
                 if hash(sample.id) in id_hashes:
-                    report.problems.append(f"{manifest.MANIFEST}: {sample.id} is there twice")
+                    report.problems.append(f"{manifest.MANIFEST_FILE}: {sample.id} is there twice")
                 report.samples += 1
                 report.images += len(sample.images)
                 report.nbytes += sum(image.bytes for image in sample.images.values())
@@ -99,23 +99,23 @@ def _check_samples(folder: Path, description: manifest.Dataset, threads: int, re
     _note_unknown_files(folder, path_hashes, report)
 
 
-def _read_scene(folder: Path, name: str, report: Report) -> manifest.Scene | None:
+def _read_scene(folder: Path, name: str, report: Report) -> manifest.SceneRecord | None:
     """Return the description of a scene, or None if it cannot be read; report what is wrong with it."""
     try:
-        scene = manifest.read_file(folder / manifest.SCENES / name / manifest.SCENE, manifest.Scene)
+        scene = manifest.read_file(folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord)
     except RecordError as error:
         report.problems.append(str(error))
         return None
     if scene.scene != name:
-        report.problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
+        report.problems.append(f"{name}: its {manifest.SCENE_FILE} is that of {scene.scene}")
     if scene.sha256 != digest_of(scene.sources):
-        report.problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
+        report.problems.append(f"{name}: the hash in {manifest.SCENE_FILE} does not follow from those of its sources")
     report.scenes += 1
     return scene
 
 
 def _sample_problems(
-    folder: Path, sample: Sample, description: manifest.Dataset, scene: manifest.Scene | None
+    folder: Path, sample: SampleRecord, description: manifest.DatasetRecord, scene: manifest.SceneRecord | None
 ) -> Iterator[str]:
     """Yield the errors of one sample."""
     if sample.id != f"{sample.scene}/{sample.view}":
@@ -153,11 +153,11 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
     "depth": (("float32", 1), ("uint16", 1)),
     "label": (("uint8", 3),),
 }
-"""Sample type and number of channels that an image may have, by type of image."""
+"""Data type and number of channels that an image may have, by type of image."""
 
 
 def _image_problem(
-    folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.Scene | None
+    folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.SceneRecord | None
 ) -> str:
     """Return the error of an image; empty if there is none."""
     path = folder / image.path
@@ -184,7 +184,7 @@ def _image_problem(
         labels = np.unique(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
         unknown = [label for label in labels.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
         if unknown:
-            return f"labels that {manifest.SCENE} does not know: {', '.join(map(str, unknown[:5]))}"
+            return f"labels that {manifest.SCENE_FILE} does not know: {', '.join(map(str, unknown[:5]))}"
     return ""
 
 
@@ -194,11 +194,11 @@ def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> 
     Args:
         path_hashes: hashes of the paths of all images.
     """
-    for path, folders, files in os.walk(folder / manifest.SCENES):
+    for path, folders, files in os.walk(folder / manifest.SCENES_FOLDER):
         folders.sort()
         for name in sorted(files):
             relative = (Path(path) / name).relative_to(folder).as_posix()
-            if name != manifest.SCENE and hash(relative) not in path_hashes:
+            if name != manifest.SCENE_FILE and hash(relative) not in path_hashes:
                 is_temporary = name.endswith(TEMPORARY_SUFFIX)
                 reason = "left by a process that was killed" if is_temporary else "not in the manifest"
                 report.notes.append(f"{relative}: {reason}")

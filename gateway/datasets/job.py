@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from gateway.client.manifest import Failure, Sample, Settings
+from gateway.client.manifest import FailureRecord, SampleRecord, Settings
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.sources import Kind, Source
 from gateway.datasets.views import REQUEST, View
@@ -122,15 +122,15 @@ class Task:
 
     def failed(self, reason: str) -> Result:
         """Return the result of this task if none of its views can be rendered."""
-        return Result(failures=[Failure(self.source.name, view.name, reason) for view in self.views])
+        return Result(failures=[FailureRecord(self.source.name, view.name, reason) for view in self.views])
 
 
 @dataclass(slots=True)
 class Result:
     """Outcome of a task."""
 
-    samples: list[Sample] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
+    samples: list[SampleRecord] = field(default_factory=list)
+    failures: list[FailureRecord] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
 

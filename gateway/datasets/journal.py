@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final
 
 from gateway.client import manifest
-from gateway.client.manifest import Sample
+from gateway.client.manifest import SampleRecord
 from gateway.datasets.job import Job
 
 _ABSENT: Final = -1
@@ -34,7 +34,7 @@ class Journal:
         """Return whether the sample with this number is finished."""
         return self._offsets[number] != _ABSENT
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: SampleRecord) -> None:
         """Append a sample; it replaces an earlier one with the same id."""
         planned = self._job.find(sample.id)
         assert planned is not None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.client import manifest
-from gateway.client.manifest import RecordError, Sample, Settings, SourceFile
+from gateway.client.manifest import RecordError, SampleRecord, Settings, SourceFile
 from gateway.datasets.files import sha256_of
 from gateway.datasets.job import Job, JobError
 from gateway.datasets.scenes import digest_of
@@ -20,7 +20,7 @@ BATCH: Final = 1000
 """Number of samples that are hashed at a time. All of them, possibly millions, would not fit in memory."""
 
 
-def existing_dataset(job: Job) -> manifest.Dataset | None:
+def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
 
     Raises:
@@ -28,7 +28,7 @@ def existing_dataset(job: Job) -> manifest.Dataset | None:
             These must not be overwritten.
     """
     out = job.out
-    if not (out / manifest.DATASET).exists():
+    if not (out / manifest.DATASET_FILE).exists():
         if out.is_dir() and any(out.iterdir()):
             raise JobError(f"{out} is not empty and holds no dataset")
         return None
@@ -55,7 +55,7 @@ def existing_dataset(job: Job) -> manifest.Dataset | None:
     return dataset
 
 
-def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
+def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
     """Iterate over the samples whose scene, view and files have not changed.
 
     Args:
@@ -64,12 +64,14 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
 
     scene_digest = cache(partial(_scene_digest, job))
 
-    def has_same_input(sample: Sample) -> bool:
+    def has_same_input(sample: SampleRecord) -> bool:
         planned = job.find(sample.id)
         assert planned is not None
-        return sample.asked == planned.view.description and sample.scene_sha256 == scene_digest(planned.source)
+        return sample.view_description == planned.view.description and sample.scene_sha256 == scene_digest(
+            planned.source
+        )
 
-    def has_same_files(sample: Sample) -> bool:
+    def has_same_files(sample: SampleRecord) -> bool:
         return all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
 
     candidates = filter(has_same_input, _recorded_samples(job))
@@ -78,12 +80,14 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
             yield from compress(batch, pool.map(has_same_files, batch))
 
 
-def _recorded_samples(job: Job) -> Iterator[Sample]:
+def _recorded_samples(job: Job) -> Iterator[SampleRecord]:
     """Iterate over the samples in the manifest, and then over those in the journal. A sample may be in both."""
     try:
-        for name in (manifest.MANIFEST, manifest.JOURNAL):
+        for name in (manifest.MANIFEST_FILE, manifest.JOURNAL_FILE):
             if (job.out / name).exists():
-                yield from manifest.read_lines(job.out / name, Sample, allow_partial_end=name == manifest.JOURNAL)
+                yield from manifest.read_lines(
+                    job.out / name, SampleRecord, allow_partial_end=name == manifest.JOURNAL_FILE
+                )
     except RecordError as error:
         raise JobError(str(error)) from None
 
@@ -91,7 +95,9 @@ def _recorded_samples(job: Job) -> Iterator[Sample]:
 def _scene_digest(job: Job, source: Source) -> str | None:
     """Return the present digest of the files in a scene's description; None if that cannot be read."""
     try:
-        description = manifest.read_file(job.out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
+        description = manifest.read_file(
+            job.out / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE, manifest.SceneRecord
+        )
     except RecordError:
         return None
     folder = Path(source.path).parent

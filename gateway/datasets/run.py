@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway import __version__
 from gateway.client import manifest
-from gateway.client.manifest import Failure
+from gateway.client.manifest import FailureRecord
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
@@ -39,7 +39,7 @@ class Progress:
     kept: int = 0
     """Number of samples of former runs."""
     rendered: int = 0
-    failures: dict[Failure, None] = field(default_factory=dict)
+    failures: dict[FailureRecord, None] = field(default_factory=dict)
     """Failures in the order of their arrival. Each occurs once, though all tasks of an unreadable scene report it."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Warnings by scene."""
@@ -69,24 +69,24 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
     out = job.out
     renderer = cache_folder.sources_digest()
     existing = existing_dataset(job)
-    description = manifest.Dataset(
+    description = manifest.DatasetRecord(
         generator=f"scenegate {__version__}", renderer=renderer, settings=job.settings, conventions=CONVENTIONS
     )
     if existing is None:
-        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
-    with temporary_name(out / manifest.JOURNAL) as temporary, temporary.open("w+b") as file:
+        write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
+    with temporary_name(out / manifest.JOURNAL_FILE) as temporary, temporary.open("w+b") as file:
         journal = Journal(job, file)
         if existing is not None and existing.renderer == renderer:  # samples of other versions are rendered again
             for sample in valid_samples(job, usable_cpus()):
                 journal.add(sample)
         journal.flush()
         # The new journal counts from here on. The next run would trust the old manifest, even that of another version.
-        temporary.replace(out / manifest.JOURNAL)
-        for name in (manifest.MANIFEST, manifest.FAILED):
+        temporary.replace(out / manifest.JOURNAL_FILE)
+        for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
             (out / name).unlink(missing_ok=True)
-        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
+        write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
         unusable_sources = (
-            Failure(source.printable_name, None, source.problem) for source in job.sources if source.problem
+            FailureRecord(source.printable_name, None, source.problem) for source in job.sources if source.problem
         )
         progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable_sources))
         report(progress)
@@ -103,15 +103,15 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
     return progress
 
 
-def _finish(job: Job, journal: Journal, failures: Iterable[Failure]) -> None:
+def _finish(job: Job, journal: Journal, failures: Iterable[FailureRecord]) -> None:
     """Write ``manifest.jsonl`` and ``failed.jsonl``, and remove the journal and temporary files."""
     out = job.out
     remove_temporary_files(out)
     for source in job.sources:
-        folder = out / manifest.SCENES / source.name
+        folder = out / manifest.SCENES_FOLDER / source.name
         if not source.problem and folder.is_dir():
             remove_temporary_files(folder)
     if failed := sorted(failures, key=lambda failure: (failure.scene, failure.view or "")):
-        write_atomically(out / manifest.FAILED, (manifest.encode(failure) + b"\n" for failure in failed))
-    write_atomically(out / manifest.MANIFEST, journal.lines())
-    (out / manifest.JOURNAL).unlink()
+        write_atomically(out / manifest.FAILURES_FILE, (manifest.encode(failure) + b"\n" for failure in failed))
+    write_atomically(out / manifest.MANIFEST_FILE, journal.lines())
+    (out / manifest.JOURNAL_FILE).unlink()

@@ -61,7 +61,7 @@ class LoadedScene:
     """Look for ``--look auto``."""
     request: RenderRequest | None
     """The recorded request, with its camera, size and type of image, if the source is one."""
-    description: manifest.Scene
+    description: manifest.SceneRecord
     """Content of ``scene.json``."""
 
 
@@ -183,11 +183,11 @@ def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
 
 def _describe(
     source: Source, files: FolderFiles, labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
-) -> manifest.Scene:
+) -> manifest.SceneRecord:
     scene_file = Path(source.path).name
     other_files = sorted(name for name in files.digests if name != scene_file)
     sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (scene_file, *other_files))
-    return manifest.Scene(
+    return manifest.SceneRecord(
         scene=source.name,
         sha256=digest_of(sources),
         sources=sources,

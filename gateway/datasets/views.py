@@ -82,7 +82,7 @@ class View:
 
     @property
     def description(self) -> str:
-        """Text for ``Sample.asked`` in the manifest. Views with different poses or intrinsics have different texts."""
+        """Text for ``SampleRecord.view_description``. Different poses or intrinsics have different texts."""
         if isinstance(self.pose, OrbitCamera):
             text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
         elif isinstance(self.pose, tuple):

@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 
 from gateway.assets.scene_file import Up
 from gateway.client import manifest
-from gateway.client.manifest import Failure, ImageType, Sample
+from gateway.client.manifest import FailureRecord, ImageType, SampleRecord
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task
 from gateway.datasets.rendering import FORMATS, RequestRenderer, ignored_rig, render_images, style_of
@@ -58,14 +58,14 @@ class Worker:
         """Render all views of a task. Errors are part of the result; none is raised."""
         name, out = task.source.name, Path(task.out)
         if problem := _task_problem(task):
-            return Result(failures=[Failure(name, None, problem)])
+            return Result(failures=[FailureRecord(name, None, problem)])
         try:
             scene = _within(task, partial(_load, task))
             warning = ignored_rig(scene, task.settings)
-            folder = out / manifest.SCENES / name
-            write_atomically(folder / manifest.SCENE, manifest.encode_indented(scene.description))
+            folder = out / manifest.SCENES_FOLDER / name
+            write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(scene.description))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
-            return Result(failures=[Failure(name, None, _reason(error))])
+            return Result(failures=[FailureRecord(name, None, _reason(error))])
         result = Result(
             warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
         )
@@ -73,23 +73,23 @@ class Worker:
             try:
                 result.samples.append(_within(task, partial(self._sample, task, scene, view)))
             except Exception as error:  # noqa: BLE001 - one bad view must not end the others
-                result.failures.append(Failure(name, view.name, _reason(error)))
+                result.failures.append(FailureRecord(name, view.name, _reason(error)))
         return result
 
-    def _sample(self, task: Task, scene: LoadedScene, view: View) -> Sample:
+    def _sample(self, task: Task, scene: LoadedScene, view: View) -> SampleRecord:
         """Render a view, write its images and return its record."""
         camera, encoded = self._render(task, scene, view)
         images: dict[ImageType, manifest.ImageFile] = {}
         for image_type, data in encoded.items():
             suffix = _file_format(image_type, task.settings)
-            path = f"{manifest.SCENES}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+            path = f"{manifest.SCENES_FOLDER}/{task.source.name}/{view.name}.{image_type}.{suffix}"
             write_atomically(Path(task.out) / path, data)
             images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
-        return Sample(
+        return SampleRecord(
             id=f"{task.source.name}/{view.name}",
             scene=task.source.name,
             view=view.name,
-            asked=view.description,
+            view_description=view.description,
             scene_sha256=scene.description.sha256,
             camera=record_of(camera),
             images=images,
@@ -113,7 +113,7 @@ def _task_problem(task: Task) -> str:
     node = os.uname().nodename
     if task.renderer != cache_folder.sources_digest():
         return f"worker {node} has another version of Scenegate than the one that was started"
-    if not (Path(task.out) / manifest.DATASET).is_file():
+    if not (Path(task.out) / manifest.DATASET_FILE).is_file():
         return f"worker {node} does not see {task.out}: the folders must be shared by all nodes"
     return ""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import CameraRecord, Sample, encode
+from gateway.client.manifest import CameraRecord, SampleRecord, encode
 from gateway.datasets.files import (
     InUseError,
     locked,
@@ -76,11 +76,17 @@ def test_digest_of_a_file(tmp_path: Path) -> None:
     assert sha256_of(tmp_path) is None
 
 
-def sample(view: str, digest: str = "0") -> Sample:
+def sample(view: str, digest: str = "0") -> SampleRecord:
     pose = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     camera = CameraRecord(width=1, height=1, fx=1.0, fy=1.0, cx=0.5, cy=0.5, near=0.1, far=None, X_world_camera=pose)
-    return Sample(
-        id=f"a.stl/{view}", scene="a.stl", view=view, asked="fit", scene_sha256=digest, camera=camera, images={}
+    return SampleRecord(
+        id=f"a.stl/{view}",
+        scene="a.stl",
+        view=view,
+        view_description="fit",
+        scene_sha256=digest,
+        camera=camera,
+        images={},
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import Failure
+from gateway.client.manifest import FailureRecord
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.job import VIEWS_PER_TASK, Job, PlannedSample, make_job
 from gateway.datasets.sources import Kind, Source
@@ -81,5 +81,5 @@ def test_views_of_the_command_come_before_those_of_the_camera_file() -> None:
 
 def test_a_failed_task_is_a_failure_of_each_view(job: Job) -> None:
     result = job.tasks(lambda number: number != 1, "")[0].failed("no memory")
-    assert result.failures == [Failure("mesh.stl", "v0", "no memory")]
+    assert result.failures == [FailureRecord("mesh.stl", "v0", "no memory")]
     assert result.samples == []
