@@ -26,7 +26,7 @@ from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Job, make_job
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 
 VIEWS = 100
@@ -39,7 +39,7 @@ CAMERA = CameraRecord(
 
 
 def job_of(folder: Path, samples: int) -> Job:
-    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", Kind.GLTF) for n in range(samples // VIEWS))
+    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", SourceKind.GLTF) for n in range(samples // VIEWS))
     return make_job(sources, tuple(View(f"orbit-{n:03d}", "fit") for n in range(VIEWS)), CameraFile(), SETTINGS, folder)
 
 
@@ -60,7 +60,7 @@ def write(folder: Path, samples: int) -> None:
     job = job_of(folder, samples)
     with (folder / manifest.JOURNAL_FILE).open("w+b") as file:
         journal = Journal(job, file)
-        for view in job.views:  # far from the order of the manifest
+        for view in job.default_views:  # far from the order of the manifest
             for source in job.sources:
                 journal.add(sample(source.name, view.name))
         write_atomically(folder / manifest.MANIFEST_FILE, journal.lines())

@@ -93,10 +93,10 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
     ("Images", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS")),
     ("Datasets: records", "gateway.client.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
-    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_BYTES",)),
-    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME",)),
+    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
+    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
-    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
+    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("MAX_RETRIES",)),
 )
 _NOT_LIMITS: Final = frozenset(
     {

@@ -243,9 +243,8 @@ def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool
                 if not line.endswith(b"\n"):
                     if allow_partial_end and len(line) <= MAX_LINE_BYTES:
                         break
-                    raise RecordError(
-                        f"{location}: {'longer than the limit' if len(line) > MAX_LINE_BYTES else 'cut off'}"
-                    )
+                    problem = "longer than the limit" if len(line) > MAX_LINE_BYTES else "cut off"
+                    raise RecordError(f"{location}: {problem}")
                 yield decode(line, record_type, location)
     except OSError as error:
         raise RecordError(f"{path}: {error.strerror or error}") from None

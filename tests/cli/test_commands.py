@@ -124,7 +124,7 @@ def test_a_checked_dataset(
             samples=4,
             scenes=2,
             images=8,
-            nbytes=1_250_000,
+            image_bytes=1_250_000,
         )
 
     monkeypatch.setattr(dataset_check, "check_dataset", check_dataset)

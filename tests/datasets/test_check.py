@@ -51,7 +51,7 @@ def edit_scene(dataset: Path, **changes: object) -> None:
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_whole_dataset(dataset: Path, threads: int) -> None:
     report = check_dataset(dataset, threads)
-    assert report.nbytes == sum(p.stat().st_size for p in dataset.rglob("*") if p.suffix in (".png", ".tiff"))
+    assert report.image_bytes == sum(p.stat().st_size for p in dataset.rglob("*") if p.suffix in (".png", ".tiff"))
     assert report.problems == []
     assert report.notes == []
     assert (report.samples, report.scenes, report.images) == (7, 4, 19)

@@ -20,7 +20,7 @@ from gateway.datasets.files import (
 )
 from gateway.datasets.job import Job
 from gateway.datasets.journal import Journal
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 from tests.datasets.conftest import SETTINGS
 
@@ -92,7 +92,7 @@ def sample(view: str, digest: str = "0") -> SampleRecord:
 
 def test_the_journal_yields_samples_in_the_order_of_the_job() -> None:
     views = tuple(View(name, "fit") for name in "abcd")
-    job = Job((Source("a.stl", "/a.stl", Kind.MESH),), views, {}, SETTINGS, Path("/out"))
+    job = Job((Source("a.stl", "/a.stl", SourceKind.MESH),), views, {}, SETTINGS, Path("/out"))
     file = io.BytesIO()
     journal = Journal(job, file)
     assert list(journal.lines()) == []

@@ -268,7 +268,7 @@ def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
 
 def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     def strange(tasks: list[Task]) -> Iterator[Result]:
-        return map(Worker().work, [replace(task, renderer="0123") for task in tasks])
+        return map(Worker().run_task, [replace(task, renderer_digest="0123") for task in tasks])
 
     progress = run(job_of(scenes, tmp_path / "out"), strange, lambda _: None)
     assert progress.finished == 0
@@ -279,9 +279,9 @@ def _killer(task: Task) -> Result:
     """Stands in for a worker's work: scene 'a.gltf' kills its process."""
     if task.source.name == "a.gltf":
         os.kill(os.getpid(), signal.SIGKILL)
-    from gateway.datasets.worker import work
+    from gateway.datasets.worker import run_task
 
-    return work(task)
+    return run_task(task)
 
 
 @pytest.mark.slow
