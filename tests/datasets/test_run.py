@@ -288,7 +288,7 @@ def _killer(task: Task) -> Result:
 def test_a_worker_that_dies_fails_only_its_own_task(
     scenes: Path, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_tasks, "_work", _killer)
+    monkeypatch.setattr(local_tasks, "_run_task", _killer)
     job = job_of(scenes, tmp_path / "out")
     progress = run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
     assert [(failure.scene, failure.reason) for failure in progress.failures] == [
