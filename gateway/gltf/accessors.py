@@ -27,8 +27,8 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
     5130: np.dtype("<f8"),  # KHR_accessor_float64
 }
 """Data types by ``componentType``."""
-COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-"""Number of components by ``type``; matrices are not read."""
+COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+"""Number of components by ``type``; smaller matrices, which only vertices of private extensions have, are not read."""
 _MAX_STRIDE: Final = 252
 """Maximum ``byteStride`` in bytes, by the specification."""
 _pack_key: Final = Struct("<B32s3qc??").pack
@@ -43,7 +43,7 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     """``accessors[3]`` or ``accessors[3].sparse.indices``, for messages."""
     dtype: np.dtype[Any]
     components: int
-    """Number of components of a value, 1 .. 4."""
+    """Number of components of a value: 1 .. 4, or 16 for a matrix."""
     normalized: bool
     """True if integers stand for 0 .. 1 or -1 .. 1."""
     count: int
@@ -119,20 +119,16 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
 class Accessors:
     """The accessors of one document, each checked at its first use."""
 
-    def __init__(
-        self, document: Document, buffers: Buffers, limits: GltfLimits, warnings: list[str], *, merged: bool = False
-    ) -> None:
+    def __init__(self, document: Document, buffers: Buffers, limits: GltfLimits, warnings: list[str]) -> None:
         """
         Args:
             warnings: Warnings are appended to this list.
-            merged: True for a document that Drake's client merged from several files. It does not adapt the indices of
-                sparse parts, so invalid sparse parts are ignored with a warning.
         """
         self._sources = document.accessors
         self._buffers = buffers
         self._max_count = max(limits.max_vertices, limits.max_elements) * 3  # a triangle has three indices
         self._warnings = warnings
-        self._merged = merged
+        self._merged = document.merged_by_drake
         self._accessors: dict[int, Accessor] = {}
 
     def get(self, index: int, path: str) -> Accessor:

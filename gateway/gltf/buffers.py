@@ -11,10 +11,12 @@ from urllib.parse import unquote, unquote_to_bytes
 import msgspec
 import pybase64
 
+from gateway.gltf import meshopt
 from gateway.gltf.container import Container
 from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.schema import Document
+from gateway.gltf.parser import extension_json
+from gateway.gltf.schema import Document, MeshoptCompression
 from renderers.stop import check_stop
 
 Resolver = Callable[[str], bytes]
@@ -59,7 +61,10 @@ class Buffers:
         self._container = container
         self._limits = limits
         self._resolve = resolve
+        self.merged_by_drake: Final = document.merged_by_drake
         self._buffers: dict[int, Buffer] = {}
+        self._decompressed: dict[int, BufferView] = {}
+        """Buffer views of EXT_meshopt_compression, by index."""
         self._nbytes = 0
         """Bytes counted towards ``max_buffer_bytes``."""
 
@@ -69,23 +74,57 @@ class Buffers:
         Raises:
             GltfError: The index is out of range, the view is beyond its buffer, or the buffer cannot be read.
         """
+        if (decompressed := self._decompressed.get(index)) is not None:
+            return decompressed
         source = checked_item(self._views, index, "bufferViews", path)
         name = f"bufferViews[{index}]"
-        if source.buffer is None:
-            compressions = [key for key in source.extensions or () if key.endswith("_meshopt_compression")]
-            if compressions:
-                raise GltfError(f"{name}: {compressions[0]} is not supported")
+        raw = extension_json(source.extensions, meshopt.EXTENSION)
+        # Drake's merge does not adapt the index of the compressed buffer.
+        if raw is not None and not self.merged_by_drake:
+            view = self._decompress(raw, f"{name}.extensions.{meshopt.EXTENSION}")
+            self._decompressed[index] = view
+            return view
+        return self._uncompressed(source.buffer, source.byte_offset, source.byte_length, source.byte_stride, name)
+
+    def _uncompressed(
+        self, index: int | None, byte_offset: int | None, length: int | None, stride: int | None, name: str
+    ) -> BufferView:
+        """Return a part of ``buffers[index]``.
+
+        Args:
+            name: Object with these properties, for messages.
+        """
+        if index is None:
             raise GltfError(f"{name}.buffer: missing")
-        buffer = self._buffer(source.buffer, f"{name}.buffer")
-        offset, length = source.byte_offset or 0, source.byte_length
+        buffer = self._buffer(index, f"{name}.buffer")
+        offset = byte_offset or 0
         if length is None:
             raise GltfError(f"{name}.byteLength: missing")
         if offset < 0 or length < 0 or offset + length > len(buffer.data):
             raise GltfError(
-                f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{source.buffer}] "
+                f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{index}] "
                 f"({len(buffer.data)} bytes)"
             )
-        return BufferView(buffer, offset, length, source.byte_stride)
+        return BufferView(buffer, offset, length, stride)
+
+    def _decompress(self, raw: msgspec.Raw, name: str) -> BufferView:
+        """Return the decompressed content of a buffer view.
+
+        Args:
+            raw: JSON text of EXT_meshopt_compression.
+            name: Name of the extension in the document, for messages.
+        """
+        try:
+            source = msgspec.json.decode(raw, type=MeshoptCompression)
+        except msgspec.MsgspecError as error:
+            raise GltfError(f"{name}: {error}") from error
+        count, stride = meshopt.checked_layout(source, name)
+        self.count_bytes(count * stride, name)
+        view = self._uncompressed(source.buffer, source.byte_offset, source.byte_length, None, name)
+        check_stop()
+        compressed = memoryview(view.buffer.data)[view.offset : view.offset + view.length]
+        data = meshopt.decompress(source, compressed, name)
+        return BufferView(_hashed(data), 0, len(data), stride)
 
     def _buffer(self, index: int, path: str) -> Buffer:
         if (loaded := self._buffers.get(index)) is not None:

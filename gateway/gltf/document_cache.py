@@ -75,6 +75,9 @@ class DocumentContent:
     lights: list[schema.Light | None]
     parts: Mapping[int, tuple[Part, ...]]
     """Primitives by mesh index. Only the meshes in use are here, in the order of their first use."""
+    posed_parts: Mapping[int, tuple[Part, ...]]
+    """Primitives of the nodes with a skin, morph weights or instances of their own, by position in ``SceneNodes``. Not
+    empty: the document is not cached."""
     element_counts: Mapping[int, int]
     """Number of triangles, lines and points by mesh index."""
     morphed_mesh_count: int

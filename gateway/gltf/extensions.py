@@ -1,7 +1,8 @@
-"""Extensions of glTF that the reader supports or ignores; a document that requires any other one is an error."""
+"""Extensions of glTF that the reader supports, and the rule for those that it does not."""
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from gateway.gltf.errors import GltfError
@@ -9,6 +10,11 @@ from gateway.gltf.schema import Document
 
 SUPPORTED: Final = frozenset(
     {
+        "EXT_mesh_gpu_instancing",
+        "EXT_meshopt_compression",
+        "EXT_texture_webp",
+        "KHR_accessor_float64",
+        "KHR_draco_mesh_compression",
         "KHR_lights_punctual",
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
@@ -19,25 +25,13 @@ SUPPORTED: Final = frozenset(
         "KHR_texture_transform",
     }
 )
-IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
-"""Extensions that offer another image for a texture.
-
-The texture's own image (PNG or JPEG) is used instead. A texture without one takes the image of EXT_texture_webp.
-"""
-IGNORED: Final = frozenset(
-    {
-        "KHR_materials_clearcoat",
-        "KHR_materials_sheen",
-        "KHR_materials_transmission",
-        "KHR_materials_volume",
-        "KHR_materials_iridescence",
-        "KHR_materials_anisotropy",
-        "KHR_materials_variants",
-        "KHR_xmp_json_ld",
-        "KHR_accessor_float64",
-    }
-)
-"""Extensions that at most change the look: a document that requires them is rendered without them."""
+_IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
+"""Extensions that offer another image for a texture. The texture's own image (PNG or JPEG) is used instead; a texture
+without one gives a warning of its own."""
+_COLOR_ONLY: Final = re.compile(r"[A-Z]+_(materials|texture)_")
+"""Start of the names of extensions that change nothing but colours."""
+_NOT_DRAWN: Final = frozenset({"KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld"})
+"""Extensions that change nothing in an image."""
 _MAX_LISTED_CHARACTERS: Final = 500
 """Maximum number of characters of extension names in a message."""
 
@@ -46,13 +40,14 @@ def check_extensions(document: Document, warnings: list[str]) -> None:
     """Warn about extensions that are ignored.
 
     Raises:
-        GltfError: The document requires an extension that is not supported.
+        GltfError: The document requires an extension that is not supported, without which more than colours would be
+            wrong.
     """
     required = {name for name in document.extensions_required or () if name}
-    unknown = sorted(required - SUPPORTED - IMAGE_FORMATS - IGNORED)
-    if unknown:
-        raise GltfError(f"extensionsRequired: {', '.join(unknown)[:_MAX_LISTED_CHARACTERS]} cannot be read")
-    used = {name for name in document.extensions_used or () if name}
-    ignored = sorted(used - SUPPORTED - IMAGE_FORMATS)
+    refused = sorted(name for name in required - SUPPORTED - _NOT_DRAWN if not _COLOR_ONLY.match(name))
+    if refused:
+        raise GltfError(f"extensionsRequired: {', '.join(refused)[:_MAX_LISTED_CHARACTERS]} cannot be read")
+    used = required | {name for name in document.extensions_used or () if name}
+    ignored = sorted(used - SUPPORTED - _IMAGE_FORMATS)
     if ignored:
         warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")

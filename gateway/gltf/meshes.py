@@ -1,4 +1,4 @@
-"""Reads primitives as ``Mesh`` objects; primitives of equal content share one object."""
+"""Reads primitives as ``Mesh`` objects; primitives of equal content and pose share one object."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf import draco
 from gateway.gltf.accessors import Accessor, Accessors
+from gateway.gltf.buffers import Buffers
+from gateway.gltf.deformation import INFLUENCES, REST, Deformation, Pose, deformation_of
 from gateway.gltf.errors import GltfError
 from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.normals import unit_rows, vertex_normals
+from gateway.gltf.parser import extension_json
 from gateway.gltf.schema import Primitive
 from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, elements_of
 from gateway.gltf.vertex_attributes import (
@@ -43,7 +47,6 @@ _CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
     "TANGENT": ("tangents", unit_tangents),
 }
 """By attribute: the field of ``Mesh``, and the function that converts the attribute to the form of that field."""
-_DRACO: Final = "KHR_draco_mesh_compression"
 _RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart value, which glTF forbids as an index, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
@@ -62,12 +65,16 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     position: Accessor
     indices: Accessor | None
     attributes: dict[str, Accessor]
-    """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENT_COUNTS`` that can be used."""
+    """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENT_COUNTS`` that can be used. In a
+    pose with joints also JOINTS_n and WEIGHTS_n."""
+    deformation: Deformation | None
+    """None: the mesh is drawn as it is stored."""
 
     @property
     def key(self) -> MeshKey:
         accessors = (self.indices, *map(self.attributes.get, _COMPONENT_COUNTS))
-        return bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
+        key = bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
+        return key if self.deformation is None else key + self.deformation.key
 
 
 class Meshes:
@@ -76,11 +83,13 @@ class Meshes:
     def __init__(
         self,
         accessors: Accessors,
+        buffers: Buffers,
         content: Cache[ContentKey, Mesh | Image],
         limits: GltfLimits,
         warnings: list[str],
     ) -> None:
         self._accessors = accessors
+        self._buffers = buffers
         self._content = content
         self._limits = limits
         self._warnings = warnings
@@ -95,17 +104,18 @@ class Meshes:
         self.any_positions = False
         """True if any primitive so far has a POSITION."""
 
-    def read(self, primitive: Primitive, name: str) -> Mesh | None:
+    def read(self, primitive: Primitive, name: str, pose: Pose = REST) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
             name: ``meshes[2].primitives[0]``, for messages.
+            pose: The state that deforms the mesh.
 
         Raises:
             GltfError: A reference or an index is out of range, or a limit is exceeded.
         """
         check_stop()
-        checked = self._check(primitive, name)
+        checked = self._check(primitive, name, pose)
         if checked is None:
             return None
         key = checked.key
@@ -129,7 +139,7 @@ class Meshes:
             self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str) -> _CheckedPrimitive | None:
+    def _check(self, primitive: Primitive, name: str, pose: Pose) -> _CheckedPrimitive | None:
         """Check a primitive's references to accessors; return None if it has no positions."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
@@ -144,15 +154,16 @@ class Meshes:
         position = self._accessors.get(position_index, f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
-        if position.buffer is None and position.sparse is None and _DRACO in (primitive.extensions or {}):
-            raise GltfError(f"{name}: {_DRACO} is not supported")
         attributes = {"POSITION": position}
         for attribute, index in references.items():
-            if index is None or attribute not in _COMPONENT_COUNTS or attribute == "POSITION":
+            allowed = _COMPONENT_COUNTS.get(attribute, ())
+            if pose.joint_matrices is not None and attribute.startswith(INFLUENCES):
+                allowed = (4,)
+            if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
             accessor = self._accessors.get(index, path)
-            if accessor.components not in _COMPONENT_COUNTS[attribute]:
+            if accessor.components not in allowed:
                 self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
                 self._warnings.append(f"{path}: {accessor.count} values for {position.count} vertices, ignored")
@@ -163,7 +174,15 @@ class Meshes:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
-        return _CheckedPrimitive(name, mode, position, indices, attributes)
+        # Where an exporter has also stored the primitive without compression, that is read.
+        raw = extension_json(primitive.extensions, draco.EXTENSION) if position.buffer is None else None
+        if raw is not None:
+            attributes, indices = draco.decompress(
+                raw, attributes, indices, self._buffers, self._limits, f"{name}.extensions.{draco.EXTENSION}"
+            )
+            mode = TRIANGLES
+        deformation = deformation_of(primitive, pose, attributes, self._accessors, name)
+        return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation)
 
     def _count(self, new_vertices: int, new_elements: int, name: str) -> None:
         """Count vertices and elements towards the limits before they are allocated.
@@ -212,7 +231,14 @@ class Meshes:
         Args:
             elements: (M, 1 | 2 | 3) uint32, vertex indices minus ``begin``.
         """
-        positions = checked.position.floats(begin, end)
+        attributes = {
+            name: accessor.floats(begin, end)
+            for name, accessor in checked.attributes.items()
+            if name in _COMPONENT_COUNTS
+        }
+        if checked.deformation is not None:
+            checked.deformation.apply(attributes, begin, checked.name)
+        positions = attributes["POSITION"]
         if not np.isfinite(positions).all():
             positions, elements, dropped = without_invalid_vertices(positions, elements)
             self._warnings.append(f"{checked.name}: {dropped} elements with vertices that are not finite are left out")
@@ -221,15 +247,14 @@ class Meshes:
         positions.setflags(write=False)
         elements.setflags(write=False)
         optional: dict[str, Floats] = {}
-        accessor = checked.attributes.get("NORMAL")
-        normals = _normals(None if accessor is None else accessor.floats(begin, end), positions, elements)
+        normals = _normals(attributes.get("NORMAL"), positions, elements)
         if normals is not None:
             normals.setflags(write=False)
             optional["normals"] = normals
         for attribute, (field, convert) in _CONVERSIONS.items():
-            if (accessor := checked.attributes.get(attribute)) is not None:
+            if attribute in attributes:
                 check_stop()
-                values = optional[field] = convert(accessor.floats(begin, end))
+                values = optional[field] = convert(attributes[attribute])
                 values.setflags(write=False)
         return Mesh(positions, elements, **optional)
 

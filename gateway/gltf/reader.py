@@ -2,7 +2,8 @@
 
 1. Split the file and parse its JSON: ``container``, ``parser`` (``schema`` declares the properties).
 2. Order the nodes of the scene and compute their matrices: ``nodes``.
-3. Read the meshes in use: ``buffers``, ``accessors``, ``meshes``; their ``materials`` and ``textures``.
+3. Read the meshes in use: ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``, ``mesh_nodes``,
+   ``deformation``); their ``materials`` and ``textures``.
 4. Place cameras and lights at their nodes: ``cameras``, ``lights``.
 
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
@@ -10,12 +11,14 @@ A document that differs from an earlier one only in its nodes needs no step 3 (`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from gateway.gltf.accessors import Accessors
 from gateway.gltf.buffers import Buffers, Resolver
 from gateway.gltf.cameras import read_cameras
-from gateway.gltf.container import Container, open_container
+from gateway.gltf.container import open_container
+from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.extensions import check_extensions
@@ -23,6 +26,7 @@ from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
+from gateway.gltf.mesh_nodes import is_posed, pose_meshes
 from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import parse_document
@@ -33,6 +37,7 @@ from gateway.scene.geometry import Part, Surface
 from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
+_NO_POSES: Final[Mapping[int, Pose]] = {}
 _MAX_WARNINGS: Final = 100
 """Maximum number of warnings in a result: a document with one fault often has it in every mesh."""
 
@@ -69,55 +74,68 @@ def read_gltf(
     if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)
-        if list(nodes.first_node_by_mesh()) == list(content.parts):
+        posed = content.generator != DRAKE_MERGER and any(map(is_posed, nodes.sources))
+        if not posed and list(nodes.first_node_by_mesh()) == list(content.parts):
             return _combine(content, nodes, limits)
     check_stop()
     container = open_container(data)
     document = parse_document(container.json, limits)
     check_stop()
-    nodes = read_nodes(document, limits)
-    content = _read_content(document, container, nodes, cache, limits, resolve, textures=textures)
+    nodes, poses = read_nodes(document, limits), _NO_POSES
+    warnings: list[str] = []
+    check_extensions(document, warnings)
+    buffers = Buffers(document, container, limits, resolve)
+    accessors = Accessors(document, buffers, limits, warnings)
+    if not document.merged_by_drake:
+        nodes, poses = pose_meshes(document, nodes, accessors, limits)
+    meshes = Meshes(accessors, buffers, cache.content, limits, warnings)
+    materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
+    content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    if hashed is not None and len(content.warnings) <= _MAX_WARNINGS:
+    if hashed is not None and not content.posed_parts and len(content.warnings) <= _MAX_WARNINGS:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
 
 
 def _read_content(
     document: Document,
-    container: Container,
     nodes: SceneNodes,
-    cache: GltfCache,
+    poses: Mapping[int, Pose],
+    meshes: Meshes,
+    materials: Materials,
     limits: GltfLimits,
-    resolve: Resolver | None,
-    *,
-    textures: bool,
+    warnings: list[str],
 ) -> DocumentContent:
-    """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights."""
-    warnings: list[str] = []
-    check_extensions(document, warnings)
+    """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights.
+
+    Args:
+        poses: Poses of nodes whose meshes have their own, by position in ``nodes``.
+    """
     lights = read_lights(document, warnings)
-    buffers = Buffers(document, container, limits, resolve)
-    merged = document.generator == DRAKE_MERGER
-    meshes = Meshes(Accessors(document, buffers, limits, warnings, merged=merged), cache.content, limits, warnings)
-    materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
     parts: dict[int, tuple[Part, ...]] = {}
-    element_counts: dict[int, int] = {}
+    posed_parts: dict[int, tuple[Part, ...]] = {}
     primitive_count = 0
-    for index, node in nodes.first_node_by_mesh().items():
-        primitives = checked_item(document.meshes, index, "meshes", f"nodes[{node}].mesh").primitives or []
+    for position, mesh_index in enumerate(nodes.meshes):
+        pose = poses.get(position)
+        if mesh_index is None or (pose is None and mesh_index in parts):
+            continue
+        mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
+        primitives = mesh.primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
-            raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {limits.max_primitives}")
+            raise GltfError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
+        if pose is None:
+            pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
         mesh_parts: list[Part] = []
-        element_counts[index] = 0
         for number, primitive in enumerate(primitives):
-            name = f"meshes[{index}].primitives[{number}]"
-            if primitive is not None and (mesh := meshes.read(primitive, name)) is not None:
-                mesh_parts.append(Part(Surface(mesh), materials.get(primitive, name)))
-                element_counts[index] += len(mesh.elements)
-        parts[index] = tuple(mesh_parts)
+            name = f"meshes[{mesh_index}].primitives[{number}]"
+            if primitive is not None and (surface := meshes.read(primitive, name, pose)) is not None:
+                mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
+        if position in poses:
+            posed_parts[position] = tuple(mesh_parts)
+        else:
+            parts[mesh_index] = tuple(mesh_parts)
     if meshes.first_without_positions and not meshes.any_positions:
         raise GltfError(f"{meshes.first_without_positions}: no POSITION, and no other primitive has one")
     return DocumentContent(
@@ -125,7 +143,8 @@ def _read_content(
         cameras=document.cameras or [],
         lights=lights,
         parts=parts,
-        element_counts=element_counts,
+        posed_parts=posed_parts,
+        element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
         morphed_mesh_count=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
@@ -151,13 +170,15 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     """
     node_parts: NodeParts = []
     instance_count = element_count = 0
-    for node, mesh in zip(nodes.indices, nodes.meshes, strict=True):
+    for position, (node, mesh) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
         if mesh is None:
             node_parts.append(None)
             continue
-        node_parts.append(content.parts[mesh])
-        instance_count += len(content.parts[mesh])
-        element_count += content.element_counts[mesh]
+        posed_parts = content.posed_parts.get(position)
+        parts = content.parts[mesh] if posed_parts is None else posed_parts
+        node_parts.append(parts)
+        instance_count += len(parts)
+        element_count += content.element_counts[mesh] if posed_parts is None else _element_count(posed_parts)
         if instance_count > limits.max_instances:
             limit = limits.max_instances
             raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
@@ -167,9 +188,16 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     return node_parts, instance_count, element_count
 
 
+def _element_count(parts: tuple[Part, ...]) -> int:
+    """Return the number of triangles, lines and points of the parts of a mesh."""
+    return sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
+
+
 def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
-    """Return warnings about skins and morph targets, which are not read: meshes are drawn as they are stored."""
+    """Return warnings about skins and morph targets in documents that Drake merged, which lack what these need."""
     warnings: list[str] = []
+    if content.generator != DRAKE_MERGER:
+        return warnings
     mesh_nodes = [node for node in nodes.sources if node.mesh is not None]
     if skin_count := sum(1 for node in mesh_nodes if node.skin is not None):
         warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")

@@ -54,6 +54,7 @@ class Primitive(_Object):
     indices: int | None = None
     material: int | None = None
     mode: int | None = None
+    targets: list[dict[str, int | None] | None] | None = None
 
 
 class Mesh(_Object):
@@ -113,6 +114,11 @@ class Sampler(_Object):
     min_filter: int | None = None
     wrap_s: int | None = None
     wrap_t: int | None = None
+
+
+class Skin(_Object):
+    inverse_bind_matrices: int | None = None
+    joints: list[int] | None = None
 
 
 class Texture(_Object):
@@ -186,6 +192,7 @@ class Document(_Object):
     samplers: list[Sampler | None] | None = None
     scene: int | None = None
     scenes: list[Scene | None] | None = None
+    skins: list[Skin | None] | None = None
     textures: list[Texture | None] | None = None
 
     @property
@@ -197,6 +204,14 @@ class Document(_Object):
     def from_drake(self) -> bool:
         """True for documents from Drake's render client."""
         return self.generator in DRAKE_GENERATORS
+
+    @property
+    def merged_by_drake(self) -> bool:
+        """True for documents that Drake's client merged from several files.
+
+        It drops skins and does not adapt the indices in extensions, sparse accessors and morph targets.
+        """
+        return self.generator == DRAKE_MERGER
 
     @property
     def from_old_drake(self) -> bool:
@@ -277,3 +292,29 @@ class LightReference(_Object):
     """KHR_lights_punctual in a node's extensions."""
 
     light: int | None = None
+
+
+class DracoCompression(_Object):
+    """KHR_draco_mesh_compression in a primitive's extensions."""
+
+    attributes: dict[str, int | None] | None = None
+    """Ids of the attributes in the compressed mesh."""
+    buffer_view: int | None = None
+
+
+class MeshoptCompression(_Object):
+    """EXT_meshopt_compression in a buffer view's extensions."""
+
+    buffer: int | None = None
+    byte_length: int | None = None
+    byte_offset: int | None = None
+    byte_stride: int | None = None
+    count: int | None = None
+    filter: str | None = None
+    mode: str | None = None
+
+
+class Instancing(_Object):
+    """EXT_mesh_gpu_instancing in a node's extensions."""
+
+    attributes: dict[str, int | None] | None = None

@@ -50,7 +50,9 @@ _STEREO: Final = tuple(
     f"renderers.stereo.{name}" for name in ("errors", "filters", "matching", "mesh", "projector", "sensor", "truth")
 )
 _FORMATS: Final = (
+    "gateway.gltf.meshopt_kernels",
     "gateway.gltf.normals",
+    "gateway.gltf.skinning",
     "gateway.scene.crease_normals",
     "gateway.treeviewer.json_kernels",
     "gateway.treeviewer.msgpack_kernels",

@@ -116,6 +116,16 @@ class Gltf:
         return self._add("accessors", entry)
 
 
+def embedded(glb: Path) -> dict[str, Any]:
+    """The document of a ``.glb`` file with its binary chunk as a data URI."""
+    data = glb.read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    document: dict[str, Any] = json.loads(data[20 : 20 + length])
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data[28 + length :]).decode()
+    document["buffers"][0]["uri"] = uri
+    return document
+
+
 def quad(width: float = 0.6, height: float = 0.6, repeat: float = 1.0) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """A rectangle around the origin that faces +Z (in Drake's frame -Y); the texture is repeated along each side."""
     u, v = np.array([0.0, 1, 1, 0]), np.array([1.0, 1, 0, 0])

@@ -5,6 +5,7 @@ Imported by an interpreter that has pydrake.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from pydrake.geometry import Box, Cylinder, Mesh, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from tests.drake.assets import Gltf, checkers, gradient, png, quad, sphere, with_alpha, write_obj
+from tests.drake.assets import Gltf, checkers, embedded, gradient, png, quad, sphere, with_alpha, write_obj
 
 SMALL: Final = (160, 120)
 """Width and height of most images in pixels."""
@@ -489,6 +490,13 @@ def back_faces(folder: Path) -> Scene:
     document.node(document.mesh(*quad(0.3, 0.3), single), translation=[-0.2, 0.0, 0.0], rotation=half_turn)
     document.node(document.mesh(*quad(0.3, 0.3), double), translation=[0.2, 0.0, 0.0], rotation=half_turn)
     return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("skin_and_morph_target")
+def skin_and_morph_target(folder: Path) -> Scene:
+    path = folder / "mesh.gltf"
+    path.write_text(json.dumps(embedded(Path(__file__).parents[1] / "gltf" / "files" / "posed.glb")))
+    return Scene([Body(Mesh(str(path), 0.2), (0.0, 0.0, -0.2))])
 
 
 # -- distances ---------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from gateway.scene.tree import Path
 from renderers.drawlist import Mesh
 
 COMPONENT = {"b": 5120, "B": 5121, "h": 5122, "H": 5123, "i": 5124, "I": 5125, "f": 5126, "d": 5130}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 TRIANGLE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32)
 
 
@@ -105,3 +106,17 @@ def only_mesh(primitive: dict[str, Any], builder: Builder) -> Mesh:
 def corners(mesh: Mesh) -> NDArray[np.float32]:
     """(M, 3, 3) positions of the triangles."""
     return mesh.positions[mesh.elements]
+
+
+def world_triangles(scene: GltfScene) -> list[NDArray[np.float64]]:
+    """(M, 3, 3) positions of the triangles in the document's world frame, for each primitive of each node."""
+    return [
+        corners(mesh_of(part)) @ X[:3, :3].T + X[:3, 3]
+        for X, node_parts in zip(scene.nodes.X_world_node, scene.parts, strict=True)
+        for part in node_parts or ()
+    ]
+
+
+def read_file(name: str, **options: Any) -> GltfScene:
+    """Read a file that files/make.mjs wrote with glTF-Transform: a column, compressed, posed or instanced."""
+    return read_gltf((FilePath(__file__).parent / "files" / f"{name}.glb").read_bytes(), **options)

@@ -414,13 +414,24 @@ def test_errors_name_texture_and_image(texture: dict[str, Any], image: dict[str,
         read_material({"normalTexture": {"index": 0}}, b)
 
 
-def test_extensions() -> None:
+def test_extensions_that_are_not_required_are_ignored() -> None:
     b = Builder()
     b.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_unlit", None, "ACME_x", "KHR_materials_sheen"]
-    b.json["extensionsRequired"] = ["KHR_lights_punctual", "KHR_mesh_quantization"]
+    b.json["extensionsRequired"] = ["KHR_lights_punctual", "KHR_mesh_quantization", None]
     assert b.read().warnings == ("extensionsUsed: ACME_x, KHR_materials_sheen ignored",)
-    b.json["extensionsRequired"] += ["EXT_meshopt_compression", "ACME_x"]
-    with pytest.raises(GltfError, match="extensionsRequired: ACME_x, EXT_meshopt_compression cannot be read"):
+
+
+def test_required_extensions_that_change_only_colors_are_ignored() -> None:
+    b = Builder()
+    b.json["extensionsRequired"] = ["KHR_materials_x", "ACME_texture_x", "KHR_xmp_json_ld", "KHR_texture_basisu"]
+    assert b.read().warnings == ("extensionsUsed: ACME_texture_x, KHR_materials_x, KHR_xmp_json_ld ignored",)
+
+
+@pytest.mark.parametrize("name", ["ACME_x", "EXT_x_materials_y", "KHR_materials", "KHR_texture", "acme_materials_x"])
+def test_other_required_extensions_are_refused(name: str) -> None:
+    b = Builder()
+    b.json["extensionsRequired"] = ["KHR_materials_x", name, "EXT_meshopt_compression"]
+    with pytest.raises(GltfError, match=f"extensionsRequired: {name} cannot be read"):
         b.read()
 
 

@@ -191,15 +191,6 @@ def test_primitives_that_share_one_vertex_buffer_keep_their_range() -> None:
     assert (corners(narrow)[0] == wide.positions[[10, 12, 11]]).all()
 
 
-def test_draco_is_refused() -> None:
-    b = Builder()
-    p = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3"})
-    primitive = {"attributes": {"POSITION": p}, "extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
-    b.node(mesh=b.mesh(primitive))
-    with pytest.raises(GltfError, match=r"meshes\[0\]\.primitives\[0\]: KHR_draco_mesh_compression is not supported"):
-        b.read()
-
-
 def chairs(count: int) -> Builder:
     """Return a document with N copies of one mesh, as Drake sends N instances."""
     b = Builder()

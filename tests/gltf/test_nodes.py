@@ -258,16 +258,6 @@ def test_many_translations_are_checked() -> None:
         b.read()
 
 
-def test_skins_and_morph_targets_are_ignored_with_a_warning() -> None:
-    b = Builder()
-    mesh = b.triangle()
-    b.json["meshes"][mesh]["weights"] = [0.0, 0.0]
-    b.json["scenes"] = [{"nodes": [b.node(mesh=mesh), b.node(mesh=mesh, skin=0), b.node(skin=0, weights=[1.0])]}]
-    assert b.read().warnings == ("nodes: skins are ignored, 1 meshes are drawn as they are stored",)
-    b.json["nodes"][0]["weights"] = [0.0, 0.5]
-    assert b.read().warnings[1:] == ("weights: morph targets are ignored, 1 meshes are drawn as they are stored",)
-
-
 def test_a_scene_is_freed_without_the_garbage_collector() -> None:
     """A reference cycle would keep megabytes until the next collection."""
     b = camera_scene()

@@ -1,0 +1,148 @@
+"""Deforms vertices by morph targets and skins, as the nodes of a document pose them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf.accessors import Accessor, Accessors
+from gateway.gltf.errors import GltfError
+from gateway.gltf.schema import Primitive
+from gateway.gltf.skinning import skin_vertices
+from gateway.gltf.vertex_attributes import Floats
+from renderers.stop import check_stop
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """The state of a node that deforms its mesh."""
+
+    morph_weights: tuple[float, ...] = ()
+    """Factor of each morph target."""
+    joint_matrices: NDArray[np.float32] | None = None
+    """(number of joints, 3, 4): from the mesh's frame in the bind pose to the frame of the deformed mesh. None: the
+    mesh has no skin."""
+
+
+INFLUENCES: Final = ("JOINTS_", "WEIGHTS_")
+"""Starts of the names of the attributes that bind vertices to joints."""
+REST: Final = Pose()
+"""The pose in which meshes are drawn as they are stored."""
+
+
+class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """The deformation of one primitive."""
+
+    targets: list[tuple[float, dict[str, Accessor]]]
+    """Morph targets with a weight other than zero: the weight, and the differences by attribute."""
+    influences: list[tuple[Accessor, Accessor]]
+    """``JOINTS_n`` and ``WEIGHTS_n``: each vertex follows four joints per pair. Empty without a skin."""
+    joint_matrices: NDArray[np.float32] | None
+    """As in ``Pose``."""
+
+    @property
+    def key(self) -> bytes:
+        """Identifies the deformation's content, 32 bytes."""
+        sha256 = hashlib.sha256()
+        for weight, target in self.targets:
+            sha256.update(repr((weight, [(name, accessor.key) for name, accessor in target.items()])).encode())
+        for joints, weights in self.influences:
+            sha256.update(repr((joints.key, weights.key)).encode())
+        if self.joint_matrices is not None:
+            sha256.update(self.joint_matrices.tobytes())
+        return sha256.digest()
+
+    def apply(self, attributes: dict[str, Floats], begin: int, name: str) -> None:
+        """Deform the attributes of consecutive vertices in place, morph targets first.
+
+        Args:
+            attributes: Arrays of (number of vertices, components) by name.
+            begin: Index of the first vertex in the accessors.
+            name: Name of the primitive, for messages.
+
+        Raises:
+            GltfError: A vertex refers to a joint that the skin does not have.
+        """
+        end = begin + len(attributes["POSITION"])
+        with np.errstate(all="ignore"):  # meshes leave out vertices that are not finite
+            for weight, target in self.targets:
+                for attribute, accessor in target.items():
+                    check_stop()
+                    values = attributes[attribute]
+                    values[:, : accessor.components] += np.float32(weight) * accessor.floats(begin, end)
+        if self.joint_matrices is None or not self.influences:
+            return
+        joints = np.hstack([accessor.values(begin, end) for accessor, _ in self.influences]).astype(np.uint16)
+        weights = np.hstack([accessor.floats(begin, end) for _, accessor in self.influences])
+        joint_count = len(self.joint_matrices)
+        if joints.size and (largest := int(joints.max())) >= joint_count:
+            raise GltfError(f"{name}: a vertex follows joint {largest} of a skin with {joint_count} joints")
+        skin_vertices(
+            attributes["POSITION"],
+            attributes.get("NORMAL"),
+            attributes.get("TANGENT"),
+            np.ascontiguousarray(joints),
+            np.ascontiguousarray(weights),
+            self.joint_matrices,
+        )
+
+
+def deformation_of(
+    primitive: Primitive, pose: Pose, attributes: dict[str, Accessor], accessors: Accessors, name: str
+) -> Deformation | None:
+    """Return the deformation of a primitive in a pose; None if the primitive is drawn as it is stored.
+
+    Args:
+        attributes: Accessors by attribute name, JOINTS_n and WEIGHTS_n among them.
+        name: Name of the primitive, for messages.
+
+    Raises:
+        GltfError: A reference is out of range, or an accessor has the wrong type or too few values.
+    """
+    count = attributes["POSITION"].count
+    targets: list[tuple[float, dict[str, Accessor]]] = []
+    for k, (weight, target) in enumerate(zip(pose.morph_weights, primitive.targets or (), strict=False)):
+        if weight == 0.0:
+            continue
+        differences = {}
+        for attribute, index in (target or {}).items():
+            if index is None or attribute not in attributes:
+                continue
+            path = f"{name}.targets[{k}].{attribute}"
+            # The differences of tangents have no handedness.
+            components = 3 if attribute == "TANGENT" else attributes[attribute].components
+            differences[attribute] = _checked(accessors.get(index, path), components, count, path)
+        targets.append((weight, differences))
+    influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
+    if not targets and not influences:
+        return None
+    return Deformation(targets, influences, pose.joint_matrices)
+
+
+def _influences(attributes: dict[str, Accessor], name: str) -> Iterator[tuple[Accessor, Accessor]]:
+    """Yield the pairs ``JOINTS_n`` and ``WEIGHTS_n`` of a primitive."""
+    for n in range(len(attributes)):
+        joints, weights = attributes.get(f"JOINTS_{n}"), attributes.get(f"WEIGHTS_{n}")
+        if joints is None or weights is None:
+            return
+        if joints.dtype not in (np.uint8, np.uint16):
+            raise GltfError(
+                f"{name}.attributes.JOINTS_{n}: {joints.name} does not have unsigned integers of 8 or 16 bits"
+            )
+        yield joints, weights
+
+
+def _checked(accessor: Accessor, components: int, count: int, path: str) -> Accessor:
+    """Return the accessor if it has ``components`` components and at least ``count`` values."""
+    if accessor.components != components or accessor.count < count:
+        raise GltfError(
+            f"{path}: {accessor.name} has {accessor.count} values of {accessor.components} components, "
+            f"not {count} of {components}"
+        )
+    return accessor

@@ -1,0 +1,204 @@
+"""Nodes for meshes that are not drawn at their own node as they are stored: instances, skins, morph targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf import schema
+from gateway.gltf.accessors import Accessors
+from gateway.gltf.deformation import Pose
+from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.limits import GltfLimits
+from gateway.gltf.nodes import SceneNodes
+from gateway.gltf.parser import extension_json
+from gateway.scene.transforms import IDENTITY, affine_product, from_poses
+
+INSTANCING: Final = "EXT_mesh_gpu_instancing"
+_INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
+    "TRANSLATION": (0.0, 0.0, 0.0),
+    "ROTATION": (0.0, 0.0, 0.0, 1.0),
+    "SCALE": (1.0, 1.0, 1.0),
+}
+"""Default values by attribute. Rotations are quaternions (x, y, z, w)."""
+
+
+def is_posed(node: schema.Node) -> bool:
+    """Return True for a node whose mesh has a skin, morph weights or instances of its own."""
+    if node.mesh is None:
+        return False
+    return node.skin is not None or node.weights is not None or INSTANCING in (node.extensions or {})
+
+
+def pose_meshes(
+    document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits
+) -> tuple[SceneNodes, dict[int, Pose]]:
+    """Return the nodes with instances and skinned meshes as further nodes, and the poses of deformed meshes.
+
+    An instance becomes a child of its node. A mesh with a skin becomes a root: the transform of its own node does not
+    apply to it (glTF 2.0, 3.7.3.3).
+
+    Returns:
+        The nodes, and poses by position in them. Meshes without an entry have the morph weights of the document's mesh.
+
+    Raises:
+        GltfError: A reference is out of range, an accessor has the wrong type, or a limit is exceeded.
+    """
+    position_of_node = {index: position for position, index in enumerate(nodes.indices)}
+    poses: dict[int, Pose] = {}
+    added = _AddedNodes(nodes, limits)
+    for position, source in enumerate(nodes.sources):
+        if source.mesh is None or not is_posed(source):
+            continue
+        name = f"nodes[{nodes.indices[position]}]"
+        weights = source.weights
+        if weights is None:
+            weights = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh").weights or []
+        positions, joint_matrices = range(position, position + 1), None
+        if source.skin is not None:
+            skin = checked_item(document.skins, source.skin, "skins", f"{name}.skin")
+            X_world_mesh, joint_matrices = _skin_matrices(
+                skin, f"skins[{source.skin}]", nodes, position_of_node, accessors
+            )
+            positions = added.add(position, -1, X_world_mesh[None])
+        elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
+            matrices = _instance_matrices(raw, accessors, f"{name}.extensions.{INSTANCING}")
+            positions = added.add(position, position, matrices)
+        poses |= dict.fromkeys(positions, Pose(tuple(weights), joint_matrices))
+    return added.nodes(), poses
+
+
+class _AddedNodes:
+    """Nodes that are added to those of a scene."""
+
+    def __init__(self, nodes: SceneNodes, limits: GltfLimits) -> None:
+        self._nodes = nodes
+        self._limits = limits
+        self._indices = list(nodes.indices)
+        self._sources = list(nodes.sources)
+        self._parents = list(nodes.parents)
+        self._meshes = list(nodes.meshes)
+        self._X_parent_node = [nodes.X_parent_node]
+        self._X_world_node = [nodes.X_world_node]
+
+    def add(self, position: int, parent: int, X_parent_node: NDArray[np.float64]) -> range:
+        """Move the mesh of the node at ``position`` to new nodes.
+
+        Args:
+            parent: Position of the parent of the new nodes; -1 for roots.
+            X_parent_node: (N, 4, 4), poses in the frame of the parent.
+
+        Returns:
+            The positions of the new nodes.
+
+        Raises:
+            GltfError: ``max_nodes`` is exceeded.
+        """
+        first, count = len(self._indices), len(X_parent_node)
+        index, mesh = self._indices[position], self._meshes[position]
+        if first + count > self._limits.max_nodes:
+            raise GltfError(f"nodes[{index}]: the scene has more nodes than max_nodes = {self._limits.max_nodes}")
+        source = schema.Node(name=self._sources[position].name, mesh=mesh)
+        self._indices += [index] * count
+        self._sources += [source] * count
+        self._parents += [parent] * count
+        self._meshes[position] = None
+        self._meshes += [mesh] * count
+        self._X_parent_node.append(X_parent_node)
+        with np.errstate(all="ignore"):
+            X_world_parent = IDENTITY if parent < 0 else self._nodes.X_world_node[parent]
+            self._X_world_node.append(
+                affine_product(np.broadcast_to(X_world_parent, X_parent_node.shape), X_parent_node)
+            )
+        return range(first, first + count)
+
+    def nodes(self) -> SceneNodes:
+        """Return all nodes."""
+        if len(self._X_parent_node) == 1:
+            return self._nodes
+        return SceneNodes(
+            self._indices,
+            self._sources,
+            self._parents,
+            self._meshes,
+            np.concatenate(self._X_parent_node),
+            np.concatenate(self._X_world_node),
+        )
+
+
+def _skin_matrices(
+    skin: schema.Skin,
+    name: str,
+    nodes: SceneNodes,
+    position_of_node: Mapping[int, int],
+    accessors: Accessors,
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Return the pose of a skinned mesh and the matrices of its joints.
+
+    The mesh is moved to the place of its first joint, so that the joint matrices are exact in float32 far from the
+    origin as well.
+
+    Args:
+        name: Name of the skin, for messages.
+        position_of_node: Positions in ``nodes`` by node index.
+
+    Returns:
+        X_world_mesh (4, 4), a translation; (number of joints, 3, 4), as in ``Pose``.
+    """
+    positions = []
+    for k, index in enumerate(skin.joints or ()):
+        if index not in position_of_node:
+            raise GltfError(f"{name}.joints[{k}]: nodes[{index}] is not part of the scene")
+        positions.append(position_of_node[index])
+    if not positions:
+        raise GltfError(f"{name}.joints: there are none")
+    matrices = nodes.X_world_node[positions]
+    if skin.inverse_bind_matrices is not None:
+        path = f"{name}.inverseBindMatrices"
+        accessor = accessors.get(skin.inverse_bind_matrices, path)
+        if accessor.components != 16 or accessor.dtype != np.float32 or accessor.count < len(positions):
+            raise GltfError(f"{path}: {accessor.name} does not have {len(positions)} float matrices (MAT4)")
+        column_major = accessor.values(0, len(positions)).astype(np.float64).reshape(-1, 4, 4)
+        with np.errstate(all="ignore"):
+            matrices = affine_product(matrices, column_major.transpose(0, 2, 1))
+    X_world_mesh = IDENTITY.copy()
+    X_world_mesh[:3, 3] = np.nan_to_num(matrices[0, :3, 3], nan=0.0, posinf=0.0, neginf=0.0)
+    joint_matrices = matrices[:, :3].copy()
+    joint_matrices[:, :, 3] -= X_world_mesh[:3, 3]
+    with np.errstate(all="ignore"):
+        return X_world_mesh, joint_matrices.astype(np.float32)
+
+
+def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, path: str) -> NDArray[np.float64]:
+    """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4).
+
+    Args:
+        raw: JSON text of EXT_mesh_gpu_instancing.
+        path: Name of the extension, for messages.
+    """
+    try:
+        attributes = msgspec.json.decode(raw, type=schema.Instancing).attributes or {}
+    except msgspec.MsgspecError as error:
+        raise GltfError(f"{path}: {error}") from error
+    columns: dict[str, NDArray[np.float64]] = {}
+    for attribute, default in _INSTANCE_ATTRIBUTES.items():
+        if (index := attributes.get(attribute)) is not None:
+            accessor = accessors.get(index, f"{path}.attributes.{attribute}")
+            if accessor.components != len(default):
+                raise GltfError(f"{path}.attributes.{attribute}: {accessor.name} has {accessor.components} components")
+            columns[attribute] = accessor.floats().astype(np.float64)
+    if len({len(values) for values in columns.values()}) != 1:
+        raise GltfError(f"{path}.attributes: no TRANSLATION, ROTATION or SCALE, or of different lengths")
+    count = len(next(iter(columns.values())))
+    translations, quaternions, scales = (
+        columns.get(attribute, np.tile(default, (count, 1))) for attribute, default in _INSTANCE_ATTRIBUTES.items()
+    )
+    if not all(np.isfinite(values).all() for values in columns.values()):
+        raise GltfError(f"{path}.attributes: not finite")
+    matrices = from_poses(np.concatenate((translations, quaternions[:, (3, 0, 1, 2)]), axis=1))
+    matrices[:, :3, :3] *= scales[:, None, :]
+    return matrices

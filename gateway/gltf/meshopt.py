@@ -1,0 +1,135 @@
+"""Decompresses buffer views of EXT_meshopt_compression."""
+
+from __future__ import annotations
+
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf import schema
+from gateway.gltf.errors import GltfError
+from gateway.gltf.meshopt_kernels import MeshoptError, decode_attributes, decode_indices, decode_triangles
+
+Bytes: TypeAlias = NDArray[np.uint8]
+"""(number of elements, bytes of an element) uint8."""
+
+EXTENSION: Final = "EXT_meshopt_compression"
+MAX_ELEMENT_BYTES: Final = 256
+_INDEX_DTYPES: Final[dict[int, type[np.uint16] | type[np.uint32]]] = {2: np.uint16, 4: np.uint32}
+_MAX_INT16: Final = 32767
+
+
+def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview, path: str) -> memoryview:
+    """Return the content of a buffer view: ``count * byteStride`` bytes.
+
+    Args:
+        source: The extension's properties.
+        compressed: The extension's bytes.
+        path: Name of the extension in the document, for messages.
+
+    Raises:
+        GltfError: A property has a value that is not allowed, or the bytes cannot be decompressed.
+    """
+    count, stride = checked_layout(source, path)
+    stream = np.frombuffer(compressed, np.uint8)
+    try:
+        if source.mode == "ATTRIBUTES":
+            elements = decode_attributes(stream, count, stride)
+            return _filtered(elements, source.filter, path).data.cast("B")
+        decode = decode_triangles if source.mode == "TRIANGLES" else decode_indices
+        return decode(stream, count).astype(_INDEX_DTYPES[stride]).data.cast("B")
+    except MeshoptError as error:
+        raise GltfError(f"{path}: {error}") from error
+
+
+def checked_layout(source: schema.MeshoptCompression, path: str) -> tuple[int, int]:
+    """Return ``count`` and ``byteStride`` of a buffer view, which give its size.
+
+    Raises:
+        GltfError: They are missing or not allowed for the mode, or the mode is unknown.
+    """
+    count, stride = source.count, source.byte_stride
+    if count is None or count < 0:
+        raise GltfError(f"{path}.count: {count} is not a number of elements")
+    if source.mode == "ATTRIBUTES":
+        if stride is None or not 4 <= stride <= MAX_ELEMENT_BYTES or stride % 4:
+            raise GltfError(f"{path}.byteStride: {stride} is not a multiple of 4 between 4 and {MAX_ELEMENT_BYTES}")
+        return count, stride
+    if source.mode not in ("TRIANGLES", "INDICES"):
+        raise GltfError(f"{path}.mode: {str(source.mode)[:20]} is not ATTRIBUTES, TRIANGLES or INDICES")
+    if stride not in _INDEX_DTYPES:
+        raise GltfError(f"{path}.byteStride: {stride} is not 2 or 4")
+    if source.mode == "TRIANGLES" and count % 3:
+        raise GltfError(f"{path}.count: {count} is not a multiple of 3")
+    return count, stride
+
+
+def _filtered(elements: Bytes, name: str | None, path: str) -> NDArray[Any]:
+    """Return the values that a filter of the extension makes of decoded elements."""
+    stride = elements.shape[1]
+    if name in (None, "NONE"):
+        return elements
+    if name == "OCTAHEDRAL" and stride in (4, 8):
+        return _octahedral(elements.view(np.int8 if stride == 4 else np.int16))
+    if name == "QUATERNION" and stride == 8:
+        return _quaternions(elements.view(np.int16))
+    if name == "EXPONENTIAL":
+        return _exponential(elements.view(np.int32))
+    raise GltfError(f"{path}.filter: {str(name)[:20]} is not a filter for a byteStride of {stride}")
+
+
+def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
+    """Return unit vectors from octahedral coordinates.
+
+    Args:
+        values: (N, 4) int8 or int16: x and y, the value that stands for 1 in them, and any fourth value.
+
+    Returns:
+        (N, 4) of the same dtype: x, y and z as normalized integers, and the fourth value.
+    """
+    xyz = values[:, :3].astype(np.float32)
+    x, y = xyz[:, 0], xyz[:, 1]
+    xyz[:, 2] -= np.abs(x) + np.abs(y)
+    fold = np.minimum(xyz[:, 2], 0)
+    x += np.where(x >= 0, fold, -fold)
+    y += np.where(y >= 0, fold, -fold)
+    lengths = np.sqrt(np.einsum("ij,ij->i", xyz, xyz))
+    scale = np.iinfo(values.dtype).max / np.maximum(lengths, np.finfo(np.float32).tiny)
+    result = values.copy()
+    result[:, :3] = _rounded(xyz * scale[:, None])
+    return result
+
+
+def _quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Return unit quaternions from their three smallest components.
+
+    Args:
+        values: (N, 4) int16. The last value's two lowest bits are the index of the component left out; with these bits
+            set, it is the value that stands for 1 / sqrt(2).
+
+    Returns:
+        (N, 4) int16, normalized integers.
+    """
+    omitted = values[:, 3] & 3
+    scale = np.float32(np.sqrt(0.5)) / (values[:, 3] | 3).astype(np.float32)
+    smallest = values[:, :3].astype(np.float32) * scale[:, None]
+    largest = np.sqrt(np.maximum(1.0 - np.einsum("ij,ij->i", smallest, smallest), 0.0))
+    result = np.empty_like(values)
+    rows = np.arange(len(values))
+    result[rows, omitted] = _rounded(largest * _MAX_INT16)
+    for k in range(3):
+        result[rows, (omitted + 1 + k) & 3] = _rounded(smallest[:, k] * _MAX_INT16)
+    return result
+
+
+def _exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return floats from integers: a signed exponent of base 2 in the upper 8 bits, a signed factor in the others."""
+    with np.errstate(over="ignore", under="ignore"):
+        result: NDArray[np.float32] = np.ldexp((values << 8 >> 8).astype(np.float32), values >> 24)
+    return result
+
+
+def _rounded(values: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Round to the nearest integer, halves away from zero."""
+    return np.trunc(values + np.copysign(np.float32(0.5), values)).astype(np.int32)
