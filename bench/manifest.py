@@ -20,13 +20,13 @@ from pathlib import Path
 from bench.table import Row, show
 from gateway.client import manifest
 from gateway.client.dataset import Dataset
-from gateway.client.manifest import CameraRecord, ImageFile, Sample, Settings
+from gateway.client.manifest import CameraRecord, ImageFile, SampleRecord, Settings
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Job, make_job
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 
 VIEWS = 100
@@ -39,34 +39,34 @@ CAMERA = CameraRecord(
 
 
 def job_of(folder: Path, samples: int) -> Job:
-    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", Kind.GLTF) for n in range(samples // VIEWS))
+    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", SourceKind.GLTF) for n in range(samples // VIEWS))
     return make_job(sources, tuple(View(f"orbit-{n:03d}", "fit") for n in range(VIEWS)), CameraFile(), SETTINGS, folder)
 
 
-def sample(scene: str, view: str) -> Sample:
+def sample(scene: str, view: str) -> SampleRecord:
     types, ends = SETTINGS.types, ("color.png", "depth.tiff", "label.png")
     images = {
         kind: ImageFile(f"scenes/{scene}/{view}.{end}", 8 * "0123abcd", 1228942)
         for kind, end in zip(types, ends, strict=True)
     }
-    return Sample(
-        id=f"{scene}/{view}", scene=scene, view=view, asked="fit", scene_sha256=8 * "0123abcd", camera=CAMERA,
-        images=images,
+    return SampleRecord(
+        id=f"{scene}/{view}", scene=scene, view=view, view_description="fit", scene_sha256=8 * "0123abcd",
+        camera=CAMERA, images=images,
     )  # fmt: skip
 
 
 def write(folder: Path, samples: int) -> None:
     """Write the journal and the manifest of a run, without its images."""
     job = job_of(folder, samples)
-    with (folder / manifest.JOURNAL).open("w+b") as file:
+    with (folder / manifest.JOURNAL_FILE).open("w+b") as file:
         journal = Journal(job, file)
-        for view in job.views:  # far from the order of the manifest
+        for view in job.default_views:  # far from the order of the manifest
             for source in job.sources:
                 journal.add(sample(source.name, view.name))
-        write_atomically(folder / manifest.MANIFEST, journal.lines())
-    (folder / manifest.JOURNAL).unlink()
-    known = manifest.Dataset(generator="", renderer="", settings=SETTINGS, conventions={})
-    write_atomically(folder / manifest.DATASET, manifest.encode_indented(known))
+        write_atomically(folder / manifest.MANIFEST_FILE, journal.lines())
+    (folder / manifest.JOURNAL_FILE).unlink()
+    known = manifest.DatasetRecord(generator="", renderer="", settings=SETTINGS, conventions={})
+    write_atomically(folder / manifest.DATASET_FILE, manifest.encode_indented(known))
 
 
 def resume(folder: Path, samples: int) -> None:
@@ -75,7 +75,7 @@ def resume(folder: Path, samples: int) -> None:
     existing_dataset(job)
     with tempfile.TemporaryFile() as file:
         journal = Journal(job, file)
-        for each in manifest.read_lines(folder / manifest.MANIFEST, Sample):
+        for each in manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord):
             journal.add(each)
         assert journal.count == samples
 
@@ -92,7 +92,7 @@ def iterate(folder: Path, samples: int) -> None:
 
 
 def as_list(folder: Path, samples: int) -> None:
-    assert len(list(manifest.read_lines(folder / manifest.MANIFEST, Sample))) == samples
+    assert len(list(manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord))) == samples
 
 
 JOBS: dict[str, Callable[[Path, int], None]] = {
@@ -131,7 +131,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as name:
         figures = {job: measure(job, Path(name), samples) for job in JOBS}
-        size = (Path(name) / manifest.MANIFEST).stat().st_size
+        size = (Path(name) / manifest.MANIFEST_FILE).stat().st_size
     print(f"{samples} samples of {VIEWS} views a scene, a manifest of {size / 1e6:.0f} MB")
     seconds, megabytes = figures.pop("list")
     peer = f"{seconds:.2f} s, {megabytes:.0f} MB"

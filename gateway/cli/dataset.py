@@ -38,7 +38,7 @@ def check(
             typer.echo(f"... and {len(lines) - MAX_SHOWN} more {what}", err=True)
     typer.echo(
         f"{folder}: {report.samples} samples of {report.scenes} scenes, {report.images} images, "
-        f"{report.nbytes / 1e6:.1f} MB, {len(report.problems)} problems"
+        f"{report.image_bytes / 1e6:.1f} MB, {len(report.problems)} problems"
     )
     if report.problems:
         raise typer.Exit(1)

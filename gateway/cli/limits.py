@@ -83,7 +83,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("TCPQ: patterns", "gateway.lcm.patterns", ("MAX_STEPS",)),
     ("TCPQ: patterns of one client", "gateway.lcm.subscriptions", ("MAX_CLIENT_STEPS",)),
     ("UDP multicast", "gateway.lcm.udpm_assembler", ("MAX_PARTIAL", "MIN_FRAGMENT_BYTES")),
-    ("LCM's library", "gateway.lcm.liblcm_transport", ("MAX_FILES",)),
+    ("LCM's library", "gateway.lcm.liblcm_transport", ("MAX_OPEN_FILES",)),
     ("LCM logs", "gateway.lcm.event_log", ("MAX_DATA_BYTES",)),
     ("LCM logs that are played", "gateway.lcm.replay", ("MAX_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
@@ -92,11 +92,11 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS",)),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
     ("Images", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS")),
-    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
-    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_BYTES",)),
-    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME",)),
+    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
+    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
+    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
-    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
+    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("MAX_RETRIES",)),
 )
 _NOT_LIMITS: Final = frozenset(
     {

@@ -78,7 +78,7 @@ def _print_result(out: Path, progress: Progress, seconds: float) -> None:
     for failure in progress.failures:
         where = failure.scene if failure.view is None else f"{failure.scene}, {failure.view}"
         typer.echo(f"scenegate: {where}: {failure.reason}", err=True)
-    problems = f"; {len(progress.failures)} problems, see {manifest.FAILED}" if progress.failures else ""
+    problems = f"; {len(progress.failures)} problems, see {manifest.FAILURES_FILE}" if progress.failures else ""
     typer.echo(
         f"{out}: {progress.finished} of {progress.total} samples, {progress.kept} of them from before, "
         f"{progress.rendered} rendered in {seconds:.1f} s{problems}",

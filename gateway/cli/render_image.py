@@ -8,9 +8,9 @@ import typer
 
 from gateway.client import manifest
 from gateway.client.manifest import Settings
-from gateway.datasets.rendering import FORMATS, ignored_rig, render_images, style_of
+from gateway.datasets.rendering import IMAGE_FORMATS, ignored_rig, render_images, style_of
 from gateway.datasets.scenes import SceneError, load_scene
-from gateway.datasets.sources import Kind, find_sources
+from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
@@ -37,11 +37,11 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
         raise ValueError(f"{out} is one image: for more cameras name a folder with -o")
     (image_type,) = settings.types
     suffix = out.suffix[1:].lower()
-    if suffix not in FORMATS[image_type]:
-        allowed = " or ".join(f".{name}" for name in FORMATS[image_type])
+    if suffix not in IMAGE_FORMATS[image_type]:
+        allowed = " or ".join(f".{name}" for name in IMAGE_FORMATS[image_type])
         raise ValueError(f"{out}: a {image_type} image is written as {allowed}")
     (source,) = find_sources([path])
-    if source.kind is Kind.REQUEST:
+    if source.kind is SourceKind.REQUEST:
         raise ValueError(f"{path}: a recorded request contains its own camera and type; name a folder with -o")
     try:
         scene = load_scene(source, settings.up)  # type: ignore[arg-type]  # checked by the command
@@ -49,7 +49,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
         raise ValueError(f"{path}: {error}") from None
     view = views[0] if views else View("default", None)
     camera = camera_of(
-        view, scene.root, scene.draw_list, scene.own_camera, settings.width, settings.height, settings.fovy
+        view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
     images = render_images(CpuRenderer(threads), scene, camera, {image_type: suffix}, style_of(settings))
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
-"""Clients for users' programs. They import nothing of the server.
+"""Python clients of Scenegate, for users' programs. They do not import the server.
 
-``stream`` receives the images of a stereo camera, ``dataset`` reads rendered datasets, ``tree`` publishes to a tree
-viewer. The public names of ``tree`` are exported here, and imported on first use.
+``stream`` receives the images of a stereo camera, ``dataset`` reads rendered datasets, and ``tree`` publishes to a tree
+viewer. This package exports the public names of ``tree``, and imports their modules at first use.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from gateway.client.tree import aio, geometry, viewer

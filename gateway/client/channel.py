@@ -1,4 +1,7 @@
-"""Channels to gRPC ports, with TLS, token and client certificate."""
+"""Credentials of the stream's client, and gRPC channels that use them.
+
+``stream`` uses both, ``truth`` uses the credentials for HTTP.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,24 @@ import grpc
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Credentials of a client. By default the connection is plaintext, as on the device."""
+    """Credentials of a client. By default the connection is not encrypted, as on a real rc_visard."""
 
     token: str | None = None
     """Bearer token, sent with every call in the metadata ``authorization``."""
     tls: bool = False
-    """Encrypt, and trust the system's authorities. ``ca`` and ``certificate`` imply it."""
+    """Encrypt, and trust the system's certificate authorities. ``ca`` and ``certificate`` imply it."""
     ca: Path | None = None
-    """Trusted authorities in place of the system's, PEM."""
+    """PEM file of the certificate authorities to trust instead of the system's."""
     certificate: Path | None = None
-    """Certificate chain of this client, PEM; needs ``key``."""
+    """PEM file with the certificate chain of this client. Requires ``key``."""
     key: Path | None = None
-    """Private key of ``certificate``, PEM."""
+    """PEM file with the private key of ``certificate``."""
 
     def __post_init__(self) -> None:
-        """Check the values.
+        """Check the token, and that certificate and key are given together.
 
         Raises:
-            ValueError: invalid characters in the token, or a certificate without key or vice versa.
+            ValueError: the token has invalid characters, or only one of certificate and key is given.
         """
         if self.token is not None and not (self.token.isascii() and self.token.isprintable() and self.token.strip()):
             raise ValueError("the token must be printable ASCII characters")
@@ -37,8 +40,11 @@ class Credentials:
             raise ValueError("a certificate of the client and its key need each other")
 
     def channel(self, target: str, options: Sequence[tuple[str, Any]] = ()) -> grpc.Channel:
-        """Return a channel, which the caller closes.
+        """Return a gRPC channel. The caller must close it.
 
+        Args:
+            target: ``HOST:PORT``.
+            options: gRPC channel arguments.
         Raises:
             OSError: a file cannot be read.
         """
@@ -49,16 +55,16 @@ class Credentials:
 
     @property
     def metadata(self) -> tuple[tuple[str, str], ...]:
-        """Metadata of every call."""
+        """gRPC metadata, or HTTP headers, to send with every call."""
         return () if self.token is None else (("authorization", f"Bearer {self.token.strip()}"),)
 
 
 def read_token(path: Path) -> str:
-    """Return the first token of a file with one token per line, without empty lines and those that begin with ``#``.
+    """Return the first token in a file. Each line is a token; empty lines and lines that begin with ``#`` are skipped.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it has no token.
+        ValueError: the file has no token.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in map(str.strip, file):

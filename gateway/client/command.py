@@ -1,4 +1,4 @@
-"""``scenegate stream``: receive the image sets of a stereo camera, Scenegate's or a real rc_visard."""
+"""The command ``scenegate stream``: receive the image sets of Scenegate's stereo camera or of a real rc_visard."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-_File = Path | None
 
 
 def stream(
@@ -62,16 +60,18 @@ def stream(
             envvar="SCENEGATE_TOKEN", help="Bearer token. Other users of this machine can read command lines."
         ),
     ] = None,
-    token_file: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="File with the token.")] = None,
+    token_file: Annotated[Path | None, typer.Option(metavar="FILE", exists=True, help="File with the token.")] = None,
     tls: Annotated[bool, typer.Option("--tls", help="Encrypt, and trust the system's authorities.")] = False,
     ca: Annotated[
-        _File,
+        Path | None,
         typer.Option(metavar="FILE", exists=True, envvar="SCENEGATE_CA", help="Encrypt, and trust this PEM authority."),
     ] = None,
     certificate: Annotated[
-        _File, typer.Option(metavar="FILE", exists=True, help="PEM certificate of this client.")
+        Path | None, typer.Option(metavar="FILE", exists=True, help="PEM certificate of this client.")
     ] = None,
-    key: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="PEM private key of --certificate.")] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", exists=True, help="PEM private key of --certificate.")
+    ] = None,
 ) -> None:
     """Receive image sets of a stereo camera, Scenegate's or a real rc_visard. Default: left and disparity."""
     from gateway.client.channel import Credentials, read_token
@@ -83,14 +83,16 @@ def stream(
         token = read_token(token_file)
     credentials = Credentials(token, tls, ca, certificate, key)
     options = StreamOptions(
-        target, left, right, disparity, error, confidence, mesh, color, max_points, min_depth, watertight, textured,
-        count, out, preview, credentials, timeout or None, exposure, gpio, truth, pipeline,
+        target, left=left, right=right, disparity=disparity, error=error, confidence=confidence, mesh=mesh, color=color,
+        max_points=max_points, min_depth=min_depth, watertight=watertight, textured=textured, count=count, output=out,
+        preview=preview, credentials=credentials, timeout=timeout or None, exposure=exposure, gpio=gpio, truth=truth,
+        pipeline=pipeline,
     )  # fmt: skip
-    on_screen = sys.stderr.isatty()
+    is_terminal = sys.stderr.isatty()
 
     def report(progress: Progress) -> None:
-        # On a terminal one line is updated; a log gets one line per second.
-        if on_screen:
+        # On a terminal, the line is replaced after each set. Otherwise, one line per second is written.
+        if is_terminal:
             typer.echo(f"\r\x1b[K{progress.line()}", nl=False, err=True)
         elif progress.second_passed():
             typer.echo(progress.line(), err=True)
@@ -100,4 +102,5 @@ def stream(
     except KeyboardInterrupt:
         typer.echo(err=True)
         raise typer.Exit(0) from None
-    typer.echo(f"{chr(13) if on_screen else ''}{progress.line()}", err=True)
+    line_start = "\r" if is_terminal else ""
+    typer.echo(f"{line_start}{progress.line()}", err=True)

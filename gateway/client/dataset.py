@@ -1,4 +1,4 @@
-"""Reads datasets written by ``scenegate render``. Needs NumPy and OpenCV, nothing of the server.
+"""Read datasets that ``scenegate render`` has written. Requires NumPy and OpenCV, but not the server.
 
 for sample in Dataset("out"):
     train(sample.color, sample.depth, sample.label, sample.K, sample.X_world_camera)
@@ -24,38 +24,39 @@ NO_LABEL: Final = 0xFFFFFF
 
 
 class Sample:
-    """One view of one scene. Images are read from disk on each access."""
+    """The images and the camera of one view of a scene. Images are read from disk on each access."""
 
-    def __init__(self, folder: Path, record: manifest.Sample, depth_format: str) -> None:
+    def __init__(self, folder: Path, record: manifest.SampleRecord, depth_format: str) -> None:
         self.record: Final = record
-        """Record in the manifest."""
+        """The sample's line in the manifest."""
         self._folder = folder
         self._depth_format = depth_format
 
     @property
     def id(self) -> str:
+        """Unique name in the dataset, ``SCENE/VIEW``."""
         return self.record.id
 
     @property
     def K(self) -> NDArray[np.float64]:
-        """(3, 3) float64: intrinsics in pixels; the centre of the top left pixel is at (0.5, 0.5)."""
+        """Camera matrix in pixels, (3, 3). The centre of the top left pixel is at (0.5, 0.5)."""
         camera = self.record.camera
         return np.array(((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0)))
 
     @property
     def X_world_camera(self) -> NDArray[np.float64]:
-        """(4, 4) float64: pose of the optical frame (+X right, +Y down, +Z forward) in the world, metres, Z up."""
+        """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres), (4, 4)."""
         return np.array(self.record.camera.X_world_camera)
 
     @property
     def color(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB."""
+        """Colour image in RGB, (H, W, 3)."""
         bgr = self._read("color")
         return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """(H, W) float32: metres along the optical axis, inf for the background."""
+        """Depth along the optical axis in metres, (H, W). It is infinite for the background."""
         stored = self._read("depth")
         if stored.dtype != np.uint16:
             return stored.astype(np.float32, copy=False)
@@ -65,20 +66,20 @@ class Sample:
 
     @property
     def label(self) -> NDArray[np.uint32]:
-        """(H, W) uint32: labels; ``NO_LABEL`` for the background. ``Dataset.labels`` has their paths."""
+        """Labels, (H, W): ``NO_LABEL`` for the background. ``Dataset.labels`` returns the paths of each label."""
         bgr = self._read("label").astype(np.uint32)
         return np.ascontiguousarray(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
 
     @property
     def rays(self) -> NDArray[np.float64]:
-        """(H, W, 3) float64: ray of each pixel in the optical frame, with z = 1. Times ``depth``: points in metres."""
+        """Ray of each pixel in the optical frame, (H, W, 3), z = 1. ``rays * depth[..., None]`` is points in metres."""
         camera = self.record.camera
         x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
         y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
         return np.stack((*np.meshgrid(x, y), np.ones((camera.height, camera.width))), axis=-1)
 
     def path(self, image_type: ImageType) -> Path:
-        """Return the file of an image.
+        """Return the path of an image file.
 
         Raises:
             RecordError: the sample has no image of this type.
@@ -89,6 +90,7 @@ class Sample:
         return self._folder / image.path
 
     def _read(self, image_type: ImageType) -> NDArray[Any]:
+        """Return an image as OpenCV reads it: channels in the order BGR."""
         path = self.path(image_type)
         pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if pixels is None:
@@ -97,20 +99,21 @@ class Sample:
 
 
 class Dataset(Sequence[Sample]):
-    """Sequence of the samples of a dataset, in the order of its manifest.
+    """The samples of a dataset, in the order of its manifest. It can be pickled, as data loaders require.
 
-    Memory holds 8 bytes per sample; an invalid line raises RecordError on access. A dataset can be pickled, as data
-    loaders require.
+    It takes 8 bytes of memory per sample. Lines of the manifest are read on access; an invalid line raises RecordError.
     """
 
     def __init__(self, folder: str | Path) -> None:
-        """
+        """Open the dataset in a folder.
+
         Raises:
-            RecordError: the folder holds no dataset, or an unfinished one.
+            RecordError: there is no dataset, or it is not finished.
         """
         self.folder: Final = Path(folder)
         self.description: Final = manifest.read_dataset(self.folder)
-        path = self.folder / manifest.MANIFEST
+        """Content of ``dataset.json``, with the settings of the images."""
+        path = self.folder / manifest.MANIFEST_FILE
         if not path.is_file():
             raise RecordError(f"{folder}: the dataset is not finished; run the command that makes it again")
         self._lines = Lines(path)
@@ -121,8 +124,10 @@ class Dataset(Sequence[Sample]):
         return tuple(dict.fromkeys(self._record(index).scene for index in range(len(self))))
 
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
-        """Return the paths of the nodes with each label of a scene."""
-        record = manifest.read_file(self.folder / manifest.SCENES / scene / manifest.SCENE, manifest.Scene)
+        """Return the paths of a scene's nodes by their label."""
+        record = manifest.read_file(
+            self.folder / manifest.SCENES_FOLDER / scene / manifest.SCENE_FILE, manifest.SceneRecord
+        )
         return {int(label): paths for label, paths in record.labels.items()}
 
     def __len__(self) -> int:
@@ -134,7 +139,7 @@ class Dataset(Sequence[Sample]):
     def __getitem__(self, index: slice) -> list[Sample]: ...
     def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
         if isinstance(index, slice):
-            return [self._sample(number) for number in range(*index.indices(len(self)))]
+            return [self._sample(k) for k in range(*index.indices(len(self)))]
         return self._sample(index)
 
     def __iter__(self) -> Iterator[Sample]:
@@ -143,5 +148,5 @@ class Dataset(Sequence[Sample]):
     def _sample(self, index: int) -> Sample:
         return Sample(self.folder, self._record(index), self.description.settings.depth_format)
 
-    def _record(self, index: int) -> manifest.Sample:
-        return manifest.decode(self._lines[index], manifest.Sample, self._lines.location(index))
+    def _record(self, index: int) -> manifest.SampleRecord:
+        return manifest.decode(self._lines[index], manifest.SampleRecord, self._lines.location(index))

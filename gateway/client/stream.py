@@ -1,6 +1,6 @@
-"""Client of the image stream of Scenegate's stereo camera or of a real rc_visard.
+"""Receive the image sets of Scenegate's stereo camera or of a real rc_visard, over gRPC.
 
-``receive`` yields image sets. ``receive_all`` also writes them to files.
+``receive`` yields the sets. ``receive_all`` also writes them to files, for ``scenegate stream``.
 """
 
 from __future__ import annotations
@@ -21,58 +21,65 @@ from gateway.client.truth import fetch_truth
 from gateway.generated import image_interface_pb2 as pb
 
 METHOD = "/ImageInterface/StreamImageSets"
+"""The gRPC method of the stream."""
 CONNECT_SECONDS = 10.0
-"""Maximum time until the camera is connected."""
+"""Timeout for the connection to the camera."""
 
 
 class StreamFailure(RuntimeError):  # noqa: N818 - public name
-    """The camera ended the stream or cannot be reached; one sentence."""
+    """The camera cannot be reached, or ended the stream; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamOptions:
-    """Contents of the image sets, and files to write."""
+    """Address of the camera, contents of the image sets, and files to write."""
 
     target: str
-    """``HOST:PORT``; the default port is 50051."""
+    """``HOST:PORT`` or ``HOST``. The default port is 50051."""
     left: bool = False
+    """Receive the left image."""
     right: bool = False
+    """Receive the right image."""
     disparity: bool = False
+    """Receive the disparity image."""
     error: bool = False
+    """Receive the disparity error image."""
     confidence: bool = False
+    """Receive the confidence image."""
     mesh: bool = False
+    """Receive the mesh."""
     color: bool = False
-    """Left and right as RGB."""
+    """Receive the left and right images in RGB instead of grey."""
     max_points: int = 0
     """Maximum number of points of a mesh, at least 1000; 0: no limit."""
     min_depth: bool = False
-    """Take the nearest point of each bin of a mesh instead of the mean."""
+    """Use the nearest point in each bin of pixels of a mesh instead of the mean."""
     watertight: bool = False
-    """Fill every hole of the mesh."""
+    """Receive a mesh without holes."""
     textured: bool = False
-    """Colour the mesh."""
+    """Receive a mesh with colours."""
     count: int = 0
     """Number of sets to receive; 0: no limit."""
     output: Path | None = None
-    """Folder for PNG, PLY, npz and parameter files, created if missing; None: no files."""
+    """Folder for PNG, PLY, npz and parameter files, which is created if missing; None: do not write these files."""
     preview: Path | None = None
-    """File with a preview of the newest set, its images side by side."""
+    """Image file to write with all images of the newest set, side by side; None: do not write it."""
     credentials: Credentials = field(default_factory=Credentials)
-    """TLS and token."""
+    """Token and TLS certificates."""
     timeout: float | None = None
     """Maximum duration of the stream, seconds; None: no limit."""
     exposure: bool = False
-    """Write the exposure of each image; see ``stream_files.save``."""
+    """Write the exposure of each image to ``output``; see ``stream_files.save``."""
     gpio: bool = False
-    """Write the GPIOs of each image."""
+    """Write the GPIOs of each image to ``output``; see ``stream_files.save``."""
     truth: str | None = None
-    """Address of the gateway's HTTP port, ``http://HOST:PORT``, to write the ground truth of each set; None: no
-    truth."""
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write the ground truth of each set to
+    ``output``; None: do not write it."""
     pipeline: int = 0
-    """Number of the camera for ``truth``."""
+    """Number of the camera whose ground truth is written."""
 
     def request(self) -> pb.ImageSetRequest:
-        """Return the request; without any chosen image, it is for left and disparity."""
+        """Return the gRPC request. If neither image nor mesh is chosen, it is for left and disparity."""
         any_chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
         return pb.ImageSetRequest(
             left_enabled=self.left or not any_chosen,
@@ -100,14 +107,15 @@ class Progress:
     sets: int = 0
     """Number of sets received."""
     bytes: int = 0
-    """Number of bytes received."""
+    """Bytes of all sets received."""
     seconds: float = 0.0
-    """Seconds since the first set."""
+    """Time from the first to the newest set, in seconds."""
     first_set_seconds: float = 0.0
-    """Seconds until the first set."""
+    """Time until the first set was received, in seconds."""
     timestamp: str = ""
-    """Timestamp of the newest set."""
+    """Timestamp of the newest set, ``sec.nsec``."""
     _last_second: int = -1
+    """``seconds``, rounded down, at the last call of ``second_passed``."""
 
     @property
     def rate(self) -> float:
@@ -115,7 +123,7 @@ class Progress:
         return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
 
     def second_passed(self) -> bool:
-        """Return True if a new second began since the last call."""
+        """Return True at the first call in each second of ``seconds``."""
         previous, self._last_second = self._last_second, int(self.seconds)
         return self._last_second > previous
 
@@ -126,21 +134,21 @@ class Progress:
 
 
 def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
-    """Yield sets and their sizes in bytes, until the iterator is closed or ``count`` is reached.
+    """Yield image sets and their sizes in bytes, until ``count`` is reached or the iterator is closed.
 
     Raises:
-        StreamFailure: no connection, refused request, or broken stream; one sentence.
+        StreamFailure: the camera cannot be reached, refuses the request, or ends the stream.
         OSError: a certificate cannot be read.
     """
     target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
-    # Full meshes have 55 MB; the vendor's client permits 300.
-    settings = [("grpc.max_receive_message_length", -1)]
-    with options.credentials.channel(target, settings) as channel:
+    # Unlimited: complete meshes have 55 MB, and gRPC's default limit is 4 MB.
+    channel_options = [("grpc.max_receive_message_length", -1)]
+    with options.credentials.channel(target, channel_options) as channel:
         try:
             grpc.channel_ready_future(channel).result(CONNECT_SECONDS)
         except grpc.FutureTimeoutError:
             raise StreamFailure(_connection_problem(target)) from None
-        # Receive serialised sets, for their size.
+        # Without a deserializer the sets are bytes, whose size is known.
         open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
         call = open_stream(options.request(), timeout=options.timeout, metadata=options.credentials.metadata)
         try:
@@ -157,7 +165,7 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
 
 
 def _connection_problem(target: str) -> str:
-    """Return why there is no connection. gRPC writes TLS errors to its log only, and retries."""
+    """Return why gRPC cannot connect. gRPC does not tell: it logs TLS errors and tries again."""
     host, _, port = target.rpartition(":")
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
@@ -175,11 +183,12 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
     """Receive sets, write the requested files, and call ``report`` after each set.
 
     Returns:
-        The final statistics.
+        Statistics of the whole stream.
 
     Raises:
-        StreamFailure, OSError: see ``receive``; or a file cannot be written.
-        TruthFailure: no ground truth of a set.
+        StreamFailure: as ``receive``.
+        OSError: a certificate cannot be read, or a file cannot be written.
+        TruthFailure: the ground truth of a set cannot be fetched.
     """
     progress = Progress()
     start = time.monotonic()
@@ -205,6 +214,5 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
 
 
 def depth_of(disparity: pb.DisparityImage) -> NDArray[np.float32]:
-    """Return the depth ``f t / d``, (H, W) float32, metres along the optical axis, +inf where the disparity is
-    invalid."""
+    """Return the depth in metres along the optical axis, (H, W). It is +inf where the disparity is invalid."""
     return stream_files.depth(disparity)

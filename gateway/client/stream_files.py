@@ -1,4 +1,7 @@
-"""Image sets as files: PNG, PLY, npz, and a preview of a set."""
+"""Write image sets to PNG, PLY, npz and parameter files, and join the images of a set for a preview.
+
+``stream`` uses it.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +15,23 @@ from numpy.typing import NDArray
 from gateway.generated import image_interface_pb2 as pb
 
 _MAX_PREVIEW_SIZE = (640, 480)
-"""Maximum size of one image in a preview, pixels."""
+"""Maximum width and height of each image in a preview, in pixels."""
 
 
 class BadImageError(ValueError):
-    """Invalid image message; one sentence."""
+    """A received image is invalid; the message is one sentence."""
 
 
 def timestamp_text(time: pb.Time) -> str:
-    """Return seconds and nanoseconds as in the file names of the vendor's client."""
+    """Return a time as ``sec.nsec`` with 9 digits of nanoseconds, as in the file names of the vendor's client."""
     return f"{time.sec}.{time.nsec:09d}"
 
 
 def pixels(image: pb.Image) -> NDArray[Any]:
-    """Return the pixels of a message: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
+    """Return the pixels of a received image: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
 
     Raises:
-        BadImageError: unknown encoding, or too little data.
+        BadImageError: the encoding is unknown, or there is too little data.
     """
     formats = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
     if image.encoding not in formats:
@@ -38,28 +41,29 @@ def pixels(image: pb.Image) -> NDArray[Any]:
     row_bytes = image.width * channels * dtype.itemsize
     if image.step < row_bytes or len(image.data) < image.step * image.height:
         raise BadImageError(f"{len(image.data)} bytes are too few for {image.width}x{image.height} {image.encoding}")
-    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)[
-        :, :row_bytes
-    ]
-    array = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
+    padded_rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
+    array = np.ascontiguousarray(padded_rows[:, :row_bytes]).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))
 
 
 def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
-    """Return (H, W) float32, metres, +inf where invalid."""
-    units = pixels(disparity.image)
-    d = units.astype(np.float32) * disparity.scale + disparity.offset
+    """Return the depth in metres along the optical axis, (H, W). It is +inf where the disparity is invalid.
+
+    The depth is focal length times baseline, divided by the disparity in pixels.
+    """
+    stored = pixels(disparity.image)
+    disparity_pixels = stored.astype(np.float32) * disparity.scale + disparity.offset
     with np.errstate(divide="ignore"):
-        z = disparity.image.focal_length * disparity.baseline / d
-    z[units == disparity.invalid_data_value] = np.inf
-    return np.asarray(z, np.float32)
+        metres = disparity.image.focal_length * disparity.baseline / disparity_pixels
+    metres[stored == disparity.invalid_data_value] = np.inf
+    return np.asarray(metres, np.float32)
 
 
 def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: bool = False) -> None:
-    """Write every image as PNG, the mesh as PLY, and all arrays with their parameters as one npz.
+    """Write each image as PNG, the mesh as PLY, and an npz with all images and their parameters.
 
-    File names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. Disparity PNGs have 16 bits in units
-    of ``scale`` pixels, and a parameter file (``parameter_text``).
+    File names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. A disparity PNG has 16 bits, in units
+    of ``scale`` pixels. A parameter file is written beside it (``parameter_text``).
 
     Args:
         image_set: received set.
@@ -70,10 +74,10 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
             their bits to the file names, as the vendor's client does.
 
     Raises:
-        BadImageError: see ``pixels``.
+        BadImageError: an image is invalid.
         OSError: a file cannot be written.
     """
-    base = f"image_{timestamp_text(image_set.timestamp)}"
+    file_stem = f"image_{timestamp_text(image_set.timestamp)}"
     arrays: dict[str, Any] = {}
     for name, image in _images(image_set).items():
         array = pixels(image)
@@ -86,24 +90,24 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         if gpio:
             for field in ("values", "outputs", "inputs"):
                 arrays[f"{name}_gpio_{field}"] = np.uint32(getattr(image.gpios, field))
-        write_image(folder / f"{base}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
+        write_image(folder / f"{file_stem}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
     if image_set.HasField("disparity"):
         disparity = image_set.disparity
         suffix = _gpio_suffix(disparity.image) if gpio else ""
-        (folder / f"{base}_disparity{suffix}_param.txt").write_text(parameter_text(disparity), "ascii")
+        (folder / f"{file_stem}_disparity{suffix}_param.txt").write_text(parameter_text(disparity), "ascii")
         arrays["depth"] = depth(disparity)
         arrays["baseline"], arrays["scale"] = np.float64(disparity.baseline), np.float64(disparity.scale)
     if arrays:
-        np.savez(folder / f"{base}.npz", allow_pickle=False, **arrays)
+        np.savez(folder / f"{file_stem}.npz", allow_pickle=False, **arrays)
     if image_set.HasField("mesh"):
-        (folder / f"{base}_mesh.{image_set.mesh.format}").write_bytes(image_set.mesh.data)
+        (folder / f"{file_stem}_mesh.{image_set.mesh.format}").write_bytes(image_set.mesh.data)
 
 
 def parameter_text(disparity: pb.DisparityImage) -> str:
-    """Return the parameter file of a disparity image for cvkit's tools.
+    """Return the content of a disparity image's parameter file, which cvkit's tools read.
 
-    Keys and order are those of the vendor's client. Numbers have all their digits, because five decimals would round a
-    scale of 1/256.
+    Keys and their order are those of the vendor's client. Numbers are exact float32 values, because five decimals would
+    round a scale of 1/256.
     """
     image = disparity.image
     f, u, v = (_number(value) for value in (image.focal_length, image.principal_point_u, image.principal_point_v))
@@ -127,38 +131,38 @@ def parameter_text(disparity: pb.DisparityImage) -> str:
 
 
 def _number(value: float) -> str:
-    """Return the shortest decimal text of a float32, without an exponent."""
+    """Return the shortest decimal text, without exponent, that gives the same float32."""
     return np.format_float_positional(np.float32(value), trim="-")
 
 
 def _gpio_suffix(image: pb.Image) -> str:
-    """Return ``_<outputs>_<inputs>`` as in the vendor's file names: a bit per line, the highest first."""
+    """Return ``_<outputs>_<inputs>`` as in the vendor's file names: the state of each GPIO, highest number first."""
 
-    def bits(mask: int) -> str:
-        return "".join(str(image.gpios.values >> line & 1) for line in reversed(range(32)) if mask >> line & 1)
+    def states(mask: int) -> str:
+        return "".join(str(image.gpios.values >> gpio & 1) for gpio in reversed(range(32)) if mask >> gpio & 1)
 
-    return f"_{bits(image.gpios.outputs)}_{bits(image.gpios.inputs)}"
+    return f"_{states(image.gpios.outputs)}_{states(image.gpios.inputs)}"
 
 
 def intrinsics(image: pb.Image) -> NDArray[np.float64]:
-    """Return the camera matrix of an image, (3, 3) float64."""
+    """Return the camera matrix of an image in pixels, (3, 3)."""
     f = image.focal_length
     return np.array(((f, 0, image.principal_point_u), (0, f, image.principal_point_v), (0, 0, 1)), np.float64)
 
 
 def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
-    """Return all images of a set side by side, (H, W, 3) uint8 RGB; disparity in colours, invalid pixels black."""
+    """Return all images of a set side by side, (H, W, 3) uint8 RGB. Disparity is mapped to colours."""
     cells = []
     for name, image in _images(image_set).items():
         array = pixels(image)
         if name == "disparity":
-            array = in_color(array)
-        elif name == "error":  # half a pixel and more is white
+            array = disparity_to_rgb(array)
+        elif name == "error":  # an error of half a pixel or more is white
             array = np.minimum(array * (512.0 * (image_set.disparity.scale or 1 / 16)), 255).astype(np.uint8)
         if array.ndim == 2:
             array = np.repeat(array[:, :, None], 3, axis=2)
-        shrink = min(_MAX_PREVIEW_SIZE[0] / array.shape[1], _MAX_PREVIEW_SIZE[1] / array.shape[0], 1.0)
-        size = (max(round(array.shape[1] * shrink), 1), max(round(array.shape[0] * shrink), 1))
+        scale = min(_MAX_PREVIEW_SIZE[0] / array.shape[1], _MAX_PREVIEW_SIZE[1] / array.shape[0], 1.0)
+        size = (max(round(array.shape[1] * scale), 1), max(round(array.shape[0] * scale), 1))
         cells.append(np.asarray(cv2.resize(array, size, interpolation=cv2.INTER_AREA), np.uint8))
     if not cells:
         return np.zeros((1, 1, 3), np.uint8)
@@ -167,10 +171,10 @@ def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
     return np.concatenate(columns, axis=1)[:, :-4]
 
 
-def in_color(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Return colours of disparities, (H, W, 3) uint8 RGB: near is red, far is blue, invalid is black.
+def disparity_to_rgb(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Map disparities, (H, W), to colours, (H, W, 3): near is red, far is blue, invalid is black.
 
-    The colours cover the middle 98 % of the values.
+    The colormap covers the middle 98 % of the values.
     """
     valid = disparity > 0
     low, high = np.percentile(disparity[valid], (1, 99)) if valid.any() else (0, 1)
@@ -181,10 +185,10 @@ def in_color(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
 
 
 def write_image(path: Path, array: NDArray[Any]) -> None:
-    """Write an image in the format of the file name's suffix.
+    """Write an image, (H, W) or (H, W, 3) RGB, in the format of the file name's suffix.
 
     Raises:
-        OSError: the file cannot be written, or unknown suffix.
+        OSError: the file cannot be written, or the suffix is unknown.
     """
     bgr = array[:, :, ::-1] if array.ndim == 3 else array
     try:

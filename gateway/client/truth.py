@@ -1,4 +1,4 @@
-"""Ground truth of image sets, from the HTTP port of a gateway."""
+"""Fetch the ground truth of image sets (exact depth and labels) from a gateway, for ``stream``."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from urllib.parse import urlencode
 from gateway.client.channel import Credentials
 
 _TIMEOUT_SECONDS: Final = 60.0
-"""Maximum time of a request: the frame is queued and rendered again."""
+"""Timeout of a request. The gateway queues the frame and renders it again."""
 
 
 class TruthFailure(RuntimeError):  # noqa: N818 - public name
-    """No ground truth of a set; one sentence."""
+    """The ground truth of a set cannot be fetched; the message is one sentence."""
 
 
 def fetch_truth(address: str, timestamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
-    """Return the npz file of ``GET /stereo/truth.npz`` for a set.
+    """Return the content of ``/stereo/truth.npz`` for an image set.
 
     Args:
         address: address of the gateway's HTTP port, ``http://HOST:PORT``.
         timestamp: timestamp of the set, ``sec.nsec``.
-        credentials: token, authorities and certificate.
+        credentials: token and TLS certificates.
         pipeline: number of the camera.
 
     Raises:
-        TruthFailure: no response, or the frame is not in the gateway's history.
+        TruthFailure: the gateway does not respond, or does not have this set.
         OSError: a certificate cannot be read.
     """
     query = urlencode({"timestamp": timestamp, "pipeline": pipeline})
@@ -56,6 +56,7 @@ def fetch_truth(address: str, timestamp: str, credentials: Credentials, pipeline
 
 
 def _error_message(error: urllib.error.HTTPError) -> str:
+    """Return the message in the body of an error response, or the HTTP reason phrase."""
     try:
         body: Any = json.loads(error.read(10_000))
         return str(body["message"])

@@ -1,7 +1,8 @@
-"""Datasets: many scenes from many cameras, rendered on all cores or on Ray, into one documented folder.
+"""Datasets: images of many scenes from many cameras, rendered on all cores of a machine or of a Ray cluster.
 
-``run`` is the entry: it renders a ``job``, the ``views`` of the scenes in its ``sources``. It keeps the valid samples
-of a former run (``resume``), runs tasks for the others in worker processes (``local_tasks`` or ``ray_tasks``), appends
-finished samples to the ``journal``, and writes the manifest. A ``worker`` loads ``scenes`` and renders images
-(``rendering``). ``check`` verifies a dataset. The formats of the files are in ``gateway.client.manifest``.
+A ``job`` lists scene files (``sources``) and their ``views``, some of which come from a ``camera_file``. A sample is
+one view of one scene. ``run`` renders a job: it keeps the valid samples of the previous run (``resume``), runs tasks
+for the others in worker processes (``local_tasks`` or ``ray_tasks``), appends finished samples to the ``journal``, and
+writes the manifest. A ``worker`` loads ``scenes`` and renders their images (``rendering``). ``check`` verifies a
+dataset. ``gateway.client.manifest`` defines the files of a dataset.
 """

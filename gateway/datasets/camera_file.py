@@ -1,4 +1,4 @@
-"""The file of ``--cameras``: JSON with cameras for all scenes or for single ones. See ``docs/datasets.md``."""
+"""Read the file of ``--cameras``: JSON with views of all scenes or of single scenes. See ``docs/datasets.md``."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from gateway.datasets.views import Intrinsics, Matrix, View
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
 
-MAX_BYTES: Final = 256 << 20
-"""Maximum size of the file; a camera takes about 400 bytes."""
+MAX_FILE_BYTES: Final = 256 << 20
+"""Maximum size of the file. A camera takes about 400 bytes."""
 
 _Side = Annotated[int, msgspec.Meta(ge=1, le=16384)]
+"""Width or height in pixels."""
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
 _Row = tuple[float, float, float, float]
 
 
 class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
+    """A camera in the file. ``camera`` is a camera text; the other fields are those of ``View`` and ``Intrinsics``."""
+
     name: str | None = None
     camera: str | None = None
     X_world_camera: tuple[_Row, _Row, _Row, _Row] | None = None
@@ -39,58 +42,62 @@ class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
+    """The JSON object in the file."""
+
     cameras: list[_CameraEntry] = []
     scenes: dict[str, list[_CameraEntry]] = {}
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFile:
-    """The content of the file."""
+    """Views in a camera file."""
 
-    cameras: tuple[View, ...] = ()
-    """Views of the scenes that are not in ``scenes``."""
-    scenes: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
+    default_views: tuple[View, ...] = ()
+    """Views of the scenes that are not in ``scene_views``."""
+    scene_views: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
     """Views of single scenes, by scene name."""
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """Return the content of a camera file.
+    """Read a camera file.
 
     Raises:
-        CameraError: the file is not readable, or an entry is invalid; the message names it.
+        CameraError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
     try:
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise CameraError(f"{path}: {error.strerror or error}") from None
-    if len(data) > MAX_BYTES:
-        raise CameraError(f"{path}: more than {MAX_BYTES} bytes")
+    if len(data) > MAX_FILE_BYTES:
+        raise CameraError(f"{path}: more than {MAX_FILE_BYTES} bytes")
     try:
         content = msgspec.json.decode(data, type=_FileContent)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise CameraError(f"{path}: {error}") from None
     if not content.cameras and not content.scenes:
         raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
-    own_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in content.scenes.items()}
-    return CameraFile(_views(content.cameras, f"{path}: cameras"), own_views)
+    scene_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in content.scenes.items()}
+    return CameraFile(_views(content.cameras, f"{path}: cameras"), scene_views)
 
 
-def _views(entries: list[_CameraEntry], where: str) -> tuple[View, ...]:
+def _views(entries: list[_CameraEntry], location: str) -> tuple[View, ...]:
+    """Return the views of camera entries. ``location`` names the list of entries in error messages."""
     digits = max(3, len(str(len(entries) - 1)))
     views: dict[str, View] = {}
     for index, entry in enumerate(entries):
         try:
             view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), _intrinsics(entry))
         except CameraError as error:
-            raise CameraError(f"{where}[{index}]: {error}") from None
+            raise CameraError(f"{location}[{index}]: {error}") from None
         if view.name in views:
-            raise CameraError(f"{where}[{index}]: the name {view.name!r} is taken")
+            raise CameraError(f"{location}[{index}]: the name {view.name!r} is taken")
         views[view.name] = view
     return tuple(views.values())
 
 
 def _pose(entry: _CameraEntry) -> str | Matrix:
+    """Return the camera text, or X_world_camera of the optical frame."""
     if (entry.camera is None) == (entry.X_world_camera is None):
         raise CameraError("needs either 'camera' (a text such as fit) or 'X_world_camera' (4 x 4)")
     if entry.X_world_camera is None:
@@ -98,9 +105,10 @@ def _pose(entry: _CameraEntry) -> str | Matrix:
         return entry.camera
     if entry.convention == "optical":
         return entry.X_world_camera
-    rows = np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL
-    return tuple((a, b, c, d) for a, b, c, d in rows.tolist())
+    X_world_optical = np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL
+    return tuple((a, b, c, d) for a, b, c, d in X_world_optical.tolist())
 
 
 def _intrinsics(entry: _CameraEntry) -> Intrinsics:
+    """Return the fields of an entry that ``Intrinsics`` has."""
     return Intrinsics(**{field.name: getattr(entry, field.name) for field in fields(Intrinsics)})

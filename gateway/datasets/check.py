@@ -1,4 +1,7 @@
-"""Verifies a dataset: the files of its manifest exist, have the recorded hashes, and are consistent."""
+"""Check a dataset: its files exist, have the recorded hashes, and are consistent.
+
+``scenegate dataset check`` uses it.
+"""
 
 from __future__ import annotations
 
@@ -16,50 +19,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client import dataset, manifest
-from gateway.client.manifest import CameraRecord, Failure, ImageFile, ImageType, RecordError, Sample
+from gateway.client.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
 from gateway.datasets.files import TEMPORARY_SUFFIX, sha256_of
-from gateway.datasets.scenes import digest_of
-from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST
+from gateway.datasets.scenes import scene_digest
+from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
 
-BATCH_PER_THREAD: Final = 16
-"""Number of samples per thread that are checked at a time. All of them, possibly millions, would not fit in memory."""
+BATCH_SAMPLES_PER_THREAD: Final = 16
+"""Number of samples that are checked at a time, per thread. A dataset may have millions, which do not fit in memory."""
 CACHED_SCENES: Final = 8
-"""Number of scene descriptions in memory; one may have a million paths. Samples are ordered by scene."""
+"""Number of scene descriptions in memory. Few are needed, because samples are ordered by scene. One may have a million
+paths."""
 
 
 @dataclass(slots=True)
 class Report:
-    """Counts and findings of a check."""
+    """Result of a check."""
 
     samples: int = 0
+    """Number of samples."""
     scenes: int = 0
+    """Number of scenes."""
     images: int = 0
-    nbytes: int = 0
-    """Size of all images in bytes."""
+    """Number of images."""
+    image_bytes: int = 0
+    """Bytes of all images."""
     problems: list[str] = field(default_factory=list)
     """Errors, one sentence each, with the name of the file or sample."""
     notes: list[str] = field(default_factory=list)
-    """Remarks that are not errors of the dataset."""
+    """Remarks about what is not an error of the dataset, such as files that the manifest does not name."""
 
 
 def check_dataset(folder: Path, threads: int) -> Report:
-    """Check all files of a dataset. Errors are part of the report and not raised."""
+    """Check all files of a dataset. Errors are not raised, but are in the report.
+
+    Args:
+        folder: the dataset.
+        threads: number of threads that read images.
+    """
     report = Report()
     try:
         description = manifest.read_dataset(folder)
-        if not (folder / manifest.MANIFEST).exists():
+        if not (folder / manifest.MANIFEST_FILE).exists():
             report.problems.append(
-                f"{manifest.MANIFEST} is missing: the run has not ended; give its command again to go on"
+                f"{manifest.MANIFEST_FILE} is missing: the run has not ended; give its command again to go on"
             )
             return report
-        failed = folder / manifest.FAILED
-        failures = list(manifest.read_lines(failed, Failure)) if failed.exists() else []
+        failures_file = folder / manifest.FAILURES_FILE
+        failures = list(manifest.read_lines(failures_file, FailureRecord)) if failures_file.exists() else []
     except RecordError as error:
         report.problems.append(str(error))
         return report
-    report.notes += [f"{f.scene}{'' if f.view is None else ', ' + f.view} was not drawn: {f.reason}" for f in failures]
-    if (folder / manifest.JOURNAL).exists():
-        report.notes.append(f"{manifest.JOURNAL} is there: a run is going on, or was stopped")
+    for failure in failures:
+        view = "" if failure.view is None else f", {failure.view}"
+        report.notes.append(f"{failure.scene}{view} was not drawn: {failure.reason}")
+    if (folder / manifest.JOURNAL_FILE).exists():
+        report.notes.append(f"{manifest.JOURNAL_FILE} is there: a run is going on, or was stopped")
     try:
         _check_samples(folder, description, threads, report)
     except RecordError as error:
@@ -67,63 +81,63 @@ def check_dataset(folder: Path, threads: int) -> Report:
     return report
 
 
-def _check_samples(folder: Path, description: manifest.Dataset, threads: int, report: Report) -> None:
+def _check_samples(folder: Path, description: manifest.DatasetRecord, threads: int, report: Report) -> None:
     """Check the samples of the manifest.
 
     Raises:
         RecordError: a line of the manifest cannot be read.
     """
-    # Hashes: the names of a million samples would take 600 MB.
+    # Hashes instead of texts: the names of a million samples would take 600 MB.
     id_hashes, path_hashes = set[int](), set[int]()
 
     @lru_cache(CACHED_SCENES)
-    def scene_of(name: str) -> manifest.Scene | None:
+    def cached_scene(name: str) -> manifest.SceneRecord | None:
         return _read_scene(folder, name, report)
 
-    def problems_of(sample: Sample, scene: manifest.Scene | None) -> list[str]:
+    def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
         return list(_sample_problems(folder, sample, description, scene))
 
-    samples = manifest.read_lines(folder / manifest.MANIFEST, Sample)
+    samples = manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord)
     with ThreadPoolExecutor(threads) as pool:
-        while batch := list(islice(samples, BATCH_PER_THREAD * threads)):
-            scenes = [scene_of(sample.scene) for sample in batch]
+        while batch := list(islice(samples, BATCH_SAMPLES_PER_THREAD * threads)):
+            scenes = [cached_scene(sample.scene) for sample in batch]
             for sample, problems in zip(batch, pool.map(problems_of, batch, scenes), strict=True):
                 report.problems += [f"{sample.id}: {problem}" for problem in problems]
                 if hash(sample.id) in id_hashes:
-                    report.problems.append(f"{manifest.MANIFEST}: {sample.id} is there twice")
+                    report.problems.append(f"{manifest.MANIFEST_FILE}: {sample.id} is there twice")
                 report.samples += 1
                 report.images += len(sample.images)
-                report.nbytes += sum(image.bytes for image in sample.images.values())
+                report.image_bytes += sum(image.bytes for image in sample.images.values())
                 id_hashes.add(hash(sample.id))
                 path_hashes.update(hash(image.path) for image in sample.images.values())
     _note_unknown_files(folder, path_hashes, report)
 
 
-def _read_scene(folder: Path, name: str, report: Report) -> manifest.Scene | None:
-    """Return the description of a scene, or None if it cannot be read; report what is wrong with it."""
+def _read_scene(folder: Path, name: str, report: Report) -> manifest.SceneRecord | None:
+    """Return the description of a scene, or None if it cannot be read. Add its errors to the report."""
     try:
-        scene = manifest.read_file(folder / manifest.SCENES / name / manifest.SCENE, manifest.Scene)
+        scene = manifest.read_file(folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord)
     except RecordError as error:
         report.problems.append(str(error))
         return None
     if scene.scene != name:
-        report.problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
-    if scene.sha256 != digest_of(scene.sources):
-        report.problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
+        report.problems.append(f"{name}: its {manifest.SCENE_FILE} is that of {scene.scene}")
+    if scene.sha256 != scene_digest(scene.sources):
+        report.problems.append(f"{name}: the hash in {manifest.SCENE_FILE} does not follow from those of its sources")
     report.scenes += 1
     return scene
 
 
 def _sample_problems(
-    folder: Path, sample: Sample, description: manifest.Dataset, scene: manifest.Scene | None
+    folder: Path, sample: SampleRecord, description: manifest.DatasetRecord, scene: manifest.SceneRecord | None
 ) -> Iterator[str]:
-    """Yield the errors of one sample."""
+    """Yield the errors of a sample, its camera and its images."""
     if sample.id != f"{sample.scene}/{sample.view}":
         yield f"the id is not that of scene {sample.scene} and view {sample.view}"
     if scene is not None and sample.scene_sha256 != scene.sha256:
         yield "it was drawn of another state of the scene than its scene.json tells"
     yield from _camera_problems(sample.camera)
-    is_request = sample.view == REQUEST
+    is_request = sample.view == REQUEST_VIEW_NAME
     for image_type in description.settings.types:
         if image_type not in sample.images and not is_request:
             yield f"the {image_type} image is missing in the manifest"
@@ -134,6 +148,7 @@ def _sample_problems(
 
 
 def _camera_problems(camera: CameraRecord) -> Iterator[str]:
+    """Yield the errors of a camera."""
     if camera.width < 1 or camera.height < 1:
         yield f"camera: size {camera.width}x{camera.height}"
     if not (camera.fx > 0.0 and camera.fy > 0.0):
@@ -153,13 +168,13 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
     "depth": (("float32", 1), ("uint16", 1)),
     "label": (("uint8", 3),),
 }
-"""Sample type and number of channels that an image may have, by type of image."""
+"""Allowed data types and numbers of channels of each type of image."""
 
 
 def _image_problem(
-    folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.Scene | None
+    folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.SceneRecord | None
 ) -> str:
-    """Return the error of an image; empty if there is none."""
+    """Return the first error of an image, or an empty text."""
     path = folder / image.path
     if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
         return "lies outside of the dataset"
@@ -172,33 +187,35 @@ def _image_problem(
     pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         return "not an image that can be read"
-    sample_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]
-    if (sample_type, channels) not in _PIXEL_FORMATS[image_type]:
-        return f"a {image_type} image with {channels} channels of {sample_type}"
+    data_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]
+    if (data_type, channels) not in _PIXEL_FORMATS[image_type]:
+        return f"a {image_type} image with {channels} channels of {data_type}"
     if pixels.shape[:2] != (camera.height, camera.width):
         return f"{pixels.shape[1]}x{pixels.shape[0]} pixels, the camera has {camera.width}x{camera.height}"
-    if image_type == "depth" and sample_type == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
+    if image_type == "depth" and data_type == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
         return "depth that is negative or not a number"
     if image_type == "label" and scene is not None and scene.labels:
         bgr = pixels.astype(np.uint32)
         labels = np.unique(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
         unknown = [label for label in labels.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
         if unknown:
-            return f"labels that {manifest.SCENE} does not know: {', '.join(map(str, unknown[:5]))}"
+            return f"labels that {manifest.SCENE_FILE} does not know: {', '.join(map(str, unknown[:5]))}"
     return ""
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:
-    """Note files that the manifest does not name. They are harmless.
+    """Add a note for each file in the folders of scenes that is not in the manifest.
 
     Args:
-        path_hashes: hashes of the paths of all images.
+        folder: the dataset.
+        path_hashes: hashes of the paths of all images in the manifest.
+        report: gets the notes.
     """
-    for path, folders, files in os.walk(folder / manifest.SCENES):
+    for path, folders, files in os.walk(folder / manifest.SCENES_FOLDER):
         folders.sort()
         for name in sorted(files):
             relative = (Path(path) / name).relative_to(folder).as_posix()
-            if name != manifest.SCENE and hash(relative) not in path_hashes:
+            if name != manifest.SCENE_FILE and hash(relative) not in path_hashes:
                 is_temporary = name.endswith(TEMPORARY_SUFFIX)
                 reason = "left by a process that was killed" if is_temporary else "not in the manifest"
                 report.notes.append(f"{relative}: {reason}")

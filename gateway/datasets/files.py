@@ -1,4 +1,4 @@
-"""Atomic writes, the lock of a dataset's folder, and hashes of files."""
+"""Write files atomically, lock the folder of a dataset, and hash files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     If the process is killed before the rename, the temporary file stays until ``remove_temporary_files``.
 
     Args:
-        data: content, or the parts of it.
+        path: file to write or to replace.
+        data: content, or consecutive parts of it.
     """
     with temporary_name(path) as temporary:
         with temporary.open("wb") as file:
@@ -30,7 +31,7 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
 
 @contextmanager
 def temporary_name(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside ``path``; remove the file after an error. Missing folders are created."""
+    """Yield a temporary path in the folder of ``path``, which is created. Remove the temporary file after an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
     try:
@@ -47,7 +48,7 @@ def remove_temporary_files(folder: Path) -> None:
 
 
 class InUseError(ValueError):
-    """Another process writes to the folder; the message is one sentence."""
+    """Another process writes to the folder of the dataset."""
 
 
 @contextmanager
@@ -63,7 +64,7 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InUseError(f"another run works on {folder}") from None
-        except OSError:  # NFS cannot lock folders: runs are not protected from each other there
+        except OSError:  # NFS cannot lock folders, so there are no locks on NFS
             pass
         yield
     finally:

@@ -1,6 +1,7 @@
-"""The journal of a run: one line per finished sample, in the order in which they finish.
+"""The journal of a run: a file with one line per finished sample, in the order in which the samples finish.
 
-A run may have millions of samples. Each takes 8 bytes of memory, the offset of its line.
+``run`` writes it, and then copies it to the manifest in the order of the job. A run may have millions of samples. Each
+takes 8 bytes of memory, the offset of its line.
 """
 
 from __future__ import annotations
@@ -10,48 +11,53 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final
 
 from gateway.client import manifest
-from gateway.client.manifest import Sample
+from gateway.client.manifest import SampleRecord
 from gateway.datasets.job import Job
 
 _ABSENT: Final = -1
+"""Offset of a sample that is not in the journal."""
 
 
 class Journal:
     """Appends samples to a file, and reads their lines in the order of the job."""
 
     def __init__(self, job: Job, file: BinaryIO) -> None:
-        """
+        """Create an empty journal.
+
         Args:
-            file: open for reading and writing, empty.
+            job: the job whose samples are added.
+            file: empty file, open for reading and writing.
         """
         self._job = job
         self._file = file
-        self._end = 0
+        self._end_offset = 0
         self._offsets = array("q", [_ABSENT]) * job.size
+        """Offset of each sample's line in bytes, by the number of the sample."""
         self.count = 0
+        """Number of different samples that were added."""
 
     def has(self, number: int) -> bool:
-        """Return whether the sample with this number is finished."""
+        """Return True if the sample with a number was added."""
         return self._offsets[number] != _ABSENT
 
-    def add(self, sample: Sample) -> None:
-        """Append a sample; it replaces an earlier one with the same id."""
+    def add(self, sample: SampleRecord) -> None:
+        """Append a sample. It replaces an earlier sample with the same id."""
         planned = self._job.find(sample.id)
         assert planned is not None
         self.count += not self.has(planned.number)
-        self._offsets[planned.number] = self._end
-        self._end += self._file.write(manifest.encode(sample) + b"\n")
+        self._offsets[planned.number] = self._end_offset
+        self._end_offset += self._file.write(manifest.encode(sample) + b"\n")
 
     def flush(self) -> None:
-        """Write buffered lines, so that they survive the end of this process."""
+        """Write buffered lines to the file, so that they are not lost if this process is killed."""
         self._file.flush()
 
     def lines(self) -> Iterator[bytes]:
-        """Iterate over the lines of all samples in the order of the job."""
+        """Yield the lines of all samples, in the order of the job."""
         self._file.flush()
         for offset in self._offsets:
             if offset != _ABSENT:
                 if self._file.tell() != offset:
                     self._file.seek(offset)
                 yield self._file.readline()
-        self._file.seek(self._end)
+        self._file.seek(self._end_offset)

@@ -1,4 +1,7 @@
-"""Runs tasks on the cores of this machine, in one process per core, because reading scenes holds the GIL."""
+"""Run tasks on all cores of this machine.
+
+There is one process per core, because threads would wait for each other: reading scenes holds the GIL.
+"""
 
 from __future__ import annotations
 
@@ -23,72 +26,81 @@ DIED_MESSAGE: Final = "the process that rendered it died twice (out of memory?)"
 
 
 def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
-    """Yield the results of tasks as they finish.
+    """Yield the results of tasks in the order in which they finish.
 
-    A task whose process died is run again at the end, alone. If its process dies again, the task has failed.
+    A task whose process died is run again at the end, without other processes. If its process dies again, the task has
+    failed.
     """
-    workers = max(1, min(cores, len(tasks)))
-    tasks = [replace(task, threads=max(1, cores // workers)) for task in tasks]
-    if workers == 1:
-        from gateway.datasets.worker import work
+    worker_count = max(1, min(cores, len(tasks)))
+    tasks = [replace(task, threads=max(1, cores // worker_count)) for task in tasks]
+    if worker_count == 1:
+        from gateway.datasets.worker import run_task
 
-        yield from map(work, tasks)
+        yield from map(run_task, tasks)
         return
-    died: list[Task] = []
-    yield from _run_in_parallel(deque(tasks), workers, died)
-    for task in died:
+    interrupted: list[Task] = []
+    yield from _run_in_parallel(deque(tasks), worker_count, interrupted)
+    for task in interrupted:
         with _single_process_pool() as pool:
             try:
-                yield pool.submit(_work, task).result()
+                yield pool.submit(_run_task, task).result()
             except BrokenProcessPool:
                 yield task.failed(DIED_MESSAGE)
 
 
-def _run_in_parallel(pending: deque[Task], workers: int, died: list[Task]) -> Iterator[Result]:
-    """Run tasks. Each worker is a pool of one process: when a process dies, all tasks of its pool fail.
+def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[Task]) -> Iterator[Result]:
+    """Yield the results of tasks in the order in which they finish.
+
+    Each process has its own pool, because all tasks of a pool fail when one of its processes dies.
 
     Args:
-        died: gets the tasks whose process died.
+        pending: tasks to run; becomes empty.
+        worker_count: number of processes.
+        interrupted: list to which tasks are added whose process died.
     """
     with ExitStack() as stack:
-        idle = [stack.enter_context(_single_process_pool()) for _ in range(workers)]
+        idle_pools = [stack.enter_context(_single_process_pool()) for _ in range(worker_count)]
         running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
         try:
             while pending or running:
-                while pending and idle:
-                    task, pool = pending.popleft(), idle.pop()
-                    running[pool.submit(_work, task)] = task, pool
+                while pending and idle_pools:
+                    task, pool = pending.popleft(), idle_pools.pop()
+                    running[pool.submit(_run_task, task)] = task, pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, pool = running.pop(future)
                     try:
                         result = future.result()
                     except BrokenProcessPool:
-                        died.append(task)
+                        interrupted.append(task)
                         pool = stack.enter_context(_single_process_pool())
                     else:
                         yield result
-                    idle.append(pool)
+                    idle_pools.append(pool)
         finally:
             for future in running:
                 future.cancel()
 
 
 def _single_process_pool() -> ProcessPoolExecutor:
-    """Return a pool of one process. It is spawned: a forked one would inherit locks that other threads hold."""
+    """Return a pool of one process. It is not forked, because it would inherit locks that other threads hold."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(1, mp_context=context, initializer=_initialize, initargs=(os.getpid(),))
 
 
-def _initialize(parent: int) -> None:
-    """Ignore Ctrl+C, which the parent handles, and die with the parent."""
+def _initialize(parent_id: int) -> None:
+    """Make this process ignore Ctrl+C, which its parent handles, and die with its parent.
+
+    Args:
+        parent_id: process id of the parent.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # only Linux has prctl
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # the parent ended before the call
+        if os.getppid() != parent_id:  # the parent ended before the call
             os._exit(1)
 
 
-def _work(task: Task) -> Result:
-    from gateway.datasets.worker import work  # late: it imports kernels, whose cache folder is set by then
+def _run_task(task: Task) -> Result:
+    from gateway.datasets.worker import run_task  # it imports kernels, so the kernel cache must be configured before
 
-    return work(task)
+    return run_task(task)

@@ -1,4 +1,4 @@
-"""Runs tasks on a Ray cluster. Every node needs the extra ``scenegate[ray]``, and all nodes share the folders."""
+"""Run tasks on a Ray cluster. Every node must have ``scenegate[ray]``, and the folders of scenes and dataset."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from gateway.datasets.job import Result, Task
 
-RETRIES: Final = 3
-"""Number of times that Ray repeats a task whose worker or node died. Tasks with errors in scenes are not repeated."""
+MAX_RETRIES: Final = 3
+"""Maximum number of times that Ray repeats a task whose worker process or node died."""
 TASKS_PER_CORE: Final = 2
-"""Number of submitted tasks per core of the cluster, so that no core waits for its next task."""
+"""Number of tasks per core of the cluster that are submitted at a time. With 2, no core waits for its next task."""
 
 
 class RayUnavailableError(RuntimeError):
-    """Ray cannot be used; the message is one sentence."""
+    """Ray is not installed, or the cluster cannot be reached."""
 
 
 def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
-    """Yield the results of tasks as they finish.
+    """Yield the results of tasks in the order in which they finish.
 
     Args:
+        tasks: tasks to run.
         address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
 
     Raises:
@@ -32,8 +33,8 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         import ray
     except ImportError:
         raise RayUnavailableError("Ray is not installed: pip install 'scenegate[ray]'") from None
-    starts_ray = not ray.is_initialized()
-    if starts_ray:
+    must_start = not ray.is_initialized()
+    if must_start:
         try:
             ray.init(address, log_to_driver=False, logging_level="ERROR", namespace="scenegate")
         except (ConnectionError, ValueError, RuntimeError, OSError) as error:
@@ -41,40 +42,44 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
     try:
         yield from _results(ray, tasks)
     finally:
-        if starts_ray:
+        if must_start:
             ray.shutdown()
 
 
 def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
-    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(run_pickled_task)
+    """Yield the results of tasks in the order in which they finish. ``ray`` is the imported module."""
+    remote_function = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_pickled_task)
     pending = iter(tasks)
     running: dict[Any, Task] = {}
     while True:
-        # Read every time: nodes may join and leave.
-        limit = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)
-        while len(running) < limit and (task := next(pending, None)) is not None:
-            running[remote.remote(pickle.dumps(task))] = task
+        # Nodes may join and leave, so the number of cores may change.
+        max_running = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)
+        while len(running) < max_running and (task := next(pending, None)) is not None:
+            running[remote_function.remote(pickle.dumps(task))] = task
         if not running:
             return
         finished, _ = ray.wait(list(running))
         for reference in finished:
             task = running.pop(reference)
             try:
-                yield pickle.loads(ray.get(reference))  # noqa: S301 - made by our own worker
+                yield pickle.loads(ray.get(reference))  # noqa: S301 - pickled by our own worker
             except ray.exceptions.RayError as error:
-                yield task.failed(f"Ray gave up after {RETRIES} retries: {str(error).strip().splitlines()[0]}")
+                yield task.failed(f"Ray gave up after {MAX_RETRIES} retries: {str(error).strip().splitlines()[0]}")
 
 
 def run_pickled_task(task: bytes) -> bytes:
-    """Return the pickled result of a pickled task.
+    """Run a task in a worker process of Ray; return the pickled result.
 
-    Ray must not unpickle them itself: that imports their classes and so Numba, whose kernel cache must be configured
-    before its import.
+    Task and result are pickled here and not by Ray, because unpickling a task imports Numba. The kernel cache must be
+    configured before that.
+
+    Args:
+        task: a pickled ``Task``.
     """
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
     kernel_cache.ensure_cached(warmup.PARTS)
-    from gateway.datasets.worker import work
+    from gateway.datasets.worker import run_task
 
-    return pickle.dumps(work(pickle.loads(task)))  # noqa: S301 - made by our own driver
+    return pickle.dumps(run_task(pickle.loads(task)))  # noqa: S301 - pickled by run_ray

@@ -1,4 +1,7 @@
-"""Renders loaded scenes and recorded requests to encoded images."""
+"""Render loaded scenes and recorded requests to encoded images.
+
+``worker`` uses it for datasets, ``gateway.cli`` for single images.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,13 @@ from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleC
 from renderers.light_rig import STUDIO, Rig
 
 OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
+"""The renderer's output for each type of image."""
+IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "color": ("png", "jpg", "jpeg"),
     "depth": ("tiff", "tif", "png"),
     "label": ("png",),
 }
-"""File formats by type of image; the first is the default."""
+"""Suffixes of the file formats of each type of image. The first is the default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +41,19 @@ class Style:
     """Shading of colour images."""
 
     look: Literal["auto", "phong", "pbr", "gltf", "plain", "studio"] = "auto"
+    """Look; ``auto``: ``LoadedScene.look``."""
     background: tuple[int, int, int] = Look().background
+    """RGB background."""
     antialias: Literal["fxaa", "none"] = "fxaa"
-    """Smoothing of images with one sample per pixel."""
+    """Anti-aliasing of images with one sample per pixel."""
     samples: Literal[0, 1, 4, 8] = 0
-    """Samples per pixel; 0: 4 for the studio look, 1 for the others."""
+    """Samples per pixel; 0: 4 for the look ``studio``, 1 for the others."""
     rig: Rig = STUDIO
-    """Lights of the studio look."""
+    """Lights of the look ``studio``."""
 
 
 def style_of(settings: Settings) -> Style:
-    """Return the style in a dataset's settings.
+    """Return the style that a dataset's settings describe.
 
     Raises:
         RigFileError: the rig file is invalid.
@@ -62,9 +68,9 @@ def style_of(settings: Settings) -> Style:
 
 
 def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
-    """Return a warning that says why ``--rig`` does not light a scene.
+    """Return a warning if a scene does not use the lights of ``--rig``.
 
-    None if it lights the scene, if there is no rig, or if the chosen look never uses one.
+    Returns None if the scene uses them, if there is no ``--rig``, or if ``--look`` excludes them for all scenes.
 
     Raises:
         RigFileError: the rig file is invalid.
@@ -83,26 +89,31 @@ def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
 
 @lru_cache(maxsize=4)
 def _rig(path: str) -> Rig:
+    """Read a rig file, or return it from the cache."""
     return read_rig(Path(path))
 
 
 def render_images(
     renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
 ) -> dict[ImageType, bytes]:
-    """Render the images of a scene in one pass; return them encoded, by type.
+    """Render the images of a scene with one call of the renderer; return them encoded, by type.
 
     Args:
-        formats: file format of each wanted type, one of ``FORMATS``.
+        renderer: renders the images.
+        scene: the scene.
+        camera: the camera.
+        formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
+        style: shading of the colour image.
 
     Raises:
-        ImageError: a texture that colour needs cannot be decoded.
+        ImageError: a texture cannot be decoded.
         ValueError: the image is larger than the renderer's limit.
     """
     look: LookName = scene.look if style.look == "auto" else style.look
     outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
     with renderer.render(scene.draw_list, camera, outputs, Look(look, style.background, samples, style.rig)) as frame:
-        # FXAA would fade points of one pixel.
+        # FXAA would blur points, which may be one pixel wide.
         has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
         use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
         if frame.color is not None and use_fxaa:
@@ -111,6 +122,7 @@ def render_images(
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
+    """Encode an image of a frame in one of ``IMAGE_FORMATS``."""
     if image_type == "color":
         assert frame.color is not None
         return png_rgb(frame.color) if file_format == "png" else jpeg_rgb(frame.color)
@@ -122,7 +134,7 @@ def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
 
 
 class RequestRenderer:
-    """Renders recorded requests as the render endpoint does."""
+    """Renders recorded requests like the render endpoint, with the settings of the dataset."""
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
         look = settings.look if settings.look in ("phong", "pbr", "gltf") else "auto"
@@ -137,7 +149,7 @@ class RequestRenderer:
         self._pipeline = Pipeline(renderer, config)
 
     def render(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
-        """Return the camera, the type and the encoded image of a request.
+        """Render a request; return its camera, the type of its image and the encoded image.
 
         Raises:
             RequestError: the scene or its camera cannot be used.

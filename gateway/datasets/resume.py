@@ -1,4 +1,4 @@
-"""Resuming: reads the dataset of a former run, and checks which of its samples are still valid."""
+"""Read the dataset of an earlier run, and find the samples that need not be rendered again. ``run`` uses it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,24 @@ from pathlib import Path
 from typing import Final
 
 from gateway.client import manifest
-from gateway.client.manifest import RecordError, Sample, Settings, SourceFile
+from gateway.client.manifest import RecordError, SampleRecord, Settings, SourceFile
 from gateway.datasets.files import sha256_of
 from gateway.datasets.job import Job, JobError
-from gateway.datasets.scenes import digest_of
+from gateway.datasets.scenes import scene_digest
 from gateway.datasets.sources import Source
 
-BATCH: Final = 1000
-"""Number of samples that are hashed at a time. All of them, possibly millions, would not fit in memory."""
+BATCH_SAMPLES: Final = 1000
+"""Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
 
 
-def existing_dataset(job: Job) -> manifest.Dataset | None:
+def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
 
     Raises:
-        JobError: the folder holds other files, a dataset with other settings, or samples that are not part of the job.
-            These must not be overwritten.
+        JobError: the folder has other files, a dataset with other settings, or samples that are not part of the job.
     """
     out = job.out
-    if not (out / manifest.DATASET).exists():
+    if not (out / manifest.DATASET_FILE).exists():
         if out.is_dir() and any(out.iterdir()):
             raise JobError(f"{out} is not empty and holds no dataset")
         return None
@@ -55,44 +54,52 @@ def existing_dataset(job: Job) -> manifest.Dataset | None:
     return dataset
 
 
-def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
-    """Iterate over the samples whose scene, view and files have not changed.
+def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
+    """Yield the samples whose scene, view and images have not changed.
 
     Args:
+        job: the job of this run.
         threads: number of threads that read and hash the images.
     """
 
-    scene_digest = cache(partial(_scene_digest, job))
+    current_digest = cache(partial(_current_digest, job))
 
-    def has_same_input(sample: Sample) -> bool:
+    def has_same_input(sample: SampleRecord) -> bool:
         planned = job.find(sample.id)
         assert planned is not None
-        return sample.asked == planned.view.description and sample.scene_sha256 == scene_digest(planned.source)
+        is_same_view = sample.view_description == planned.view.description
+        return is_same_view and sample.scene_sha256 == current_digest(planned.source)
 
-    def has_same_files(sample: Sample) -> bool:
+    def has_same_files(sample: SampleRecord) -> bool:
         return all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
 
     candidates = filter(has_same_input, _recorded_samples(job))
     with ThreadPoolExecutor(threads) as pool:
-        while batch := list(islice(candidates, BATCH)):
+        while batch := list(islice(candidates, BATCH_SAMPLES)):
             yield from compress(batch, pool.map(has_same_files, batch))
 
 
-def _recorded_samples(job: Job) -> Iterator[Sample]:
-    """Iterate over the samples in the manifest, and then over those in the journal. A sample may be in both."""
+def _recorded_samples(job: Job) -> Iterator[SampleRecord]:
+    """Yield the samples in the manifest, then those in the journal. A sample may be in both."""
     try:
-        for name in (manifest.MANIFEST, manifest.JOURNAL):
+        for name in (manifest.MANIFEST_FILE, manifest.JOURNAL_FILE):
             if (job.out / name).exists():
-                yield from manifest.read_lines(job.out / name, Sample, allow_partial_end=name == manifest.JOURNAL)
+                yield from manifest.read_lines(
+                    job.out / name, SampleRecord, allow_partial_end=name == manifest.JOURNAL_FILE
+                )
     except RecordError as error:
         raise JobError(str(error)) from None
 
 
-def _scene_digest(job: Job, source: Source) -> str | None:
-    """Return the present digest of the files in a scene's description; None if that cannot be read."""
+def _current_digest(job: Job, source: Source) -> str | None:
+    """Return the digest that the scene has now, or None if its ``scene.json`` cannot be read."""
     try:
-        description = manifest.read_file(job.out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
+        description = manifest.read_file(
+            job.out / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE, manifest.SceneRecord
+        )
     except RecordError:
         return None
     folder = Path(source.path).parent
-    return digest_of(tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in description.sources))
+    return scene_digest(
+        tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in description.sources)
+    )

@@ -1,4 +1,7 @@
-"""Runs a job: renders the missing samples and writes the manifest. The next run continues a run that was stopped."""
+"""Run a job: render the missing samples of a dataset, and write the manifest.
+
+If a run is stopped, the next run of the same job continues it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Final
 
 from gateway import __version__
 from gateway.client import manifest
-from gateway.client.manifest import Failure
+from gateway.client.manifest import FailureRecord
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
@@ -17,7 +20,7 @@ from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
 
 Execute = Callable[[list[Task]], Iterator[Result]]
-"""Function that runs tasks in worker processes and yields their results in any order."""
+"""Function that runs tasks in worker processes, and yields their results in any order."""
 
 CONVENTIONS: Final = {
     "units": "metres, pixels; the world is right-handed and Z up",
@@ -27,7 +30,7 @@ CONVENTIONS: Final = {
     "depth": "along the optical axis; tiff: float32 metres, inf is nothing; png: uint16 millimetres, 65535 is nothing",
     "label": "8-bit RGB: label = red + 256 green + 65536 blue; white is no label; scene.json says what they mean",
 }
-"""Conventions in ``dataset.json``."""
+"""Value of ``DatasetRecord.conventions``."""
 
 
 @dataclass(slots=True)
@@ -35,28 +38,32 @@ class Progress:
     """State of a run."""
 
     total: int
-    """Number of samples of the job."""
+    """Number of samples in the job."""
     kept: int = 0
-    """Number of samples of former runs."""
+    """Number of samples that are kept from earlier runs."""
     rendered: int = 0
-    failures: dict[Failure, None] = field(default_factory=dict)
-    """Failures in the order of their arrival. Each occurs once, though all tasks of an unreadable scene report it."""
+    """Number of samples that this run has rendered."""
+    failures: dict[FailureRecord, None] = field(default_factory=dict)
+    """Different failures, in the order of their arrival. All tasks of an unreadable scene report the same failure."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Warnings by scene."""
+    """Warnings by the name of the scene."""
 
     @property
     def finished(self) -> int:
+        """Number of samples that exist."""
         return self.kept + self.rendered
 
 
 def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
-    """Render a dataset, or the missing samples of one.
+    """Render the samples of a job that its folder does not have.
 
     Args:
-        report: called after each task.
+        job: scenes, views, settings and folder.
+        execute: runs the tasks.
+        report: called at the start and after each task.
 
     Raises:
-        JobError: the folder holds other files or another dataset.
+        JobError: the folder has other files or another dataset.
         InUseError: another run writes to the folder.
         OSError: the dataset cannot be written.
     """
@@ -66,31 +73,33 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
 
 
 def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
+    """Run a job whose folder is locked."""
     out = job.out
-    renderer = cache_folder.sources_digest()
+    renderer_digest = cache_folder.sources_digest()
     existing = existing_dataset(job)
-    description = manifest.Dataset(
-        generator=f"scenegate {__version__}", renderer=renderer, settings=job.settings, conventions=CONVENTIONS
+    description = manifest.DatasetRecord(
+        generator=f"scenegate {__version__}", renderer=renderer_digest, settings=job.settings, conventions=CONVENTIONS
     )
     if existing is None:
-        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
-    with temporary_name(out / manifest.JOURNAL) as temporary, temporary.open("w+b") as file:
+        write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
+    with temporary_name(out / manifest.JOURNAL_FILE) as temporary, temporary.open("w+b") as file:
         journal = Journal(job, file)
-        if existing is not None and existing.renderer == renderer:  # samples of other versions are rendered again
+        if existing is not None and existing.renderer == renderer_digest:  # another version renders all samples again
             for sample in valid_samples(job, usable_cpus()):
                 journal.add(sample)
         journal.flush()
-        # The new journal counts from here on. The next run would trust the old manifest, even that of another version.
-        temporary.replace(out / manifest.JOURNAL)
-        for name in (manifest.MANIFEST, manifest.FAILED):
+        # The new journal has all valid samples. The old manifest is removed: the next run would use its samples, even
+        # if another version rendered them.
+        temporary.replace(out / manifest.JOURNAL_FILE)
+        for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
             (out / name).unlink(missing_ok=True)
-        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
+        write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
         unusable_sources = (
-            Failure(source.printable_name, None, source.problem) for source in job.sources if source.problem
+            FailureRecord(source.printable_name, None, source.problem) for source in job.sources if source.problem
         )
         progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable_sources))
         report(progress)
-        for result in execute(job.tasks(journal.has, renderer)):
+        for result in execute(job.tasks(journal.has, renderer_digest)):
             for sample in result.samples:
                 journal.add(sample)
             journal.flush()
@@ -103,15 +112,17 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
     return progress
 
 
-def _finish(job: Job, journal: Journal, failures: Iterable[Failure]) -> None:
+def _finish(job: Job, journal: Journal, failures: Iterable[FailureRecord]) -> None:
     """Write ``manifest.jsonl`` and ``failed.jsonl``, and remove the journal and temporary files."""
     out = job.out
     remove_temporary_files(out)
     for source in job.sources:
-        folder = out / manifest.SCENES / source.name
+        folder = out / manifest.SCENES_FOLDER / source.name
         if not source.problem and folder.is_dir():
             remove_temporary_files(folder)
-    if failed := sorted(failures, key=lambda failure: (failure.scene, failure.view or "")):
-        write_atomically(out / manifest.FAILED, (manifest.encode(failure) + b"\n" for failure in failed))
-    write_atomically(out / manifest.MANIFEST, journal.lines())
-    (out / manifest.JOURNAL).unlink()
+    if sorted_failures := sorted(failures, key=lambda failure: (failure.scene, failure.view or "")):
+        write_atomically(
+            out / manifest.FAILURES_FILE, (manifest.encode(failure) + b"\n" for failure in sorted_failures)
+        )
+    write_atomically(out / manifest.MANIFEST_FILE, journal.lines())
+    (out / manifest.JOURNAL_FILE).unlink()

@@ -1,4 +1,4 @@
-"""Loads scene files of all kinds into draw lists, with their description for ``scene.json``."""
+"""Load scene files of all kinds into draw lists, and describe them for ``scene.json``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 from gateway.assets.mesh_formats import parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError, Up, read_scene_file
 from gateway.client import manifest
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.gltf import GltfCamera, GltfLimits
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
@@ -37,31 +37,33 @@ from renderers.drawlist import DrawList
 from renderers.interface import LookName
 
 MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
-"""Limits of mesh files, as in the live tree."""
+"""Limits of mesh files, the same as in the live tree."""
 _BOUNDARY_BYTES: Final = 200
-"""Bytes searched for the multipart boundary, which has at most 70 characters (RFC 2046, 5.1.1)."""
+"""Bytes at the start of a request in which its boundary is found. It has at most 70 characters (RFC 2046, 5.1.1)."""
 
 Labels = Mapping[int, tuple[TreePath, ...]]
-"""Paths of the nodes by label."""
+"""Paths of nodes by their label."""
 
 
 class SceneError(ValueError):
-    """A scene cannot be loaded; the message says why, without the scene's name."""
+    """A scene cannot be loaded; the message is the reason, without the scene's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedScene:
-    """A scene in world coordinates: Z up, metres."""
+    """A scene in world coordinates (Z up, metres), or a recorded request."""
 
     root: Node
+    """Root of the scene's tree; empty for a recorded request."""
     draw_list: DrawList
-    own_camera: GltfCamera | None
-    """First camera of a glTF file."""
+    """The tree as a draw list; empty for a recorded request."""
+    file_camera: GltfCamera | None
+    """First camera of a glTF file; None if there is none."""
     look: LookName
-    """Look for ``--look auto``."""
+    """Look that ``--look auto`` chooses for this scene."""
     request: RenderRequest | None
-    """The recorded request, with its camera, size and type of image, if the source is one."""
-    description: manifest.Scene
+    """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
+    description: manifest.SceneRecord
     """Content of ``scene.json``."""
 
 
@@ -69,7 +71,8 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
     """Load a scene.
 
     Args:
-        up: up axis of glTF files. Other kinds are not rotated.
+        source: scene file.
+        up: up axis of glTF files. Scenes of other kinds are not rotated.
 
     Raises:
         SceneError: the scene cannot be loaded.
@@ -86,18 +89,20 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
 
 
 def _load_gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+    """Load a glTF file."""
     scene = read_scene_file(Path(source.path), up=up, files=files)
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
-    own_camera = scene.cameras[0] if scene.cameras else None
+    file_camera = scene.cameras[0] if scene.cameras else None
     description = _describe(source, files, labels, scene.generator, scene.warnings)
-    return LoadedScene(scene.root, draw_list, own_camera, look, None, description)
+    return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
 
 
 def _load_mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+    """Load a mesh file as one node."""
     suffix = Path(source.path).suffix[1:].lower()
     parts = parse_mesh(files.read_scene(), suffix, files.resolve, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
@@ -106,6 +111,7 @@ def _load_mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 
 
 def _load_tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+    """Apply a tree viewer request to an empty tree."""
     limits = Limits()
     live = LiveTree()
     request = JsonReader(limits, _MeshFileReader(files)).read(memoryview(files.read_scene()))
@@ -123,6 +129,7 @@ def _load_tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 
 
 def _load_request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+    """Parse a recorded render request."""
     config = RenderConfig()
     body = files.read_scene()
     boundary = body[:_BOUNDARY_BYTES].partition(b"\r\n")[0].removeprefix(b"--").decode("latin-1")
@@ -132,44 +139,45 @@ def _load_request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
         request = read_form(reader.form(), config)
     finally:
         reader.close()
-    # Only the form is read here; the render pipeline reads the glTF.
+    # Only the form is parsed here. The render pipeline reads the glTF scene in it.
     description = _describe(source, files, {}, warnings=request.warnings)
     return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
 
 
-_LOADERS: Final[dict[Kind, Callable[[Source, FolderFiles, Up], LoadedScene]]] = {
-    Kind.GLTF: _load_gltf,
-    Kind.MESH: _load_mesh,
-    Kind.TREE: _load_tree,
-    Kind.REQUEST: _load_request,
+_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, Up], LoadedScene]]] = {
+    SourceKind.GLTF: _load_gltf,
+    SourceKind.MESH: _load_mesh,
+    SourceKind.TREE: _load_tree,
+    SourceKind.REQUEST: _load_request,
 }
 
 
 class _MeshFileReader:
-    """Reads the mesh files that a tree viewer request names. They must be below the request's folder."""
+    """Reads the mesh files that a tree viewer request names. They must be in the request's folder or below."""
 
     def __init__(self, files: FolderFiles) -> None:
         self._files = files
 
     def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+        """Return the parts of a mesh file, scaled along x, y and z."""
         parts = parse_mesh(
             self._files.resolve(filename), Path(filename).suffix[1:].lower(), self._files.resolve, MESH_LIMITS
         )
-        X = scaling(*scale)
-        return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
+        X_scale = scaling(*scale)
+        return tuple(msgspec.structs.replace(part, X_node_part=X_scale @ part.X_node_part) for part in parts)
 
 
 def _flatten_numbered(root: Node) -> tuple[DrawList, Labels]:
-    """Flatten a scene with one label per path, counted from 1 in tree order."""
+    """Flatten a scene. Each path has its own label, from 1 in the order of the tree."""
     table = LabelTable()
     draw_list = flatten(root, label_of=lambda path, _: table.label_of(path))
     return draw_list, {label: (path,) for label, path in table.paths_by_label().items()}
 
 
 def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
-    """Flatten a scene with the labels that Drake's client encodes as base colours."""
+    """Flatten a scene. Labels are those that Drake's client encodes in the materials' base colours."""
     paths: dict[int, dict[TreePath, None]] = {}
-    """By label, without duplicates."""
+    """Paths by label. The inner dict is an ordered set."""
     drake_label_of = labels_of(root)
 
     def label_of(path: TreePath, part: Part) -> int:
@@ -183,13 +191,14 @@ def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
 
 def _describe(
     source: Source, files: FolderFiles, labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
-) -> manifest.Scene:
+) -> manifest.SceneRecord:
+    """Return the description of a scene. ``files`` has the digests of the files that were read."""
     scene_file = Path(source.path).name
     other_files = sorted(name for name in files.digests if name != scene_file)
     sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (scene_file, *other_files))
-    return manifest.Scene(
+    return manifest.SceneRecord(
         scene=source.name,
-        sha256=digest_of(sources),
+        sha256=scene_digest(sources),
         sources=sources,
         generator=_utf8(generator),
         warnings=tuple(_utf8(text) for text in warnings),
@@ -197,16 +206,17 @@ def _describe(
     )
 
 
-def digest_of(sources: tuple[manifest.SourceFile, ...]) -> str:
-    """Return the digest of a scene: that of its files' names and digests."""
-    listed = json.dumps([[file.path, file.sha256] for file in sources], ensure_ascii=True)
-    return hashlib.sha256(listed.encode()).hexdigest()
+def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:
+    """Return the digest of a scene: the SHA-256 of the names and digests of its files."""
+    file_list = json.dumps([[file.path, file.sha256] for file in sources], ensure_ascii=True)
+    return hashlib.sha256(file_list.encode()).hexdigest()
 
 
 def _utf8_path(path: TreePath) -> TreePath:
+    """Return a path whose names can be encoded as UTF-8."""
     return tuple(_utf8(name) if isinstance(name, str) else name for name in path)
 
 
 def _utf8(text: str) -> str:
-    """Return the text with ``?`` for lone surrogates, which JSON strings can contain but UTF-8 cannot."""
+    """Return a text with ``?`` in place of lone surrogates, which UTF-8 cannot encode but JSON strings can contain."""
     return text.encode("utf-8", "replace").decode()

@@ -1,4 +1,4 @@
-"""The scene files of a command: those that it names, and those below the folders that it names."""
+"""Find the scene files of a command: the files that it names, and those in the folders that it names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from typing import Final
 from gateway.assets.mesh_formats import FORMATS
 
 
-class Kind(Enum):
+class SourceKind(Enum):
+    """Kind of a scene file."""
+
     GLTF = "glTF"
     MESH = "mesh file"
     TREE = "request of a tree viewer client"
@@ -21,15 +23,15 @@ class Kind(Enum):
 
 _MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
-"""Suffix of tree viewer requests in folders. A file that the command names may also end in .json."""
+"""Suffix of tree viewer requests in folders. If the command names the file, .json suffices."""
 REQUEST_SUFFIX: Final = ".multipart"
-"""Suffix of recorded render requests (``--keep-failures``): the unchanged body of a POST."""
-MAX_NAME: Final = 200
-"""Maximum length of a scene's name, which becomes a file name; file systems allow 255 bytes."""
+"""Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
+MAX_NAME_CHARS: Final = 200
+"""Maximum length of a scene's name. It becomes a file name, for which file systems allow 255 bytes."""
 
 
 class SourceError(ValueError):
-    """The command's scenes cannot be used; the message is one sentence."""
+    """The scene files of a command cannot be used; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +39,10 @@ class Source:
     """A scene file."""
 
     name: str
-    """Unique name in the dataset: the path below the named folder, or the file's name."""
+    """Unique name in the dataset: the path relative to the folder that the command names, or the name of the file."""
     path: str
     """Absolute path."""
-    kind: Kind
+    kind: SourceKind
     problem: str = ""
     """Reason why the name cannot be used in a dataset; empty if it can."""
 
@@ -51,10 +53,10 @@ class Source:
 
 
 def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
-    """Return the scenes of the inputs, ordered by name.
+    """Return the scene files of the inputs, which are files and folders, ordered by name.
 
     Raises:
-        SourceError: an input holds no scene, or two scenes would have the same name.
+        SourceError: an input has no scene file, or two scene files would have the same name.
     """
     by_name: dict[str, Source] = {}
     for path in inputs:
@@ -62,51 +64,55 @@ def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
         if not sources:
             raise SourceError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
         for source in sources:
-            first = by_name.setdefault(source.name, source)
-            if first.path != source.path:
+            existing = by_name.setdefault(source.name, source)
+            if existing.path != source.path:
                 raise SourceError(
-                    f"{first.path} and {source.path} would both be called {source.name}; pass the folder above them"
+                    f"{existing.path} and {source.path} would both be called {source.name}; pass the folder above them"
                 )
     return tuple(by_name[name] for name in sorted(by_name))
 
 
 def _suffixes() -> list[str]:
+    """Return the suffixes of scene files except those of glTF, for error messages."""
     return [*sorted(f".{name}" for name in _MESH_FORMATS), TREE_SUFFIX, REQUEST_SUFFIX]
 
 
 def _sources_below(folder: Path) -> Iterable[Source]:
+    """Yield the scene files in a folder and its subfolders. Hidden files and folders are skipped."""
     for path in sorted(folder.rglob("*")):
         kind = kind_of(path)
         if kind is None or not path.is_file():
             continue
         if any(part.startswith(".") for part in path.relative_to(folder).parts):
             continue
-        yield _source(path.relative_to(folder).as_posix(), path, kind)
+        yield _make_source(path.relative_to(folder).as_posix(), path, kind)
 
 
 def _named_source(path: Path) -> Source:
-    kind = kind_of(path) or (Kind.TREE if path.suffix.lower() == ".json" else None)
+    """Return the scene file that a command names."""
+    kind = kind_of(path) or (SourceKind.TREE if path.suffix.lower() == ".json" else None)
     if kind is None:
         raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, {', '.join(_suffixes())}")
-    return _source(path.name, path, kind)
+    return _make_source(path.name, path, kind)
 
 
-def _source(name: str, path: Path, kind: Kind) -> Source:
+def _make_source(name: str, path: Path, kind: SourceKind) -> Source:
+    """Return a scene file; set its ``problem`` if the name cannot be used."""
     problem = ""
-    if len(name) > MAX_NAME:
-        problem = f"a name of {len(name)} characters; {MAX_NAME} are the most: rename the file"
-    elif bad := next((character for character in name if character == "\\" or not character.isprintable()), None):
-        problem = f"a name with the character {bad!r}, which not every system can write: rename the file"
+    if len(name) > MAX_NAME_CHARS:
+        problem = f"a name of {len(name)} characters; {MAX_NAME_CHARS} are the most: rename the file"
+    elif bad_character := next((char for char in name if char == "\\" or not char.isprintable()), None):
+        problem = f"a name with the character {bad_character!r}, which not every system can write: rename the file"
     return Source(name, str(path.resolve()), kind, problem)
 
 
-def kind_of(path: Path) -> Kind | None:
-    """Return the kind of a file by its name, or None if it is no scene."""
+def kind_of(path: Path) -> SourceKind | None:
+    """Return the kind of a scene file by its name, or None if it is not a scene file."""
     name = path.name.lower()
     if name.endswith((".gltf", ".glb")):
-        return Kind.GLTF
+        return SourceKind.GLTF
     if name.endswith(TREE_SUFFIX):
-        return Kind.TREE
+        return SourceKind.TREE
     if name.endswith(REQUEST_SUFFIX):
-        return Kind.REQUEST
-    return Kind.MESH if name.rpartition(".")[2] in _MESH_FORMATS and "." in name else None
+        return SourceKind.REQUEST
+    return SourceKind.MESH if name.rpartition(".")[2] in _MESH_FORMATS and "." in name else None

@@ -1,4 +1,7 @@
-"""Views: name, pose (text, matrix or place on an orbit) and intrinsics, from which each scene gets a camera."""
+"""Views: named camera poses and intrinsics, which do not depend on a scene.
+
+``camera_of`` computes the camera of a view in a scene.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +30,12 @@ from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
-NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-"""Allowed names of views, which become parts of file names."""
-REQUEST: Final = "request"
-"""Name of the only view of a recorded request."""
+NAME_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+"""Allowed names of views. They become parts of file names."""
+REQUEST_VIEW_NAME: Final = "request"
+"""Name of the only view that a recorded request has."""
 MAX_ROTATION_ERROR: Final = 1e-4
-"""Maximum deviation of R^T R from identity. Matrices with five digits are valid."""
+"""Maximum deviation of an element of R^T R from the identity. It allows matrices with five digits."""
 
 Matrix = tuple[tuple[float, float, float, float], ...]
 """4 x 4, row-major."""
@@ -40,38 +43,40 @@ Matrix = tuple[tuple[float, float, float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """Intrinsics and clipping planes of a view.
-
-    Defaults for None: square pixels, the principal point in the centre, clipping planes around the whole scene.
-    """
+    """Image size, intrinsics and clipping planes of a view. All are optional."""
 
     width: int | None = None
+    """Width of the image in pixels; None: the dataset's."""
     height: int | None = None
-    """Image size in pixels; None: the dataset's."""
+    """Height of the image in pixels; None: the dataset's."""
     fovy: float | None = None
-    """Vertical field of view in degrees; excludes ``fy``."""
+    """Vertical field of view in degrees, an alternative to ``fy``; None: the dataset's."""
     fx: float | None = None
+    """Horizontal focal length in pixels; None: the vertical focal length."""
     fy: float | None = None
+    """Vertical focal length in pixels; None: computed from ``fovy``."""
     cx: float | None = None
+    """Principal point in pixels from the left edge; None: the centre."""
     cy: float | None = None
-    """Focal lengths and principal point in pixels."""
+    """Principal point in pixels from the top edge; None: the centre."""
     near: float | None = None
+    """Near plane in metres; None: that of the scene file's camera, or computed from the scene's extent."""
     far: float | None = None
-    """Clipping planes in metres."""
+    """Far plane in metres; None: that of the scene file's camera, or computed from the scene's extent."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """One view of a scene. Raises CameraError if it is invalid."""
+    """Camera pose and intrinsics with a name. The constructor raises CameraError if they are invalid."""
 
     name: str
     pose: str | Matrix | OrbitCamera | None
-    """Camera text, X_world_camera of the optical frame, or place on an orbit; None: the file's own first camera, or
-    ``fit`` if it has none."""
+    """Camera text, X_world_camera of the optical frame, or position on an orbit; None: the scene file's first camera,
+    or ``fit`` if it has none."""
     intrinsics: Intrinsics = field(default=Intrinsics())
 
     def __post_init__(self) -> None:
-        if NAME.fullmatch(self.name) is None:
+        if NAME_PATTERN.fullmatch(self.name) is None:
             raise CameraError(f"the view's name {self.name[:80]!r} is not made of letters, digits, '_', '.' and '-'")
         if isinstance(self.pose, str) and isinstance(parse_camera(self.pose), StereoCamera):
             raise CameraError("camera 'stereo': there is no stereo camera without a gateway")
@@ -82,7 +87,7 @@ class View:
 
     @property
     def description(self) -> str:
-        """Text for ``Sample.asked`` in the manifest. Views with different poses or intrinsics have different texts."""
+        """Text for ``SampleRecord.view_description``. Different poses or intrinsics have different texts."""
         if isinstance(self.pose, OrbitCamera):
             text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
         elif isinstance(self.pose, tuple):
@@ -106,12 +111,16 @@ def camera_of(
     """Return the camera of a view in a scene.
 
     Args:
-        file_camera: the scene file's first camera.
-        width, height: default image size in pixels.
+        view: pose and intrinsics.
+        root: root of the scene's tree.
+        draw_list: the tree as a draw list.
+        file_camera: first camera of the scene file; None if it has none.
+        width: default width of the image in pixels.
+        height: default height of the image in pixels.
         fovy: default vertical field of view in degrees.
 
     Raises:
-        CameraError: the scene has no node or camera that the pose names, or the numbers are invalid.
+        CameraError: the scene does not have the node that the pose names, or a number is invalid.
     """
     intrinsics = view.intrinsics
     width, height = intrinsics.width or width, intrinsics.height or height
@@ -125,19 +134,19 @@ def camera_of(
             spec = PoseCamera(np.array(view.pose))
         else:
             spec = parse_camera(view.pose or "fit")
-        degrees = intrinsics.fovy or fovy
+        fovy = intrinsics.fovy or fovy
         if intrinsics.fy is not None:
-            degrees = math.degrees(2.0 * math.atan(0.5 * height / intrinsics.fy))
+            fovy = math.degrees(2.0 * math.atan(0.5 * height / intrinsics.fy))
         camera = resolve_camera(
-            spec, root, width, height, fovy=degrees, near=intrinsics.near, far=intrinsics.far, draw_list=draw_list
+            spec, root, width, height, fovy=fovy, near=intrinsics.near, far=intrinsics.far, draw_list=draw_list
         )
-    focal = intrinsics.fy or camera.fy
+    fy = intrinsics.fy or camera.fy
     try:
         return Camera(
             width,
             height,
-            intrinsics.fx or focal,
-            focal,
+            intrinsics.fx or fy,
+            fy,
             camera.cx if intrinsics.cx is None else intrinsics.cx,
             camera.cy if intrinsics.cy is None else intrinsics.cy,
             intrinsics.near or camera.near,
@@ -148,19 +157,23 @@ def camera_of(
         raise CameraError(f"view {view.name}: {error}") from None
 
 
-def _camera_from_file(source: GltfCamera, width: int, height: int) -> Camera:
-    if source.yfov is None:
-        raise CameraError(f"the file's camera {source.name!r} is orthographic; name another with --camera")
-    focal = 0.5 * height / math.tan(0.5 * source.yfov)
-    far = source.zfar if source.zfar is not None else math.inf
+def _camera_from_file(file_camera: GltfCamera, width: int, height: int) -> Camera:
+    """Return the camera of a scene file for an image size in pixels."""
+    if file_camera.yfov is None:
+        raise CameraError(f"the file's camera {file_camera.name!r} is orthographic; name another with --camera")
+    focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
+    far = file_camera.zfar if file_camera.zfar is not None else math.inf
     try:
-        pose = rigid_pose(source.X_world_camera, source.name)
-        return Camera(width, height, focal, focal, 0.5 * width, 0.5 * height, source.znear, far, pose)
+        pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
+        return Camera(
+            width, height, focal_length, focal_length, 0.5 * width, 0.5 * height, file_camera.znear, far, pose
+        )
     except (RequestError, ValueError) as error:
-        raise CameraError(f"the file's camera {source.name!r}: {error}") from None
+        raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
 def _check_pose(rows: Matrix) -> None:
+    """Raise CameraError unless a matrix is a rotation and a translation."""
     pose = np.array(rows)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
         raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
@@ -170,7 +183,7 @@ def _check_pose(rows: Matrix) -> None:
 
 
 def record_of(camera: Camera) -> CameraRecord:
-    """Return a camera as a record of the manifest."""
+    """Return a camera as it is written to the manifest."""
     rows = tuple(tuple(float(value) for value in row) for row in camera.X_world_camera)
     far = None if math.isinf(camera.far) else float(camera.far)
     return CameraRecord(

@@ -1,4 +1,7 @@
-"""The worker: renders the views of a task and writes their images. Workers share only the dataset's folder."""
+"""Render the views of a task, and write their images to the dataset.
+
+``local_tasks`` and ``ray_tasks`` call ``run_task`` in their worker processes, which share only the dataset's folder.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ from typing import Final, TypeVar
 
 from gateway.assets.scene_file import Up
 from gateway.client import manifest
-from gateway.client.manifest import Failure, ImageType, Sample
+from gateway.client.manifest import FailureRecord, ImageType, SampleRecord
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task
-from gateway.datasets.rendering import FORMATS, RequestRenderer, ignored_rig, render_images, style_of
+from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, ignored_rig, render_images, style_of
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
@@ -30,116 +33,116 @@ from renderers.stop import run_within
 T = TypeVar("T")
 
 CACHED_SCENES: Final = 2
-"""Number of loaded scenes per worker. A scene with many views is several tasks, mostly consecutive ones."""
+"""Number of loaded scenes in memory. A scene with many views has several tasks, most of which are consecutive."""
 
 
-def work(task: Task) -> Result:
-    """Run a task in the worker of this process."""
-    return _process_worker(task.threads).work(task)
+def run_task(task: Task) -> Result:
+    """Run a task with the worker of this process."""
+    return _process_worker(task.threads).run_task(task)
 
 
 @cache
 def _process_worker(threads: int) -> Worker:
+    """Return the worker of this process, which is created at the first call."""
     process_tuning.tune()
     return Worker(threads)
 
 
 class Worker:
-    """Runs tasks one after the other."""
+    """Runs tasks with one renderer."""
 
     def __init__(self, threads: int = 1) -> None:
-        """
-        Args:
-            threads: number of threads for one image.
-        """
+        """Create a worker that renders an image with ``threads`` threads."""
         self._renderer = CpuRenderer(threads)
 
-    def work(self, task: Task) -> Result:
-        """Render all views of a task. Errors are part of the result; none is raised."""
-        name, out = task.source.name, Path(task.out)
+    def run_task(self, task: Task) -> Result:
+        """Render all views of a task. Errors are not raised, but are in the result."""
+        scene_name = task.source.name
         if problem := _task_problem(task):
-            return Result(failures=[Failure(name, None, problem)])
+            return Result(failures=[FailureRecord(scene_name, None, problem)])
         try:
-            scene = _within(task, partial(_load, task))
+            scene = _with_timeout(task, partial(_load, task))
             warning = ignored_rig(scene, task.settings)
-            folder = out / manifest.SCENES / name
-            write_atomically(folder / manifest.SCENE, manifest.encode_indented(scene.description))
+            folder = Path(task.out) / manifest.SCENES_FOLDER / scene_name
+            write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(scene.description))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
-            return Result(failures=[Failure(name, None, _reason(error))])
+            return Result(failures=[FailureRecord(scene_name, None, _reason(error))])
         result = Result(
             warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
         )
         for view in task.views:
             try:
-                result.samples.append(_within(task, partial(self._sample, task, scene, view)))
+                result.samples.append(_with_timeout(task, partial(self._render_sample, task, scene, view)))
             except Exception as error:  # noqa: BLE001 - one bad view must not end the others
-                result.failures.append(Failure(name, view.name, _reason(error)))
+                result.failures.append(FailureRecord(scene_name, view.name, _reason(error)))
         return result
 
-    def _sample(self, task: Task, scene: LoadedScene, view: View) -> Sample:
-        """Render a view, write its images and return its record."""
-        camera, encoded = self._render(task, scene, view)
+    def _render_sample(self, task: Task, scene: LoadedScene, view: View) -> SampleRecord:
+        """Render a view, write its images, and return its record."""
+        camera, encoded_images = self._render(task, scene, view)
         images: dict[ImageType, manifest.ImageFile] = {}
-        for image_type, data in encoded.items():
+        for image_type, data in encoded_images.items():
             suffix = _file_format(image_type, task.settings)
-            path = f"{manifest.SCENES}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+            path = f"{manifest.SCENES_FOLDER}/{task.source.name}/{view.name}.{image_type}.{suffix}"
             write_atomically(Path(task.out) / path, data)
             images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
-        return Sample(
+        return SampleRecord(
             id=f"{task.source.name}/{view.name}",
             scene=task.source.name,
             view=view.name,
-            asked=view.description,
+            view_description=view.description,
             scene_sha256=scene.description.sha256,
             camera=record_of(camera),
             images=images,
         )
 
     def _render(self, task: Task, scene: LoadedScene, view: View) -> tuple[Camera, dict[ImageType, bytes]]:
-        """Return the camera and the encoded images of a view."""
+        """Render a view; return its camera and its encoded images by type."""
         settings = task.settings
         if scene.request is not None:
             camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
             return camera, {image_type: data}
         camera = camera_of(
-            view, scene.root, scene.draw_list, scene.own_camera, settings.width, settings.height, settings.fovy
+            view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
         )
         formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
         return camera, render_images(self._renderer, scene, camera, formats, style_of(settings))
 
 
 def _task_problem(task: Task) -> str:
-    """Return why this process cannot work on a task; empty if it can."""
+    """Return the reason why this process cannot run a task, or an empty text."""
     node = os.uname().nodename
-    if task.renderer != cache_folder.sources_digest():
+    if task.renderer_digest != cache_folder.sources_digest():
         return f"worker {node} has another version of Scenegate than the one that was started"
-    if not (Path(task.out) / manifest.DATASET).is_file():
+    if not (Path(task.out) / manifest.DATASET_FILE).is_file():
         return f"worker {node} does not see {task.out}: the folders must be shared by all nodes"
     return ""
 
 
 def _load(task: Task) -> LoadedScene:
+    """Load the scene of a task, or return it from the cache if its file has not changed."""
     status = Path(task.source.path).stat()
     return _load_cached(task.source, task.settings.up, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(CACHED_SCENES)
-def _load_cached(source: Source, up: Up, modified: int, size: int) -> LoadedScene:
-    """Load a scene. Time and size of its file are part of the cache's key."""
+def _load_cached(source: Source, up: Up, modified_ns: int, size: int) -> LoadedScene:
+    """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
     return load_scene(source, up)
 
 
-def _within(task: Task, call: Callable[[], T]) -> T:
-    """Return ``call()``, or raise TimeoutError when the task's time limit is over."""
+def _with_timeout(task: Task, call: Callable[[], T]) -> T:
+    """Return ``call()``, or raise TimeoutError if it takes longer than the task's ``timeout``."""
     return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of an error, with the type if errors of this type are not expected."""
+    """Return the text of an error. The type is added if it is not one of the expected types."""
     if isinstance(error, SceneError | CameraError | ImageError | RequestError | OSError):
         return str(error)
     return f"{type(error).__name__}: {error}"
 
 
 def _file_format(image_type: ImageType, settings: manifest.Settings) -> str:
-    return settings.depth_format if image_type == "depth" else FORMATS[image_type][0]
+    """Return the file format, which is also the suffix, of a type of image."""
+    return settings.depth_format if image_type == "depth" else IMAGE_FORMATS[image_type][0]

@@ -1,9 +1,10 @@
-"""LCM transports for the event loop. Nothing here depends on what the messages mean.
+"""LCM transports on the event loop: they send and receive (channel, bytes), and do not decode messages.
 
-- ``transport``: the interface that all transports share; ``network``: opens the right one for a URL.
-- ``udpm``, ``udpm_assembler``: UDP multicast on the wire; ``udpm_socket``, ``udpm_sender``, ``udpm_transport``: I/O.
-- ``tcpq``: TCPQ on the wire; ``tcpq_transport``: a client of another hub; ``tcpq_hub``: a hub of our own.
+- ``transport``: the interface of all transports; ``network``: opens the transport for a URL.
+- ``udpm``, ``udpm_assembler``: datagrams of UDP multicast; ``udpm_socket``, ``udpm_sender``, ``udpm_transport``: I/O.
+- ``tcpq``: frames of TCPQ, LCM over TCP; ``tcpq_transport``: a client of another hub; ``tcpq_hub``: our own hub.
 - ``patterns``, ``subscriptions``: regular expressions of hub clients, with a limit on their matching time.
 - ``liblcm_transport``: LCM's own library, for ``memq://``, ``mpudpm://`` and ``file://``.
-- ``event_log``, ``replay``: LCM's log files, recorded from a network and played into one.
+- ``receive_queue``: received messages before they are handled; ``receive_buffer``: the kernel's buffer of a UDP socket.
+- ``event_log``, ``replay``: record a network to LCM's log files, and play these into a network.
 """

@@ -1,7 +1,7 @@
-"""LCM's log files, as lcm-logger writes and lcm-logplayer reads them: a sequence of events, integers big endian.
+"""Read and write LCM's log files, the format of lcm-logger and lcm-logplayer. ``replay`` uses both functions.
 
-An event is ``sync word, number, time in microseconds, channel length, data length``, then channel and data. Source:
-lcm/eventlog.c of LCM 1.5.
+A file is a sequence of events. An event has ``sync word, number, time in microseconds, channel length, data length`` as
+big-endian integers, then the channel and the data. Source: lcm/eventlog.c of LCM 1.5.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from typing import BinaryIO, Final
 
 SYNC: Final = 0xEDA1DA01
-MAX_CHANNEL_BYTES: Final = 1000
-"""Channel names of this length and more count as damage, as in lcm/eventlog.c."""
+"""Sync word: the first bytes of each event."""
+MAX_CHANNEL_BYTES: Final = 999
+"""Maximum length of a channel name. A longer one counts as damage, as in lcm/eventlog.c."""
 MAX_DATA_BYTES: Final = 1 << 28
 """Maximum size of one message: LCM's own limit."""
 _HEADER: Final = struct.Struct(">IqqII")
 _SEARCH_BYTES: Final = 64 * 1024
+"""Bytes read at a time in the search for a sync word."""
 
 
 class EventLogError(ValueError):
@@ -29,6 +31,7 @@ class Event:
     """One message of a log."""
 
     number: int
+    """Number of earlier events in the recording."""
     time_us: int
     """Time of reception by the recorder's clock, in microseconds."""
     channel: str
@@ -36,16 +39,16 @@ class Event:
 
 
 def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview) -> bytes:
-    """Return an event in the file's format."""
+    """Return an event as the bytes of a log file."""
     name = channel.encode()
     return b"".join((_HEADER.pack(SYNC, number, time_us, len(name), len(data)), name, data))
 
 
 def read_events(file: BinaryIO) -> Iterator[Event]:
-    """Yield all complete events; skip damaged and truncated parts.
+    """Yield all complete events of a log file. Damaged and truncated parts are skipped.
 
     Raises:
-        EventLogError: the file is not empty and has no event.
+        EventLogError: the file is not empty, but has no complete event.
     """
     has_events = has_damage = False
     while True:
@@ -55,7 +58,7 @@ def read_events(file: BinaryIO) -> Iterator[Event]:
             has_damage = has_damage or bool(header)
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
-        valid = sync == SYNC and name_bytes < MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
+        valid = sync == SYNC and name_bytes <= MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
         body = file.read(name_bytes + data_bytes) if valid else b""
         if not valid or len(body) < name_bytes + data_bytes:
             has_damage = True
@@ -69,7 +72,7 @@ def read_events(file: BinaryIO) -> Iterator[Event]:
 
 
 def _seek_sync(file: BinaryIO, position: int) -> bool:
-    """Seek to the next sync word from ``position`` on; return False if there is none."""
+    """Seek to the first sync word at or after ``position``; return False if there is none."""
     word = struct.pack(">I", SYNC)
     file.seek(position)
     while chunk := file.read(_SEARCH_BYTES):

@@ -1,6 +1,6 @@
-"""LCM's own library on the event loop, for the networks that only it supports (``memq://``, ``mpudpm://``, ``file://``).
+"""Transport by LCM's own library, for the networks that only it supports: ``memq://``, ``mpudpm://`` and ``file://``.
 
-liblcm reads in a thread of its own and signals messages through a pipe, which the event loop watches.
+liblcm receives in a thread of its own, and writes to a pipe when messages arrive. The event loop watches the pipe.
 """
 
 from __future__ import annotations
@@ -19,24 +19,26 @@ _log = structlog.get_logger("gateway.lcm")
 
 SCHEMES: Final = ("udpm", "tcpq", "mpudpm", "memq", "file")
 """Supported schemes of an LCM URL."""
-MAX_FILES: Final = 1000
-"""Maximum number of open files at start: liblcm uses select(2), which corrupts its stack from file number 1024 on."""
+MAX_OPEN_FILES: Final = 1000
+"""Maximum number of open files at start. liblcm calls select(2), which overwrites the stack for file descriptors of
+1024 and more."""
 MAX_READ: Final = 1024
-"""Messages taken from liblcm before the event loop continues. More than are handled in that time, because liblcm's own
-queue has no limit."""
+"""Maximum number of messages taken from liblcm before the event loop continues. It is higher than
+``receive_queue.MAX_HANDLED``, because our receive queue has a limit in bytes and liblcm's own queue has none."""
 
 
 class LiblcmTransport:
-    """``Transport`` by liblcm. Create it early (see ``MAX_FILES``)."""
+    """``Transport`` by liblcm. Must be created before many files are open (see ``MAX_OPEN_FILES``)."""
 
     def __init__(self, url: str, pattern: str, queued_bytes: int) -> None:
         """Join the network.
 
         Args:
+            url: LCM URL with one of ``SCHEMES``.
             pattern: regular expression of the channels to receive.
-            queued_bytes: maximum bytes of messages not handled yet; further ones are dropped.
+            queued_bytes: maximum bytes of messages that are not handled yet. Further messages are dropped.
         Raises:
-            LcmUnavailableError: with the reason in one sentence.
+            LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
         """
         self.url = url
         self.queue = ReceiveQueue(queued_bytes)
@@ -50,7 +52,7 @@ class LiblcmTransport:
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         self.queue.start(on_message)
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._lcm.fileno(), self._readable)
+        self._loop.add_reader(self._lcm.fileno(), self._on_readable)
         on_connect()
 
     def publish(self, channel: str, message: bytes) -> None:
@@ -60,10 +62,10 @@ class LiblcmTransport:
             raise OSError(f"LCM cannot publish {len(message)} bytes on {channel!r}: {error}") from None
 
     async def drain(self, max_bytes: int) -> None:
-        """Return at once: liblcm's ``publish`` blocks until the message is sent."""
+        """Return at once: nothing is queued, because liblcm's ``publish`` blocks until the message is sent."""
 
     async def finish(self) -> None:
-        """Return at once, as ``drain``."""
+        """Return at once, for the same reason as ``drain``."""
 
     async def close(self) -> None:
         if self._loop is not None:
@@ -75,7 +77,8 @@ class LiblcmTransport:
     def status(self) -> dict[str, object]:
         return {"url": self.url, **self.queue.status()}
 
-    def _readable(self) -> None:
+    def _on_readable(self) -> None:
+        """Take messages from liblcm, and handle the first ones."""
         try:
             for _ in range(MAX_READ):
                 if self._lcm.handle_timeout(0) == 0:
@@ -86,6 +89,7 @@ class LiblcmTransport:
 
 
 def _connect(url: str) -> Any:
+    """Return a new LCM object, connected to the network."""
     scheme = url.partition("://")[0]
     if scheme not in SCHEMES:
         schemes = ", ".join(f"{name}://" for name in SCHEMES)
@@ -97,10 +101,12 @@ def _connect(url: str) -> Any:
             f"LCM's library, which {scheme}:// needs, cannot be loaded ({error}); "
             "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
         ) from None
-    lowest_free = os.open(os.devnull, os.O_RDONLY)
-    os.close(lowest_free)
-    if lowest_free >= MAX_FILES:
-        raise LcmUnavailableError(f"LCM's library cannot start with {lowest_free} open files, it must come before them")
+    next_descriptor = os.open(os.devnull, os.O_RDONLY)
+    os.close(next_descriptor)
+    if next_descriptor >= MAX_OPEN_FILES:
+        raise LcmUnavailableError(
+            f"LCM's library cannot start with {next_descriptor} open files, it must come before them"
+        )
     try:
         return lcm.LCM(url)
     except RuntimeError:

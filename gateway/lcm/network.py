@@ -1,34 +1,36 @@
-"""Open the transport for an LCM URL."""
+"""Open the transport for an LCM URL. The tree viewer's service and ``replay`` call it."""
 
 from __future__ import annotations
 
 import os
 from typing import Final
 
-from gateway.lcm.config import LcmConfig
+from gateway.lcm.config import MAX_HEADER_BYTES, LcmConfig
 from gateway.lcm.liblcm_transport import LiblcmTransport
 from gateway.lcm.tcpq_transport import TcpqTransport
 from gateway.lcm.transport import Transport
 from gateway.lcm.udpm_transport import UdpmTransport
 
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
-"""liblcm's default."""
-HEADER_BYTES: Final = 1024
-"""Allowance for an LCM type's header around ``LcmConfig.message_bytes`` of payload."""
+"""liblcm's default URL: multicast that stays on this machine."""
 
 
 def resolve_url(url: str | None) -> str:
-    """Return ``url``, or else LCM_DEFAULT_URL, or else LCM's default."""
+    """Return ``url`` or, if it is empty, the environment variable LCM_DEFAULT_URL or liblcm's default."""
     return url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
 
 
 def open_transport(url: str, prefix: str, config: LcmConfig) -> Transport:
-    """Join a network, to receive the channels that start with ``prefix``.
+    """Return the transport that connects to the network at ``url``.
 
+    Args:
+        url: LCM URL.
+        prefix: start of the channel names to receive.
+        config: limits.
     Raises:
-        LcmUnavailableError: with the reason in one sentence.
+        LcmUnavailableError: the transport cannot be opened.
     """
-    max_message = config.message_bytes + HEADER_BYTES
+    max_message = config.message_bytes + MAX_HEADER_BYTES
     match url.partition(":")[0]:
         case "tcpq":
             return TcpqTransport(url, f"{prefix}.*", max_message)

@@ -1,7 +1,7 @@
-"""Regular expressions of hub clients, limited in how long a match can take.
+"""Compile the regular expressions by which hub clients subscribe, and refuse those that could take long to match.
 
-Python's regular expressions backtrack: a pattern such as ``(a+)+b`` takes years on a short channel name. Patterns are
-therefore restricted to a form whose number of ways to match can be counted.
+Python's regular expressions backtrack: a pattern such as ``(a+)+b`` takes years on a short channel name. Patterns must
+therefore have a form for which the number of attempts to match can be computed. ``subscriptions`` uses this number.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ from dataclasses import dataclass
 from typing import Final
 
 CHANNEL_CHARS: Final = 63
-"""Longest channel name of LCM's UDP networks (LCM_MAX_CHANNEL_NAME_LENGTH). Only TCPQ carries longer ones."""
+"""Maximum length of a channel name in LCM's UDP networks (LCM_MAX_CHANNEL_NAME_LENGTH). TCPQ carries longer ones."""
 MAX_STEPS: Final = CHANNEL_CHARS**3
-"""Maximum number of ways to match one pattern with a channel name: three repetitions; half a millisecond."""
+"""Maximum number of steps to match one pattern: those of three repetitions, which take half a millisecond."""
 
 
 class PatternError(ValueError):
-    """A pattern that is not supported; the message is the reason."""
+    """A pattern is not supported; the message is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """A subscription's regular expression and an upper limit of the cost of matching it."""
+    """A subscription's regular expression, and the numbers that limit the cost of matching it."""
 
     regex: re.Pattern[str]
     choices: int
-    """Product of the numbers of alternatives in each group and of 2 for each optional part."""
+    """Product of the number of alternatives in each group, and of 2 for each optional part."""
     repetitions: int
-    """Number of ``*``, ``+`` and ``{}``; each can match any part of the name."""
+    """Number of ``*``, ``+`` and ``{}``. Each may match any number of characters."""
 
     def steps(self, length: int) -> int:
-        """Return the maximum number of ways to match a channel name of ``length`` characters."""
+        """Return the maximum number of attempts to match a channel name of ``length`` characters."""
         return self.choices * int(length**self.repetitions)
 
     def matches(self, channel: str) -> bool:
-        """Return True if the whole channel name matches (LCM anchors patterns on both sides)."""
+        """Return True if the whole channel name matches: LCM anchors patterns at both ends."""
         return self.regex.fullmatch(channel) is not None
 
 
@@ -44,7 +44,7 @@ def compile_pattern(pattern: str) -> Pattern:
     """Compile a subscription's pattern.
 
     Raises:
-        PatternError: it is not a regular expression, or could take too long to match.
+        PatternError: the text is not a regular expression, or matching could take too long.
     """
     choices, repetitions = _count_branches(pattern)
     steps = choices * int(CHANNEL_CHARS**repetitions)
@@ -52,7 +52,7 @@ def compile_pattern(pattern: str) -> Pattern:
         raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MAX_STEPS} are possible")
     try:
         with warnings.catch_warnings():
-            # characters that a future Python may read as a nested set are ordinary characters in LCM
+            # Python warns of characters such as [[ that may get a new meaning; LCM's library gives them none
             warnings.simplefilter("ignore", FutureWarning)
             return Pattern(re.compile(pattern), choices, repetitions)
     except (re.error, OverflowError, RecursionError) as error:
@@ -60,27 +60,27 @@ def compile_pattern(pattern: str) -> Pattern:
 
 
 def _count_branches(pattern: str) -> tuple[int, int]:
-    """Return the product of all alternatives and optional parts of ``pattern``, and its number of repetitions.
+    """Return ``Pattern.choices`` and ``Pattern.repetitions`` of a pattern.
 
     Raises:
-        PatternError: it has a construct whose cost is hard to count.
+        PatternError: the pattern has a construct whose cost cannot be computed.
     """
     choices, repetitions = 1, 0
     i = 0
-    previous = ""
-    alternatives = [1]  # of the whole pattern and of each open group
+    previous_char = ""
+    alternatives = [1]  # numbers of alternatives in the whole pattern and in each open group
     while i < len(pattern):
         char = pattern[i]
         if char == "\\":
             if pattern[i + 1 : i + 2].isdigit():
                 raise PatternError(f"{pattern!r} refers back to a group, which is not supported")
-            previous, i = "\\", i + 2
+            previous_char, i = "\\", i + 2
             continue
         if char == "[":
             end = pattern.find("]", i + (3 if pattern[i + 1 : i + 2] == "^" else 2))
             if end < 0:
                 raise PatternError(f"{pattern!r} has a set that does not end")
-            previous, i = "[", end + 1
+            previous_char, i = "[", end + 1
             continue
         if char == "(" and pattern[i + 1 : i + 2] == "?" and pattern[i + 2 : i + 3] != ":":
             raise PatternError(f"{pattern!r} has an extension of groups that is not supported")
@@ -92,10 +92,10 @@ def _count_branches(pattern: str) -> tuple[int, int]:
         elif char == ")" and len(alternatives) > 1:
             choices *= alternatives.pop()
         elif char in "*+{":
-            if previous == ")":
+            if previous_char == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
             repetitions += 1
-        elif char == "?" and previous not in ("*", "+", "}"):  # after a repetition it only makes it lazy
+        elif char == "?" and previous_char not in {"*", "+", "}"}:  # ? after a repetition only makes it lazy
             choices *= 2
-        previous, i = char, i + 1
+        previous_char, i = char, i + 1
     return choices * alternatives[0], repetitions

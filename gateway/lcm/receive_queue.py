@@ -1,4 +1,4 @@
-"""Bounded queue between a transport that reads messages and the callback that handles them."""
+"""Bounded queue of received messages between a transport and its callback ``on_message``."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Final
 from gateway.lcm.transport import OnMessage
 
 MAX_HANDLED: Final = 16
-"""Messages handled before the event loop continues; about 0.5 ms for small ones."""
+"""Maximum number of messages handled before the event loop continues: 16 small ones take about 0.5 ms."""
 OVERHEAD_BYTES: Final = 256
-"""Memory of a queued message in addition to its data."""
+"""Memory of a queued message besides its data."""
 
 
 class ReceiveQueue:
-    """Queue of received messages, handled on the event loop a few at a time. Beyond its limit it drops messages."""
+    """Queue of messages that the event loop handles a few at a time. A full queue drops messages."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
@@ -23,15 +23,18 @@ class ReceiveQueue:
         self._on_message: OnMessage | None = None
         self._resume_scheduled = False
         self.waiting_bytes = 0
+        """Memory of the queued messages, in bytes."""
         self.dropped = 0
+        """Number of dropped messages."""
         self.dropped_bytes = 0
+        """Bytes of data in the dropped messages."""
 
     def start(self, on_message: OnMessage) -> None:
-        """Set the callback of ``handle``."""
+        """Set the callback that handles the messages."""
         self._on_message = on_message
 
     def put(self, channel: str, data: bytes | memoryview) -> None:
-        """Queue a message, or drop it."""
+        """Add a message, or drop it if the queue is full."""
         size = len(data) + OVERHEAD_BYTES
         if self.waiting_bytes + size > self._max_bytes:
             self.dropped += 1
@@ -41,7 +44,7 @@ class ReceiveQueue:
         self.waiting_bytes += size
 
     def handle(self) -> None:
-        """Handle up to ``MAX_HANDLED`` messages now and schedule the others."""
+        """Handle up to ``MAX_HANDLED`` messages, and schedule the handling of the others."""
         for _ in range(MAX_HANDLED):
             if not self._messages:
                 return

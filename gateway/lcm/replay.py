@@ -1,4 +1,4 @@
-"""Record an LCM network to a log file, and play a log file into a network."""
+"""Record an LCM network to a log file, and play a log file into a network, for the command line."""
 
 from __future__ import annotations
 
@@ -16,22 +16,25 @@ from gateway.lcm.network import open_transport, resolve_url
 from gateway.lcm.transport import OnMessage, Transport
 
 CONNECT_SECONDS: Final = 10.0
+"""Timeout for the connection to the network."""
 MAX_UNSENT_BYTES: Final = 16 * 1024 * 1024
-"""Maximum bytes queued for a network that takes messages more slowly than the log is read."""
+"""Maximum bytes queued for sending. Reading of the log pauses until the network has taken more."""
 UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
-"""Prefix of no channel: a transport that only sends receives nothing."""
+"""Prefix of no channel. A transport opened with it receives no message."""
 MIN_SLEEP_SECONDS: Final = 0.001
-"""Events due sooner are sent at once, because a shorter sleep is inaccurate."""
+"""Events that are due within this time are sent at once, because shorter sleeps are inaccurate."""
 YIELD_EVENTS: Final = 64
-"""Events sent before the event loop continues."""
+"""Number of events sent before the event loop continues."""
 
 
 @dataclass(slots=True)
 class Progress:
-    """Number of events recorded or played so far."""
+    """Events recorded or played so far."""
 
     events: int = 0
+    """Number of events."""
     data_bytes: int = 0
+    """Bytes of data in the events."""
 
 
 async def record(
@@ -42,14 +45,19 @@ async def record(
     stop: asyncio.Event,
     on_ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write messages to a log until ``stop`` is set. Each is flushed to the file at once.
+    """Write messages to a log until ``stop`` is set. Each message is flushed to the file at once.
 
     Args:
-        url: LCM URL; None: LCM_DEFAULT_URL, or LCM's default.
+        path: log file; replaced if it exists.
+        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
         channels: regular expression that must match the whole channel name.
-        on_ready: called when messages are being recorded.
+        progress: counts the recorded events.
+        stop: ends the recording.
+        on_ready: called when the recording has started.
     Raises:
-        LcmUnavailableError, ConnectionError, OSError, ValueError: with the reason in one sentence.
+        LcmUnavailableError, ConnectionError: the network cannot be joined.
+        OSError: the file cannot be written.
+        ValueError: ``channels`` is not a regular expression.
     """
     try:
         pattern = re.compile(channels)
@@ -73,14 +81,20 @@ async def record(
 
 
 async def play(path: Path, url: str | None, speed: float, loop: bool, channels: str, progress: Progress) -> None:
-    """Publish a log's messages at the times at which they were recorded.
+    """Publish a log's messages, with the time between them as recorded.
 
     Args:
-        speed: 2 is twice as fast as recorded; 0: as fast as possible.
-        loop: repeat until cancelled.
+        path: log file.
+        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
+        speed: 2: twice as fast as recorded; 0: as fast as possible.
+        loop: True: repeat until cancelled.
         channels: regular expression that must match the whole channel name.
+        progress: counts the played events.
     Raises:
-        EventLogError, LcmUnavailableError, ConnectionError, OSError, ValueError: with the reason in one sentence.
+        LcmUnavailableError, ConnectionError: the network cannot be joined.
+        EventLogError: the file is not an LCM log.
+        OSError: the file cannot be read, or the connection is lost.
+        ValueError: a channel name or message does not fit into the network.
     """
     pattern = re.compile(channels)
     transport = await _connect(url, UNUSED_PREFIX, lambda channel, data: None)
@@ -98,16 +112,17 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
 async def _play_once(
     path: Path, transport: Transport, speed: float, pattern: re.Pattern[str], progress: Progress
 ) -> None:
-    start: float | None = None  # of time.monotonic(), and of the recorder's clock
-    start_us = 0
+    """Publish the log's messages once."""
+    start: float | None = None  # of playing, by time.monotonic()
+    recorded_start_us = 0
     with path.open("rb") as file:
         for event in read_events(file):
             if not pattern.fullmatch(event.channel):
                 continue
             if start is None:
-                start, start_us = time.monotonic(), event.time_us
+                start, recorded_start_us = time.monotonic(), event.time_us
             if speed > 0.0:
-                delay = start + (event.time_us - start_us) / 1e6 / speed - time.monotonic()
+                delay = start + (event.time_us - recorded_start_us) / 1e6 / speed - time.monotonic()
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)
@@ -119,6 +134,7 @@ async def _play_once(
 
 
 async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Transport:
+    """Return a connected transport that receives the channels with ``prefix``."""
     transport = open_transport(resolve_url(url), prefix, LcmConfig())
     connected = asyncio.Event()
     transport.start(on_message, connected.set)

@@ -1,4 +1,4 @@
-"""Subscriptions of one hub client, limited in number and in the time that matching takes."""
+"""Subscriptions of one client of the TCPQ hub, with limits on their number and on the time of matching."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from gateway.lcm.patterns import CHANNEL_CHARS, MAX_STEPS, Pattern, PatternError
 from gateway.lcm.tcpq import MAX_PATTERN_BYTES
 
 MAX_CLIENT_STEPS: Final = 2 * MAX_STEPS
-"""Maximum steps for all patterns of one client together, since a new channel is matched with every pattern.
+"""Maximum number of steps to match one channel name with all patterns of one client.
 
-On channel names of more than 63 characters repetitions cost more; patterns beyond the maximum are then skipped."""
+Subscriptions are checked for names of ``CHANNEL_CHARS``. Longer names take more steps, so ``match`` skips the patterns
+that exceed the maximum."""
 
 
 class Subscriptions:
-    """Patterns of one client. The same pattern may be subscribed several times."""
+    """Patterns of one client. A client may subscribe the same pattern several times."""
 
     def __init__(self, max_patterns: int) -> None:
         self._max_patterns = max_patterns
         self._patterns: dict[str, tuple[Pattern, int]] = {}
         """Pattern and number of subscriptions, by the pattern's text."""
         self._steps = 0
-        """Steps of all patterns together for a channel name of 63 characters."""
+        """Steps to match a channel name of ``CHANNEL_CHARS`` with all patterns."""
 
     def add(self, text: str) -> Pattern | None:
-        """Add a subscription; return its pattern if it is new.
+        """Add a subscription; return its pattern, or None if the client has subscribed this pattern before.
 
         Raises:
             PatternError: the pattern is not supported, or a limit is exceeded.
@@ -35,9 +36,9 @@ class Subscriptions:
             return None
         if len(self._patterns) >= self._max_patterns:
             raise PatternError(f"the client has {self._max_patterns} subscriptions already")
-        size = len(text.encode())
-        if size > MAX_PATTERN_BYTES:
-            raise PatternError(f"it has {size} bytes, {MAX_PATTERN_BYTES} are possible")
+        text_bytes = len(text.encode())
+        if text_bytes > MAX_PATTERN_BYTES:
+            raise PatternError(f"it has {text_bytes} bytes, {MAX_PATTERN_BYTES} are possible")
         pattern = compile_pattern(text)
         steps = pattern.steps(CHANNEL_CHARS)
         if self._steps + steps > MAX_CLIENT_STEPS:
@@ -47,7 +48,7 @@ class Subscriptions:
         return pattern
 
     def remove(self, text: str) -> None:
-        """Remove one subscription; do nothing if there is none."""
+        """Remove one subscription of the pattern ``text``, if there is one."""
         pattern, count = self._patterns.pop(text, (None, 0))
         if pattern is None:
             return
@@ -57,7 +58,7 @@ class Subscriptions:
             self._steps -= pattern.steps(CHANNEL_CHARS)
 
     def match(self, channel: str) -> bool:
-        """Return True if one of the subscriptions matches."""
+        """Return True if one of the patterns matches the channel name."""
         remaining = MAX_CLIENT_STEPS
         for pattern, _ in self._patterns.values():
             steps = pattern.steps(len(channel))

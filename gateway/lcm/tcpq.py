@@ -1,7 +1,8 @@
-"""LCM's TCPQ on the wire: frames ``type, length, channel [, length, data]`` in both directions, integers big endian.
+"""Build and parse the frames of TCPQ, LCM over TCP. ``tcpq_hub`` and ``tcpq_transport`` use it.
 
-The client sends its magic number and version first, the hub replies with its own. Then the client subscribes with
-patterns and publishes, and the hub sends messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
+Client and hub each send a magic number and a version first, the hello. Then they send frames: ``type, length, channel``
+and, for messages, ``length, data``. Integers are big-endian uint32. The client subscribes with patterns and publishes;
+the hub sends the messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ VERSION: Final = 0x0100
 HUB_HELLO: Final = struct.pack(">II", MAGIC_HUB, VERSION)
 CLIENT_HELLO: Final = struct.pack(">II", MAGIC_CLIENT, VERSION)
 MAX_CHANNEL_BYTES: Final = 999
-"""Maximum length of a relayed message's channel name. TCPQ has no limit, but LCM's log readers have."""
+"""Maximum length of a relayed message's channel name. TCPQ has no limit, but LCM's log files have this one."""
 MAX_PATTERN_BYTES: Final = 2 * MAX_CHANNEL_BYTES
 """Maximum length of a subscription's pattern: a channel name with every character escaped."""
 MAX_NAME_BYTES: Final = 64 * 1024
-"""Maximum length of a channel name or pattern in a frame; a peer that sends more does not speak TCPQ."""
+"""Maximum length of a channel name or pattern in a frame. A peer that sends a longer one does not speak TCPQ."""
 MAX_READ_BYTES: Final = 512 * 1024
-"""Maximum bytes read into a big message before the event loop continues; about 0.2 ms."""
+"""Maximum bytes of a big message read before the event loop continues: they take about 0.2 ms."""
 SCRATCH_BYTES: Final = 256 * 1024
-"""Size of the buffer for frames. Bigger messages are read directly into memory of their own."""
+"""Size of the buffer for frames. A message of more than half of it is big: it is read into memory of its own."""
 
 _UINT: Final = struct.Struct(">I")
 _TWO_UINTS: Final = struct.Struct(">II")
@@ -42,11 +43,11 @@ class FrameType(IntEnum):
 
 
 class FrameError(ValueError):
-    """The peer does not speak TCPQ, or exceeds a limit."""
+    """The peer does not speak TCPQ, or exceeds a limit. The connection cannot be used any more."""
 
 
 def publish_header(channel: str, size: int) -> bytes:
-    """Return everything of a PUBLISH frame before its ``size`` bytes of data."""
+    """Return the bytes of a PUBLISH frame that precede its ``size`` bytes of data."""
     name = channel.encode()
     return b"".join((_TWO_UINTS.pack(FrameType.PUBLISH, len(name)), name, _UINT.pack(size)))
 
@@ -58,9 +59,9 @@ def subscription_frame(frame_type: FrameType, pattern: str) -> bytes:
 
 
 class FrameParser:
-    """Splits a byte stream into frames without copying big messages.
+    """Splits a byte stream into frames. Big messages are not copied.
 
-    Read bytes into ``buffer()``, then call ``received()`` with their number.
+    The caller reads bytes into ``buffer()``, then calls ``received()`` with their number.
     """
 
     def __init__(
@@ -70,25 +71,27 @@ class FrameParser:
         on_frame: Callable[[FrameType, str, memoryview | bytes], None],
         reserve: Callable[[int], bool],
     ) -> None:
-        """
+        """Create a parser for one connection.
+
         Args:
             magic: number that the peer must send first.
             max_message: maximum bytes of one message.
-            on_frame: called with type, channel or pattern, and data. The memory of ``data`` belongs to the callback.
-            reserve: called with the size of a big message before its data is read, and with minus that size when it
-                is complete. Returns False to refuse it.
+            on_frame: called with type, channel or pattern, and data. The parser does not reuse the memory of the data.
+            reserve: called with the size of a big message before its data is read; returns False to refuse the
+                message. Called again with the negative size when the message is complete.
         """
         self._magic = magic
         self._max_message = max_message
         self._on_frame = on_frame
         self._reserve = reserve
         self.reserved = 0
-        """Size of the big message being read, 0 if there is none."""
+        """Size of the big message that is being read; 0 if there is none."""
         self._scratch = bytearray(SCRATCH_BYTES)
         self._scratch_view = memoryview(self._scratch)
         self._parsed_end = 0
+        """Number of bytes in ``_scratch`` that have been parsed."""
         self._received_end = 0
-        """Bytes of the buffer between the two are received but not parsed yet."""
+        """Number of bytes in ``_scratch`` that have been received."""
         self._hello_received = False
         self._big_channel = ""
         self._big_message: memoryview | None = None
@@ -101,16 +104,16 @@ class FrameParser:
         if self._parsed_end == self._received_end:
             self._parsed_end = self._received_end = 0
         elif self._received_end == SCRATCH_BYTES:
-            unread = self._received_end - self._parsed_end
-            self._scratch_view[:unread] = self._scratch_view[self._parsed_end : self._received_end]
-            self._parsed_end, self._received_end = 0, unread
+            unparsed = self._received_end - self._parsed_end
+            self._scratch_view[:unparsed] = self._scratch_view[self._parsed_end : self._received_end]
+            self._parsed_end, self._received_end = 0, unparsed
         return self._scratch_view[self._received_end :]
 
     def received(self, count: int) -> None:
         """Parse ``count`` bytes that were written to ``buffer()``.
 
         Raises:
-            FrameError: the connection cannot be used any more.
+            FrameError: the bytes are not TCPQ, or exceed a limit.
         """
         if self._big_message is not None:
             self._big_received += count
@@ -125,7 +128,7 @@ class FrameParser:
             pass
 
     def _parse_frame(self) -> bool:
-        """Parse one frame; return False if more bytes are needed."""
+        """Parse the hello or one frame; return False if more bytes are needed."""
         position, available = self._parsed_end, self._received_end - self._parsed_end
         if available < _TWO_UINTS.size:
             return False
@@ -169,11 +172,11 @@ class FrameParser:
         return False
 
     def _start_big_message(self, channel: str, size: int, position: int) -> None:
-        """Read the rest of a message, whose data begins at ``position``, into memory of its own."""
+        """Read a message of ``size`` bytes, whose data begins at ``position``, into memory of its own."""
         if not self._reserve(size):
             raise FrameError("too much is on its way already")
         self.reserved = size
-        # the kernel backs these pages only when they are written, so a false size costs nothing
+        # the kernel allocates pages when they are written, so a false size costs no memory
         self._big_message = np.empty(size, np.uint8).data
         self._big_received = self._received_end - position
         self._big_message[: self._big_received] = self._scratch_view[position : self._received_end]

@@ -1,7 +1,7 @@
-"""A TCPQ hub for clients without multicast (containers, NAT): lossless at any size.
+"""TCPQ hub for clients without multicast (containers, NAT). Messages of any size arrive without loss.
 
-It relays between its clients as LCM's own (Java) hub does, and passes messages to its owner without a connection. It
-does not bridge to UDP.
+The hub relays messages between its clients, as LCM's own hub (in Java) does. It also passes messages to a callback in
+this process. It has no connection to LCM's UDP networks.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Final, cast
 
 import structlog
 
-from gateway.lcm.config import LcmConfig
+from gateway.lcm.config import MAX_HEADER_BYTES, LcmConfig
 from gateway.lcm.patterns import Pattern, PatternError, compile_pattern
 from gateway.lcm.subscriptions import Subscriptions
 from gateway.lcm.tcpq import (
@@ -33,21 +33,25 @@ _log = structlog.get_logger("gateway.lcm")
 MAX_CACHED_CHANNELS: Final = 1024
 """Maximum number of channels whose subscribers are cached."""
 MAX_JOINED_BYTES: Final = 16 * 1024
-"""Messages up to this size are sent together with their header in one packet."""
+"""Maximum size of messages that are copied behind their header, to be sent in one packet."""
 
 OnClientMessage = Callable[["HubConnection", str, "bytes | memoryview"], None]
+"""Called with sender, channel and data of a message that a client published."""
 
 
 class TcpqHub:
-    """Listens for clients and relays their messages by subscription."""
+    """Accepts clients, and relays each message to the clients that subscribed to its channel."""
 
     def __init__(
         self, config: LcmConfig, on_message: OnClientMessage, pattern: str, greeting: tuple[str, bytes]
     ) -> None:
-        """
+        """Create a hub; ``start`` opens its port.
+
         Args:
-            on_message: called with sender, channel and data of messages whose channel matches ``pattern``.
-            greeting: channel and message for every client that subscribes to that channel.
+            config: address and limits.
+            on_message: called for messages of clients on the channels that match ``pattern``.
+            pattern: regular expression of channels.
+            greeting: channel and message, sent to every client that subscribes to this channel.
         """
         self.config = config
         self._on_message = on_message
@@ -56,16 +60,18 @@ class TcpqHub:
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
         self._subscribers: dict[str, list[HubConnection]] = {}
-        """Cache of the connections that subscribed to a channel."""
+        """Cache of each channel's subscribers."""
         self._arriving_bytes = 0
+        """Bytes of the big messages that are being read."""
         self.relayed = 0
+        """Number of messages sent to clients."""
         self.refused = 0
-        """Connections closed because they were too many, did not speak TCPQ, or read too slowly."""
+        """Number of clients disconnected because there were too many, or they did not speak TCPQ or read too slowly."""
         self.dropped = 0
-        """Messages not relayed because their channel name is longer than ``MAX_CHANNEL_BYTES``."""
+        """Number of messages not relayed because their channel name exceeds ``MAX_CHANNEL_BYTES``."""
 
     async def start(self) -> None:
-        """Listen.
+        """Open the port and accept clients.
 
         Raises:
             LcmUnavailableError: the port cannot be opened.
@@ -116,24 +122,27 @@ class TcpqHub:
         }
 
     def reserve(self, size: int) -> bool:
-        """Add ``size`` (negative: subtract) to the bytes of big messages being read; False: they exceed the limit."""
+        """Add ``size``, which may be negative, to the bytes of big messages that are being read.
+
+        Returns False, and adds nothing, if the sum would exceed the limit.
+        """
         if size > 0 and self._arriving_bytes + size > self.config.queued_bytes:
             return False
         self._arriving_bytes += size
         return True
 
     def subscriptions_changed(self) -> None:
-        """Clear the cache of subscribers."""
+        """Clear the cache of each channel's subscribers."""
         self._subscribers.clear()
 
     def greet(self, connection: HubConnection, pattern: Pattern) -> None:
-        """Send the greeting to a client whose new subscription matches its channel."""
+        """Send the greeting to a client if its new subscription ``pattern`` matches the greeting's channel."""
         channel, message = self._greeting
         if pattern.matches(channel):
             connection.send(channel, message)
 
     def handle_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
-        """Handle a message that a client published: pass it to the owner, then to the other clients."""
+        """Pass a message that a client published to the callback, and relay it to all subscribers."""
         if _is_too_long(channel):
             if not self.dropped:
                 _log.warning(
@@ -146,6 +155,7 @@ class TcpqHub:
         self._relay(channel, data)
 
     def _relay(self, channel: str, data: bytes | memoryview) -> None:
+        """Send a message to all subscribers of its channel."""
         subscribers = self._subscribers.get(channel)
         if subscribers is None:
             if len(self._subscribers) >= MAX_CACHED_CHANNELS:
@@ -166,12 +176,15 @@ class HubConnection(asyncio.BufferedProtocol):
 
     def __init__(self, hub: TcpqHub) -> None:
         self._hub = hub
-        self._parser = FrameParser(MAGIC_CLIENT, hub.config.message_bytes + 1024, self._on_frame, hub.reserve)
+        self._parser = FrameParser(
+            MAGIC_CLIENT, hub.config.message_bytes + MAX_HEADER_BYTES, self._on_frame, hub.reserve
+        )
         self._transport: asyncio.Transport | None = None
         self._socket: socket.socket | None = None
         self._paused = False
         self.subscriptions = Subscriptions(hub.config.hub_subscriptions)
         self.name = "?"
+        """Address and port of the client, for the log."""
 
     @property
     def unsent_bytes(self) -> int:
@@ -186,7 +199,7 @@ class HubConnection(asyncio.BufferedProtocol):
             return
         sock: Any = transport.get_extra_info("socket")
         self._socket = socket.socket(fileno=os.dup(sock.fileno()))
-        self._acknowledge()
+        self._acknowledge_at_once()
         self._transport.write(HUB_HELLO)
         self._hub.connections.add(self)
 
@@ -204,7 +217,7 @@ class HubConnection(asyncio.BufferedProtocol):
         return self._parser.buffer()
 
     def buffer_updated(self, nbytes: int) -> None:
-        self._acknowledge()
+        self._acknowledge_at_once()
         try:
             self._parser.received(nbytes)
         except FrameError as error:
@@ -228,13 +241,13 @@ class HubConnection(asyncio.BufferedProtocol):
             self._refuse(f"it reads too slowly: {transport.get_write_buffer_size()} bytes are queued")
 
     def pause_reading(self) -> None:
-        """Stop reading, so that TCP's flow control blocks the client's sends."""
+        """Stop reading. TCP's flow control then blocks the client when it sends."""
         if not self._paused and self._transport is not None and not self._transport.is_closing():
             self._paused = True
             self._transport.pause_reading()
 
     def resume_reading(self) -> None:
-        """Continue reading."""
+        """Read again after ``pause_reading``."""
         if self._paused and self._transport is not None and not self._transport.is_closing():
             self._paused = False
             self._transport.resume_reading()
@@ -244,11 +257,11 @@ class HubConnection(asyncio.BufferedProtocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def _acknowledge(self) -> None:
-        """Acknowledge received bytes at once. Linux resets this option, so it is set on every read.
+    def _acknowledge_at_once(self) -> None:
+        """Make Linux acknowledge received bytes at once. Linux resets this option, so it is set after every read.
 
-        liblcm sends each integer of a frame separately, and Nagle's algorithm holds back each until the previous one
-        is acknowledged: 44 ms a round trip instead of 0.3 ms.
+        liblcm sends each integer of a frame separately, and Nagle's algorithm delays each integer until the one before
+        is acknowledged. A round trip takes 0.3 ms with this option and 44 ms without.
         """
         if self._socket is not None:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
@@ -264,6 +277,7 @@ class HubConnection(asyncio.BufferedProtocol):
                 self._hub.subscriptions_changed()
 
     def _subscribe(self, text: str) -> None:
+        """Add a subscription; ignore it with a warning if it is not supported."""
         try:
             pattern = self.subscriptions.add(text)
         except PatternError as error:
@@ -274,6 +288,7 @@ class HubConnection(asyncio.BufferedProtocol):
             self._hub.greet(self, pattern)
 
     def _refuse(self, reason: str) -> None:
+        """Disconnect the client, and count and log it."""
         self._hub.refused += 1
         _log.warning("A hub client was disconnected", client=self.name, reason=reason)
         self.abort()

@@ -1,6 +1,6 @@
-"""Client of another TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
+"""Transport by another TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
 
-liblcm's client would block the event loop until a whole message has arrived, and until the hub replies to its hello.
+liblcm's client would block the event loop while it connects, and from a message's first byte to its last.
 """
 
 from __future__ import annotations
@@ -28,24 +28,27 @@ from gateway.lcm.transport import LcmUnavailableError, OnMessage
 _log = structlog.get_logger("gateway.lcm")
 
 DEFAULT_PORT: Final = 7700
-"""liblcm's default."""
+"""liblcm's default port of a hub."""
 RETRY_SECONDS: Final = 1.0
+"""Interval between attempts to connect."""
 CONNECT_SECONDS: Final = 10.0
+"""Timeout of one attempt to connect."""
 DRAIN_SECONDS: Final = 0.005
-"""Interval at which ``drain`` checks the queue."""
+"""Interval at which ``drain`` checks the bytes that are queued."""
 FINISH_SECONDS: Final = 10.0
-"""Maximum time until the hub closes the connection after ``finish``."""
+"""Maximum time that ``finish`` waits until the hub closes the connection."""
 MAX_UNSENT_BYTES: Final = 512 * 1024 * 1024
-"""Maximum bytes queued for the hub; further messages are refused."""
+"""Maximum bytes queued for the hub. Further messages fail."""
 
 
 class TcpqTransport:
-    """``Transport`` by a hub: connects, subscribes, and connects again whenever the connection is lost."""
+    """``Transport`` by a hub. It subscribes to one pattern, and connects again when the connection is lost."""
 
     def __init__(self, url: str, pattern: str, max_message: int) -> None:
-        """
+        """Parse the URL; ``start`` connects.
+
         Args:
-            url: tcpq://host:port; both may be left out.
+            url: tcpq://host:port, of which host and port are optional.
             pattern: regular expression of the channels to receive.
             max_message: maximum bytes of one message.
         Raises:
@@ -62,23 +65,24 @@ class TcpqTransport:
         self._connection: _Connection | None = None
         self._task: asyncio.Task[None] | None = None
         self._problem = "not connected yet"
+        """Reason why there is no connection."""
         self._finishing = False
 
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         self._task = asyncio.get_running_loop().create_task(self._run(on_message, on_connect))
 
     def publish(self, channel: str, message: bytes) -> None:
-        self._connected().publish(channel, message)
+        self._current_connection().publish(channel, message)
 
     async def drain(self, max_bytes: int) -> None:
-        while self._connected().unsent_bytes > max_bytes:  # noqa: ASYNC110 - rare, and a few milliseconds long
+        while self._current_connection().unsent_bytes > max_bytes:  # noqa: ASYNC110 - rare, and a few milliseconds long
             await asyncio.sleep(DRAIN_SECONDS)
 
     async def finish(self) -> None:
-        """Send everything, close our side, and wait until the hub closes its side.
+        """Send all queued messages, shut down sending, and wait until the hub closes the connection.
 
-        Closing both sides at once would reset the connection if an unread message of the hub is left in the socket,
-        and the hub would lose what it has not read.
+        To close the socket at once would reset the connection if it holds unread messages of the hub. The hub would
+        then lose messages that it has not read.
         """
         await self.drain(0)
         self._finishing = True
@@ -97,12 +101,14 @@ class TcpqTransport:
         connected = self._connection is not None
         return {"url": self.url, "connected": connected, **({} if connected else {"warning": self._problem})}
 
-    def _connected(self) -> _Connection:
+    def _current_connection(self) -> _Connection:
+        """Return the connection; raise OSError if there is none."""
         if self._connection is None:
             raise OSError(f"{self.url}: {self._problem}")
         return self._connection
 
     async def _run(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
+        """Connect, again and again, until cancelled or finished."""
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -128,6 +134,7 @@ class TcpqTransport:
             await asyncio.sleep(RETRY_SECONDS)
 
     def _set_problem(self, problem: str) -> None:
+        """Record why there is no connection, and log the reason if it is new."""
         if problem != self._problem:
             _log.warning(problem, url=self.url)
         self._problem = problem
@@ -142,10 +149,11 @@ class _Connection(asyncio.BufferedProtocol):
         self._parser = FrameParser(MAGIC_HUB, max_message, self._on_frame, lambda _: True)
         self._transport: asyncio.Transport | None = None
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        """Reason of the disconnect."""
+        """Completed when the connection is lost, with the reason."""
 
     @property
     def unsent_bytes(self) -> int:
+        """Bytes queued for the hub."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -175,12 +183,12 @@ class _Connection(asyncio.BufferedProtocol):
         transport.write(publish_header(channel, len(message)) + message)
 
     def write_eof(self) -> None:
-        """Close our side of the connection."""
+        """Shut down sending; receiving continues."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write_eof()
 
     def close(self, reason: str) -> None:
-        """Close the connection for this reason."""
+        """Close the connection at once. ``reason`` becomes the result of ``lost``, unless it has one."""
         if not self.lost.done():
             self.lost.set_result(reason)
         if self._transport is not None:

@@ -1,4 +1,4 @@
-"""The interface that all LCM transports share."""
+"""Interface of all LCM transports. ``network.open_transport`` returns an implementation for a URL."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OnMessage = Callable[[str, "bytes | memoryview"], None]
 
 
 class LcmUnavailableError(RuntimeError):
-    """A transport cannot be opened; the message is one sentence with the reason and a remedy."""
+    """A transport cannot be opened; the message has the reason and, if there is one, a remedy."""
 
 
 class Transport(Protocol):
@@ -19,18 +19,19 @@ class Transport(Protocol):
     url: str
 
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
-        """Receive messages from now on, in the running event loop.
+        """Connect, and receive messages in the running event loop.
 
         Args:
-            on_connect: called after every connect; at once if the transport is connectionless.
+            on_message: called with each received message.
+            on_connect: called whenever a connection is made. A transport without connections calls it at once.
         """
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Send a message, or queue it; never block.
+        """Send a message, or queue it. Must not block.
 
         Raises:
             OSError: not connected, or too many bytes are queued.
-            ValueError: the network cannot carry such a channel name or message.
+            ValueError: the channel name or the message is too long for the network.
         """
 
     async def drain(self, max_bytes: int) -> None:
@@ -41,7 +42,7 @@ class Transport(Protocol):
         """
 
     async def finish(self) -> None:
-        """Wait until the network has taken all published messages. Publish nothing afterwards."""
+        """Wait until all published messages are sent. Nothing can be published afterwards."""
 
     async def close(self) -> None:
         """Disconnect from the network."""

@@ -1,8 +1,9 @@
-"""LCM's UDP multicast on the wire: short messages in one datagram, long ones in numbered fragments.
+"""Build and parse the datagrams of LCM's UDP multicast. ``udpm_sender`` and ``udpm_assembler`` use it.
 
-A short datagram is ``LC02, sequence, channel\\0, data``. A fragment is ``LC03, sequence, data size, offset, index,
-number of fragments`` and then bytes of the data, in the first fragment after ``channel\\0``. Integers are big endian.
-Source: lcm/udpm_util.h and lcm/lcm_udpm.c of LCM 1.5.
+A short message is one datagram: ``LC02, sequence, channel\\0, data``. A long message is a series of fragments, each in
+one datagram: ``LC03, sequence, message size, offset, index, number of fragments``, then a part of the data. The first
+fragment has ``channel\\0`` before its data. Integers are big-endian. Source: lcm/udpm_util.h and lcm/lcm_udpm.c of
+LCM 1.5.
 """
 
 from __future__ import annotations
@@ -14,19 +15,22 @@ from typing import Final, NamedTuple
 SHORT_MAGIC: Final = b"LC02"
 LONG_MAGIC: Final = b"LC03"
 MAX_SHORT_BYTES: Final = 65_499
-"""Channel, NUL and data in one datagram (LCM_SHORT_MESSAGE_MAX_SIZE)."""
+"""Maximum bytes of channel, NUL and data in one datagram (LCM_SHORT_MESSAGE_MAX_SIZE)."""
 MAX_FRAGMENT_BYTES: Final = 65_487
-"""Payload of one fragment (LCM_FRAGMENT_MAX_PAYLOAD)."""
+"""Maximum payload of one fragment (LCM_FRAGMENT_MAX_PAYLOAD)."""
 MAX_FRAGMENTS: Final = 65_535
+"""Maximum number of fragments of one message."""
 MAX_CHANNEL_BYTES: Final = 63
+"""Maximum length of a channel name (LCM_MAX_CHANNEL_NAME_LENGTH)."""
 MAX_DATAGRAM_BYTES: Final = 65_536
+"""Size of the buffer for a datagram: more than UDP can carry."""
 
 _SHORT_HEADER: Final = struct.Struct(">4sI")
 _FRAGMENT_HEADER: Final = struct.Struct(">4sIIIHH")
 
 
 class Message(NamedTuple):
-    """Complete message."""
+    """A complete message."""
 
     channel: str
     data: bytes | memoryview
@@ -41,7 +45,7 @@ class Fragment(NamedTuple):
     offset: int
     """Position of ``payload`` in the message, in bytes."""
     fragment_index: int
-    """Position in the order of the message's fragments."""
+    """Index of the fragment in the message."""
     fragment_count: int
     """Number of fragments of the message."""
     channel: bytes | None
@@ -50,8 +54,12 @@ class Fragment(NamedTuple):
 
 
 def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes | memoryview]]:
-    """Yield the datagrams of a message, each as a list of buffers.
+    """Yield the datagrams of a message, each as a list of buffers for ``sendmsg``.
 
+    Args:
+        channel: channel name.
+        data: the message.
+        sequence: sequence number of the message.
     Raises:
         ValueError: the channel name is too long, or the message needs more fragments than can be numbered.
     """
@@ -76,7 +84,7 @@ def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes |
 
 
 def parse_short(datagram: bytes, prefix: bytes) -> Message | None:
-    """Return the message of a short datagram; None if it is malformed or its channel does not start with ``prefix``."""
+    """Return the message in a short datagram, or None if it is malformed or its channel lacks the ``prefix``."""
     begin = _SHORT_HEADER.size
     if not datagram.startswith(prefix, begin):
         return None

@@ -1,4 +1,4 @@
-"""Reassemble messages from UDP datagrams that arrive in any order, incomplete or more than once."""
+"""Assemble messages from UDP datagrams, which may get lost, or arrive in any order or more than once."""
 
 from __future__ import annotations
 
@@ -12,74 +12,85 @@ import numpy as np
 from gateway.lcm import udpm
 
 STALE_SECONDS: Final = 5.0
-"""A message is discarded if no fragment of it arrives for this time."""
+"""An incomplete message is discarded if no fragment of it arrives for this time."""
 MIN_FRAGMENT_BYTES: Final = 512
-"""Minimum average size of a message's fragments. Real ones have 65,487 bytes, 1423 on macOS. Each fragment costs 300
-bytes of bookkeeping, which no other limit counts."""
+"""Minimum average size of a message's fragments. LCM's have 65,487 bytes, on macOS 1423. Each fragment takes 300 bytes
+of memory besides its data, which no other limit counts."""
 MAX_COMPLETED: Final = 256
-"""Number of completed messages kept to recognise repeated datagrams; some routes deliver each datagram twice."""
+"""Maximum number of completed messages that are remembered, to ignore repeated datagrams. Some routes deliver each
+datagram twice."""
 MAX_PARTIAL: Final = 1024
-"""Maximum number of incomplete messages; liblcm has 1000."""
+"""Maximum number of incomplete messages. liblcm's limit is 1000."""
 
 Address = tuple[str, int]
+"""IP address and port of a sender."""
+MessageKey = tuple[Address, int]
+"""Sender and sequence number, which identify a message."""
 
 
 @dataclass(slots=True, eq=False)
 class _PartialMessage:
-    """A long message with some of its fragments."""
+    """An incomplete message."""
 
     data: memoryview | None
-    """None: the channel is not wanted, so fragments are only counted."""
+    """Memory for the message; None: the channel is not wanted, so fragments are only counted."""
     size: int
+    """Bytes of the complete message."""
     fragment_count: int
-    updated: float
-    """Seconds of the assembler's clock at which the last fragment arrived."""
+    """Number of fragments of the complete message."""
+    last_arrival: float
+    """Time of the last fragment, in seconds of the assembler's clock."""
     channel: str = ""
+    """Channel name; empty until the first fragment arrives."""
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Begin and end of each received fragment in ``data``, by index."""
+    """Begin and end of each received fragment in ``data``, by the fragment's index."""
     ignored_fragments: int = 0
-    """Number of received fragments of an unwanted message."""
+    """Number of received fragments, if the channel is not wanted."""
 
 
 class Assembler:
-    """Turns datagrams into messages. Channels that do not start with ``prefix`` are ignored."""
+    """Assembles the messages of wanted channels: those whose names start with ``prefix``."""
 
     def __init__(
         self, prefix: bytes, max_message: int, max_bytes: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """
+        """Create an assembler without messages.
+
         Args:
+            prefix: start of the channel names to receive.
             max_message: maximum bytes of one message.
-            max_bytes: maximum bytes of all incomplete messages; beyond it the oldest is discarded.
+            max_bytes: maximum bytes of all incomplete messages. Beyond it, the oldest ones are discarded.
+            clock: monotonic time in seconds.
         """
         self._prefix = prefix
         self._max_message = max_message
         self._max_bytes = max_bytes
         self._clock = clock
-        self._partials: dict[tuple[Address, int], _PartialMessage] = {}
-        self.completed: dict[tuple[Address, int], tuple[int, int, float]] = {}
-        """Size, number of fragments and time of the last completed messages, oldest first."""
+        self._partials: dict[MessageKey, _PartialMessage] = {}
+        self.completed: dict[MessageKey, tuple[int, int, float]] = {}
+        """Size, number of fragments and time of the last fragment of completed messages, oldest first."""
         self.waiting_bytes = 0
         """Bytes of all incomplete messages."""
         self.incomplete = 0
-        """Wanted messages discarded because fragments were lost."""
+        """Number of wanted messages that were discarded because fragments were lost."""
         self.refused = 0
-        """Wanted messages larger than ``max_message``, or in fragments smaller than ``MIN_FRAGMENT_BYTES``."""
+        """Number of wanted messages larger than ``max_message``, or in fragments below ``MIN_FRAGMENT_BYTES``."""
 
     def receive(self, datagram: bytes, sender: Address) -> udpm.Message | None:
-        """Take a datagram and return the message that it completes, if any."""
+        """Add a datagram; return the message that it completes, or None."""
         if datagram.startswith(udpm.SHORT_MAGIC):
             return udpm.parse_short(datagram, self._prefix)
         fragment = udpm.parse_fragment(datagram) if datagram.startswith(udpm.LONG_MAGIC) else None
         return None if fragment is None else self._add(fragment, (sender, fragment.sequence))
 
     def discard_stale(self) -> None:
-        """Discard and count the messages whose fragments stopped arriving."""
-        limit = self._clock() - STALE_SECONDS
-        for key in [key for key, partial in self._partials.items() if partial.updated <= limit]:
+        """Discard messages of which no fragment has arrived for ``STALE_SECONDS``."""
+        stale_since = self._clock() - STALE_SECONDS
+        for key in [key for key, partial in self._partials.items() if partial.last_arrival <= stale_since]:
             self._discard(key)
 
-    def _add(self, fragment: udpm.Fragment, key: tuple[Address, int]) -> udpm.Message | None:
+    def _add(self, fragment: udpm.Fragment, key: MessageKey) -> udpm.Message | None:
+        """Add a fragment; return the message that it completes, or None."""
         size, count = fragment.message_size, fragment.fragment_count
         partial = self._partials.get(key)
         if partial is not None and (partial.size, partial.fragment_count) != (size, count):
@@ -97,7 +108,7 @@ class Assembler:
             partial.channel = fragment.channel.decode("utf-8", "replace")
             if not wanted:
                 self._release(partial)
-        partial.updated = self._clock()
+        partial.last_arrival = self._clock()
         if partial.data is None:
             partial.ignored_fragments += 1
             if partial.ignored_fragments >= count:
@@ -111,20 +122,21 @@ class Assembler:
         partial.data[fragment.offset : end] = fragment.payload
         return self._complete(key, partial, partial.data) if len(partial.spans) == count else None
 
-    def _add_partial(self, key: tuple[Address, int], size: int, count: int) -> _PartialMessage:
+    def _add_partial(self, key: MessageKey, size: int, count: int) -> _PartialMessage:
+        """Return a new incomplete message; discard stale ones, and the oldest ones if they exceed a limit."""
         now = self._clock()
         for oldest_key, oldest in tuple(self._partials.items()):
             full = len(self._partials) >= MAX_PARTIAL or self.waiting_bytes + size > self._max_bytes
-            if not full and now - oldest.updated < STALE_SECONDS:
+            if not full and now - oldest.last_arrival < STALE_SECONDS:
                 break
             self._discard(oldest_key)
-        # the kernel backs these pages only when they are written, so a false size costs nothing
+        # the kernel allocates pages when they are written, so a false size costs no memory
         partial = self._partials[key] = _PartialMessage(np.empty(size, np.uint8).data, size, count, now)
         self.waiting_bytes += size
         return partial
 
-    def _complete(self, key: tuple[Address, int], partial: _PartialMessage, data: memoryview) -> udpm.Message | None:
-        """Return the message, or None if its fragments leave gaps, which would expose uninitialised memory."""
+    def _complete(self, key: MessageKey, partial: _PartialMessage, data: memoryview) -> udpm.Message | None:
+        """Return the message. Returns None if its fragments leave gaps, because these are uninitialised memory."""
         del self._partials[key]
         spans = sorted(partial.spans.values())
         self._release(partial)
@@ -136,13 +148,14 @@ class Assembler:
             position = end
         return udpm.Message(partial.channel, data) if position == partial.size else None
 
-    def _add_completed(self, key: tuple[Address, int], partial: _PartialMessage) -> None:
+    def _add_completed(self, key: MessageKey, partial: _PartialMessage) -> None:
+        """Remember a completed message, to ignore repetitions of its fragments."""
         if len(self.completed) >= MAX_COMPLETED:
             del self.completed[next(iter(self.completed))]
-        self.completed[key] = (partial.size, partial.fragment_count, partial.updated)
+        self.completed[key] = (partial.size, partial.fragment_count, partial.last_arrival)
 
-    def _is_repeated(self, key: tuple[Address, int], size: int, count: int) -> bool:
-        """Return whether a fragment belongs to a message completed less than ``STALE_SECONDS`` ago."""
+    def _is_repeated(self, key: MessageKey, size: int, count: int) -> bool:
+        """Return True if a fragment belongs to a message that was completed less than ``STALE_SECONDS`` ago."""
         completed = self.completed.get(key)
         if completed is None:
             return False
@@ -152,13 +165,14 @@ class Assembler:
         del self.completed[key]
         return False
 
-    def _discard(self, key: tuple[Address, int]) -> None:
+    def _discard(self, key: MessageKey) -> None:
+        """Discard an incomplete message, and count it if it is wanted."""
         partial = self._partials.pop(key)
         self.incomplete += partial.data is not None
         self._release(partial)
 
     def _release(self, partial: _PartialMessage) -> None:
-        """Free the message's memory; its further fragments are only counted."""
+        """Free the memory of a message. Its further fragments are only counted."""
         if partial.data is not None:
             self.waiting_bytes -= partial.size
             partial.data = None

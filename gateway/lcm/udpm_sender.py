@@ -1,4 +1,4 @@
-"""Send LCM messages over UDP without blocking."""
+"""Send LCM messages over UDP multicast without blocking, for ``udpm_transport``."""
 
 from __future__ import annotations
 
@@ -13,17 +13,24 @@ from gateway.lcm import udpm
 
 _log = structlog.get_logger("gateway.lcm")
 
-MAX_SENT_AT_ONCE: Final = 1024 * 1024
-"""Bytes sent from the queue before the event loop continues; about 0.5 ms."""
+MAX_SENT_BYTES: Final = 1024 * 1024
+"""Maximum bytes sent from the queue before the event loop continues: they take about 0.5 ms."""
 DRAIN_SECONDS: Final = 0.005
 """Interval at which ``drain`` checks the queue."""
 
 
 class UdpmSender:
-    """Sends datagrams in order and queues those that the kernel does not accept yet."""
+    """Sends datagrams in order, and queues those that the kernel does not accept yet."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int], url: str, max_unsent: int) -> None:
-        """``max_unsent``: maximum bytes in the queue; a single message may be larger."""
+        """Create a sender for a non-blocking socket.
+
+        Args:
+            sock: socket to send with. The sender closes it.
+            address: multicast address and port.
+            url: LCM URL, for error texts.
+            max_unsent: maximum bytes in the queue. A single message may be larger.
+        """
         self._socket = sock
         self._address = address
         self._url = url
@@ -32,16 +39,17 @@ class UdpmSender:
         self._sequence = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self.unsent_bytes = 0
+        """Bytes in the queue."""
 
     def start(self) -> None:
-        """Use the running event loop for queued datagrams."""
+        """Send queued datagrams on the running event loop. Before this call nothing can be queued."""
         self._loop = asyncio.get_running_loop()
 
     def send(self, channel: str, message: bytes) -> None:
         """Send a message, or queue it.
 
         Raises:
-            OSError: there is no network, or too many bytes are queued.
+            OSError: the kernel refuses the message, or too many bytes are queued.
             ValueError: the channel name or the message is too long.
         """
         if self._queue and self.unsent_bytes + len(message) > self._max_unsent:
@@ -75,25 +83,27 @@ class UdpmSender:
         return True
 
     def _enqueue(self, datagram: list[bytes | memoryview]) -> None:
+        """Queue a datagram until the socket is writable."""
         if self._loop is None:
             raise OSError(f"the network {self._url} accepts nothing now")
         if not self._queue:
-            self._loop.add_writer(self._socket.fileno(), self._writable)
+            self._loop.add_writer(self._socket.fileno(), self._on_writable)
         self._queue.append(datagram)
         self.unsent_bytes += sum(map(len, datagram))
 
-    def _writable(self) -> None:
-        sent = 0
-        while self._queue and sent < MAX_SENT_AT_ONCE:
+    def _on_writable(self) -> None:
+        """Send queued datagrams."""
+        sent_bytes = 0
+        while self._queue and sent_bytes < MAX_SENT_BYTES:
             datagram = self._queue[0]
             try:
                 if not self._try_send(datagram):
                     return
-            except OSError as error:  # the network is gone; receivers discard a message without one of its parts
+            except OSError as error:  # no network; receivers discard the message if one datagram is lost
                 _log.warning("LCM could not send a message", reason=str(error))
             self._queue.popleft()
             size = sum(map(len, datagram))
             self.unsent_bytes -= size
-            sent += size
+            sent_bytes += size
         if not self._queue and self._loop is not None:
             self._loop.remove_writer(self._socket.fileno())

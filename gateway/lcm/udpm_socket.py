@@ -1,4 +1,4 @@
-"""Sockets of LCM's UDP multicast network: the URL, joining the group, and a self test of the route."""
+"""Parse a ``udpm://`` URL, create the sockets of its multicast group, and test the route, for ``udpm_transport``."""
 
 from __future__ import annotations
 
@@ -20,31 +20,33 @@ from gateway.lcm.transport import LcmUnavailableError
 _log = structlog.get_logger("gateway.lcm")
 
 DEFAULT_ADDRESS: Final = "239.255.76.67"
+"""liblcm's default multicast address."""
 DEFAULT_PORT: Final = 7667
-"""liblcm's default, as is the address."""
+"""liblcm's default port."""
 ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
 SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
 """Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0
+"""Maximum time for a datagram to come back."""
 
 
 @dataclass(frozen=True, slots=True)
 class UdpmUrl:
-    """The parts of ``udpm://ADDRESS:PORT?ttl=N&recv_buf_size=N``."""
+    """Parts of ``udpm://ADDRESS:PORT?ttl=N&recv_buf_size=N``."""
 
     address: str
     port: int
     ttl: int
     """Maximum number of routers that a datagram passes; 0: it stays on this machine."""
     buffer_bytes: int
-    """Receive buffer requested in the URL; 0: none."""
+    """Size of the receive buffer requested by ``recv_buf_size``; 0: not requested."""
 
 
 def parse_url(url: str) -> UdpmUrl:
-    """Parse a udpm URL, of which every part may be left out.
+    """Parse a ``udpm://`` URL. Every part is optional.
 
     Raises:
-        LcmUnavailableError: names the part that is wrong.
+        LcmUnavailableError: a part is invalid.
     """
     parts = urlsplit(url)
     try:
@@ -52,10 +54,10 @@ def parse_url(url: str) -> UdpmUrl:
     except ValueError:
         raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number of 0 to 65535") from None
     try:
-        multicast = 224 <= socket.inet_aton(address)[0] <= 239
+        is_multicast = 224 <= socket.inet_aton(address)[0] <= 239
     except OSError:
-        multicast = False
-    if not multicast:
+        is_multicast = False
+    if not is_multicast:
         reason = f"{address} is no multicast address (224.0.0.0 to 239.255.255.255)"
         raise LcmUnavailableError(f"LCM cannot join {url}: {reason}")
     numbers = {"ttl": 0, "recv_buf_size": 0}
@@ -74,7 +76,7 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
     """Return a non-blocking socket that has joined the multicast group.
 
     Raises:
-        LcmUnavailableError: the port is taken, or there is no route.
+        LcmUnavailableError: another program uses the port exclusively, or there is no route.
     """
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -85,14 +87,14 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
     except OSError as error:
         sock.close()
-        taken = f"another program keeps port {network.port} for itself"
-        reason = {errno.EADDRINUSE: taken, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
+        port_in_use = f"another program keeps port {network.port} for itself"
+        reason = {errno.EADDRINUSE: port_in_use, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
         raise LcmUnavailableError(f"LCM cannot join {url}: {reason}") from None
     return sock
 
 
 def send_socket(network: UdpmUrl) -> socket.socket:
-    """Return a non-blocking socket whose multicast datagrams reach this machine, too."""
+    """Return a non-blocking socket for sending. Its multicast datagrams also reach receivers on this machine."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, network.ttl)
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
@@ -101,10 +103,10 @@ def send_socket(network: UdpmUrl) -> socket.socket:
 
 
 def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: socket.socket) -> None:
-    """Send a datagram and wait for it to come back.
+    """Send a datagram to the multicast group, and wait until it is received.
 
     Raises:
-        LcmUnavailableError: it cannot be sent, or does not come back.
+        LcmUnavailableError: the datagram cannot be sent, or does not arrive.
     """
     deadline = time.monotonic() + SELF_TEST_SECONDS
     datagram = b"".join((udpm.SHORT_MAGIC, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))

@@ -1,7 +1,7 @@
-"""LCM's UDP multicast network on the event loop, without liblcm.
+"""Transport by LCM's UDP multicast, without liblcm. The event loop reads the socket itself.
 
-liblcm would read in a thread of its own and hold the GIL while it copies a message. The event loop reads the socket
-itself: no thread is woken. See docs/decisions/0009-own-lcm-transport.md.
+liblcm would read in a thread of its own, and hold the GIL while it copies a message. See
+docs/decisions/0009-own-lcm-transport.md.
 """
 
 from __future__ import annotations
@@ -23,21 +23,24 @@ from gateway.lcm.udpm_sender import UdpmSender
 _log = structlog.get_logger("gateway.lcm")
 
 MAX_READ: Final = 1024
-"""Datagrams read before the event loop continues; about 2 ms."""
+"""Maximum number of datagrams read before the event loop continues: they take about 2 ms."""
 MAX_READ_BYTES: Final = 1024 * 1024
-"""Bytes read before the event loop continues; about 0.5 ms."""
+"""Maximum bytes read before the event loop continues: they take about 0.5 ms."""
 
 
 class UdpmTransport:
-    """``Transport`` by sockets of our own. Joins the group at once; datagrams wait in the kernel until ``start``."""
+    """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
     def __init__(self, url: str, prefix: str, config: LcmConfig, max_message: int) -> None:
-        """
+        """Join the multicast group and test the route.
+
         Args:
+            url: ``udpm://`` URL.
             prefix: start of the channel names to receive.
+            config: sizes of buffers and queues.
             max_message: maximum bytes of one message.
         Raises:
-            LcmUnavailableError: with the reason in one sentence.
+            LcmUnavailableError: the URL is invalid, the port is in use, or there is no route.
         """
         self.url = url
         network = udpm_socket.parse_url(url)
@@ -47,7 +50,7 @@ class UdpmTransport:
         self._receiver = udpm_socket.receive_socket(url, network)
         sender = udpm_socket.send_socket(network)
         try:
-            self.warning = self._raise_buffer(max(config.receive_buffer_bytes, network.buffer_bytes))
+            self.warning = self._raise_receive_buffer(max(config.receive_buffer_bytes, network.buffer_bytes))
             udpm_socket.check_route(url, network, self._receiver, sender)
         except BaseException:
             self._receiver.close()
@@ -59,7 +62,7 @@ class UdpmTransport:
         self.queue.start(on_message)
         self._sender.start()
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._receiver.fileno(), self._readable)
+        self._loop.add_reader(self._receiver.fileno(), self._on_readable)
         on_connect()
 
     def publish(self, channel: str, message: bytes) -> None:
@@ -93,26 +96,30 @@ class UdpmTransport:
             **({"warning": self.warning} if self.warning else {}),
         }
 
-    def _raise_buffer(self, wanted: int) -> str:
-        """Return a warning if the kernel grants less than ``wanted`` bytes, else an empty string."""
-        granted = raise_receive_buffer(self._receiver, wanted)
-        if granted >= wanted:
+    def _raise_receive_buffer(self, requested: int) -> str:
+        """Request a receive buffer of ``requested`` bytes; return a warning if the kernel grants less, or "".
+
+        The warning is also logged.
+        """
+        granted = raise_receive_buffer(self._receiver, requested)
+        if granted >= requested:
             return ""
         limit = system_limit()
-        current = "" if limit is None else f" (it is {limit} now)"
+        current_limit = "" if limit is None else f" (it is {limit} now)"
         warning = (
-            f"LCM's receive buffer has {granted} bytes instead of {wanted}: larger messages "
-            f"and bursts can get lost; 'sysctl -w net.core.rmem_max={wanted}' allows more{current}"
+            f"LCM's receive buffer has {granted} bytes instead of {requested}: larger messages "
+            f"and bursts can get lost; 'sysctl -w net.core.rmem_max={requested}' allows more{current_limit}"
         )
         _log.warning(warning)
         return warning
 
-    def _readable(self) -> None:
+    def _on_readable(self) -> None:
+        """Read datagrams, and handle the first messages in the queue."""
         self._read()
         self.queue.handle()
 
     def _read(self) -> None:
-        """Move datagrams from the kernel, whose buffer may be small, to the queue."""
+        """Read datagrams from the kernel's buffer, which may be small, and queue the messages that they complete."""
         read_bytes = 0
         for _ in range(MAX_READ):
             try:

@@ -1,13 +1,14 @@
-"""Director's remote tree viewer: requests over LCM become edits of the live tree, and each gets a response.
+"""Director's remote tree viewer: LCM requests edit the live tree, and each request gets a response.
 
-The path of a request through the files:
+A request passes through the files in this order:
 
-- ``service``: receives it from a transport (``gateway.lcm``) and passes it to ``dispatch``.
-- ``dispatch``: handles it at once, or in a worker thread if it is big; ``client_queue`` keeps the order of each client,
-  ``delayed_responses`` holds back responses that Director's client would lose.
-- ``protocol``: the protocol without I/O. ``wire`` decodes the message, ``json_reader`` or ``msgpack_reader`` its data.
-- ``request_reader``: turns decoded data into a ``requests.Request``, by ``fast_schema`` for the most frequent commands,
-  else by ``fields``, ``geometry`` and ``array_geometry``, which tolerate the clients' oddities and give reasons.
+- ``service``: receives the request from a transport (``gateway.lcm``) and passes it to ``dispatch``.
+- ``dispatch``: handles small requests at once and big ones in a worker thread. ``client_queue`` keeps each client's
+  requests in order, ``delayed_responses`` holds back responses that Director's client would lose.
+- ``protocol``: the protocol without I/O. ``wire`` decodes the message; ``json_reader`` or ``msgpack_reader`` decodes
+  the data in the message.
+- ``request_reader``: turns decoded data into a ``requests.Request``. ``fast_schema`` reads the most frequent commands;
+  ``fields``, ``geometry`` and ``array_geometry`` read all commands, including irregular and invalid ones.
 - ``number_arrays``, ``json_kernels``, ``packed_arrays``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
-- ``apply``: executes the request on the tree within the limits of ``quota``; ``responses``: what the client receives.
+- ``apply``: executes the request on the live tree within the limits of ``quota``. ``responses`` defines the responses.
 """

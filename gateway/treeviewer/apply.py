@@ -1,4 +1,4 @@
-"""Execute a request on the live tree: deletes, then geometries, then transforms."""
+"""Execute a request on the live tree: first its deletes, then its geometries, then its transforms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, 
 
 
 class RequestApplier:
-    """Executes one request in one step or in several, each of them one revision of the tree."""
+    """Executes one request, in one or several steps. Each step creates one revision of the live tree."""
 
     def __init__(self, request: Request, live: LiveTree, quota: TreeQuota, limits: Limits) -> None:
         self._request = request
@@ -26,19 +26,18 @@ class RequestApplier:
         self._transforms = iter(enumerate(request.transforms))
         self._failures = request.failures
         self._added: dict[Path, None] = {}
-        self._moved: dict[Path, None] = {}
+        self._transformed: dict[Path, None] = {}
         self._missing: dict[Path, None] = {}
 
     def step(self, max_commands: int) -> bool:
-        """Execute up to ``max_commands`` commands; return whether any remain."""
+        """Execute up to ``max_commands`` commands; return True if commands remain."""
         if not self._remaining:
             return False
         with self._live.edit() as edit:
-            left = max_commands
-            left -= self._delete(edit, left)
-            left -= self._set_geometry(edit, left)
-            left -= self._set_transform(edit, left)
-        self._remaining -= max_commands - left
+            executed = self._delete(edit, max_commands)
+            executed += self._set_geometry(edit, max_commands - executed)
+            executed += self._set_transform(edit, max_commands - executed)
+        self._remaining -= executed
         return self._remaining > 0
 
     def response(self, utime: int) -> Response:
@@ -48,7 +47,7 @@ class RequestApplier:
             MISSING_PATHS if self._missing else OK,
             list(dict.fromkeys(self._request.deletes)),
             list(self._added),
-            list(self._moved),
+            list(self._transformed),
             list(self._missing),
         )
         limit = self._limits.problems
@@ -56,14 +55,15 @@ class RequestApplier:
             response.status = ERROR_HANDLING_REQUEST
             response.error = _valid_text(_summary(self._failures))
             response.errors = [
-                CommandProblem(f.command, f.index, _valid_text(f.reason), f.path) for f in self._failures[:limit]
+                CommandProblem(failure.command, failure.index, _valid_text(failure.reason), failure.path)
+                for failure in self._failures[:limit]
             ]
         if self._request.warnings:
             response.warnings = [_valid_text(text) for text in self._request.warnings[:limit]]
         return response
 
     def _delete(self, edit: TreeEdit, max_commands: int) -> int:
-        """Execute deletes; return their number, as the next two methods do."""
+        """Execute up to ``max_commands`` deletes; return how many."""
         count = 0
         for path in islice(self._deletes, max_commands):
             edit.delete(path)
@@ -71,13 +71,14 @@ class RequestApplier:
         return count
 
     def _set_geometry(self, edit: TreeEdit, max_commands: int) -> int:
+        """Execute up to ``max_commands`` setgeometry commands; return how many, including failed ones."""
         count = 0
         quota = self._quota
         for index, (path, parts) in islice(self._geometries, max_commands):
             count += 1
-            refused = quota.check(edit.root, path, len(parts)) or quota.reserve_arrays(parts)
-            if refused:
-                self._failures.append(Failure("setgeometry", index, path, refused))
+            reason = quota.check(edit.root, path, len(parts)) or quota.reserve_arrays(parts)
+            if reason:
+                self._failures.append(Failure("setgeometry", index, path, reason))
                 continue
             edit.set_parts(path, parts)
             quota.add_parts(len(parts))
@@ -85,26 +86,27 @@ class RequestApplier:
         return count
 
     def _set_transform(self, edit: TreeEdit, max_commands: int) -> int:
+        """Execute up to ``max_commands`` settransform commands; return how many, including failed ones."""
         count = 0
-        check = self._quota.check
         for index, (path, pose) in islice(self._transforms, max_commands):
             count += 1
-            refused = check(edit.root, path)
-            if refused:
-                self._failures.append(Failure("settransform", index, path, refused))
+            reason = self._quota.check(edit.root, path)
+            if reason:
+                self._failures.append(Failure("settransform", index, path, reason))
                 continue
             if not edit.set_pose(path, pose).nodes_with_parts:
                 self._missing[path] = None
-            self._moved[path] = None
+            self._transformed[path] = None
         return count
 
 
 def _valid_text(text: str) -> str:
-    """Replace lone surrogates, which clients' names may contain and UTF-8 cannot represent."""
+    """Replace lone surrogates. JSON strings of clients may contain them, and UTF-8 cannot encode them."""
     return text.encode("utf-8", "replace").decode()
 
 
 def _summary(failures: list[Failure]) -> str:
+    """Return the first failure's command, path and reason, and the number of other failures."""
     first = failures[0]
     path = "" if first.path is None else f" {list(first.path)}"
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""

@@ -1,4 +1,7 @@
-"""Shapes that consist of arrays: lines, meshes, point clouds and planar lidars."""
+"""Read shapes that consist of arrays: lines, meshes, point clouds and planar lidars. ``geometry`` calls these readers.
+
+"Drawable" means finite and within ``fields.MAX_DISTANCE``.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,15 @@ from renderers.drawlist import Mesh
 
 MAX_DISTANCE_F32: Final = np.float32(fields.MAX_DISTANCE)
 MAX_CHANNEL_COLUMNS: Final = 16
+"""Maximum number of values per point in one channel."""
 
 Params = Mapping[str, Any]
+"""Fields of a decoded geometry."""
 
 
 def line(params: Params, context: ReadContext) -> Shape | None:
-    """Return a polyline of (N, 3) points; None if fewer than two can be drawn."""
-    points = _drop_undrawable(_floats(params, "points", (3,), context.limits.points, context))[0]
+    """Return a polyline through the drawable points; None if there are fewer than two."""
+    points, _ = _drop_undrawable(_floats(params, "points", (3,), context.limits.points, context))
     radius = params.get("radius")
     head_radius = fields.size(params, "head_radius", 0.05)
     if len(points) < 2:
@@ -42,7 +47,7 @@ def line(params: Params, context: ReadContext) -> Shape | None:
 
 
 def mesh_data(params: Params, context: ReadContext) -> Shape | None:
-    """Return a triangle mesh without the faces that touch an undrawable vertex; None if no face is left."""
+    """Return a triangle mesh; None if no face is left. Faces with an undrawable vertex are left out."""
     vertices = _floats(params, "vertices", (3,), context.limits.vertices, context)
     if params.get("faces") is None:
         raise CommandError("faces is missing")
@@ -57,8 +62,8 @@ def mesh_data(params: Params, context: ReadContext) -> Shape | None:
         context.warnings.append(f"{int((~drawable).sum())} vertices are not finite; their faces are not drawn")
     if not len(faces):
         return None
-    positions, elements, normals = smooth_mesh(vertices, faces)
-    return Surface(Mesh(positions, elements, normals))
+    positions, triangles, normals = smooth_mesh(vertices, faces)
+    return Surface(Mesh(positions, triangles, normals))
 
 
 def pointcloud(params: Params, context: ReadContext) -> Shape:
@@ -68,9 +73,9 @@ def pointcloud(params: Params, context: ReadContext) -> Shape:
 
 
 def planar_lidar(params: Params, context: ReadContext) -> Shape:
-    """Return the points at angles ``angle_start + i * angle_step`` about z, in the plane z = 0."""
+    """Return the points of a scan in the plane z = 0. Range i is at the angle ``angle_start + i * angle_step`` to x."""
     ranges = _floats(params, "ranges", (1,), context.limits.points, context).astype(np.float64)
-    start, step = _angle(params, "angle_start"), _angle(params, "angle_step")
+    start, step = fields.required(params, "angle_start"), fields.required(params, "angle_step")
     angles = start + step * np.arange(len(ranges))
     points = np.zeros((len(ranges), 3), np.float32)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -79,22 +84,20 @@ def planar_lidar(params: Params, context: ReadContext) -> Shape:
     return _cloud(points, params, context)
 
 
-def _angle(params: Params, name: str) -> float:
-    if params.get(name) is None:
-        raise CommandError(f"{name} is missing")
-    return fields.drawable(fields.number(params[name], name), name)
-
-
 def _cloud(points: NDArray[np.float32], params: Params, context: ReadContext) -> PointCloud:
-    kept, drawable = _drop_undrawable(points)
+    """Return the drawable ones of ``points``, with their channels from ``params``."""
+    drawable_points, drawable = _drop_undrawable(points)
     channels = _channels(params.get("channels"), len(points), context)
     if drawable is not None:
         channels = {name: np.ascontiguousarray(values[drawable]) for name, values in channels.items()}
-    return PointCloud(kept, MappingProxyType(channels))
+    return PointCloud(drawable_points, MappingProxyType(channels))
 
 
 def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray[np.float32]]:
-    """Return the channels of ``count`` points without those that do not fit (a C++ client sends ``"rgb": []``)."""
+    """Return the valid channels of ``count`` points, each (count,) or (count, k).
+
+    Invalid channels are ignored with a warning, empty ones without (a C++ client sends ``"rgb": []``).
+    """
     if not isinstance(value, dict):
         if value not in (None, []):
             context.warnings.append(f"channels is not an object but {show(value)}; it is ignored")
@@ -129,6 +132,7 @@ def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray
 def _floats(
     params: Params, name: str, columns: tuple[int, ...], max_rows: int, context: ReadContext
 ) -> NDArray[np.float32]:
+    """Return a required field as ``NumberArrays.floats`` does."""
     value = params.get(name)
     if value is None:
         raise CommandError(f"{name} is missing")
@@ -139,13 +143,13 @@ def _floats(
 
 
 def _drop_undrawable(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
-    """Return the drawable points, and the mask that selects them or None if all are drawable."""
+    """Return the drawable points, and ``_drawable_rows(points)``."""
     drawable = _drawable_rows(points)
     return (points, None) if drawable is None else (np.ascontiguousarray(points[drawable]), drawable)
 
 
 def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
-    """Return the mask, (N,), of rows that are finite and within ``MAX_DISTANCE``; None if all are."""
+    """Return a mask, (N,), that is True for drawable points; None if all points are drawable."""
     if not points.size or (points.max() <= MAX_DISTANCE_F32 and points.min() >= -MAX_DISTANCE_F32):
         return None
     return np.asarray((np.abs(points) <= MAX_DISTANCE_F32).all(axis=1))

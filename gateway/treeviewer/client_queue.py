@@ -1,4 +1,4 @@
-"""Requests of one client that wait for an earlier one of the same client."""
+"""Queue of one client's requests, used by ``dispatch`` while a big request of the client is handled."""
 
 from __future__ import annotations
 
@@ -9,44 +9,46 @@ from typing import Final
 
 Message = bytes | memoryview
 Publish = Callable[[str, bytes], None]
-"""Publishes a response: (channel, message)."""
+"""Function that publishes a message: (channel, message)."""
 OVERHEAD_BYTES: Final = 256
-"""Memory of a waiting message besides its data."""
+"""Memory of a queued message besides its data."""
 
 
 @dataclass(slots=True, eq=False)
 class ClientQueue:
-    """Waiting requests, oldest first; the first one is being handled."""
+    """Requests of one client, oldest first. The oldest is being handled, the others wait."""
 
     channel: str
+    """Channel of the requests."""
     publish: Publish
+    """Publishes the responses."""
     on_drained: Callable[[], None] | None = None
-    """Called when the queue gets short; None: the transport cannot pause the client."""
+    """Resumes a paused client when its queue is short; None: the transport cannot pause clients."""
     size: int = 0
-    """Bytes of all messages, with their overhead."""
+    """``size_of`` all messages in the queue, in bytes."""
     _messages: deque[Message] = field(default_factory=deque)
 
     def __len__(self) -> int:
         return len(self._messages)
 
     def put(self, message: Message) -> int:
-        """Add a message; return its bytes."""
+        """Add a message; return its ``size_of``."""
         size = size_of(message)
         self._messages.append(message)
         self.size += size
         return size
 
     def first(self) -> Message:
-        """Return the oldest message and keep it in the queue."""
+        """Return the oldest message without removing it."""
         return self._messages[0]
 
     def pop(self) -> int:
-        """Remove the oldest message; return its bytes."""
+        """Remove the oldest message; return its ``size_of``."""
         size = size_of(self._messages.popleft())
         self.size -= size
         return size
 
 
 def size_of(message: Message) -> int:
-    """Return the bytes that a waiting message counts."""
+    """Return the bytes of memory that a queued message takes."""
     return len(message) + OVERHEAD_BYTES

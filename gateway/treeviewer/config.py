@@ -1,4 +1,4 @@
-"""Limits of the tree viewer, each with its reason."""
+"""Settings of the tree viewer, and its limits with their reasons. ``gateway.wiring`` fills them from the options."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Limits:
     """Limits of one request and of the tree. A command beyond a limit fails with status -3."""
 
     message_bytes: int = 256 * MIB
-    """Maximum size of a request, as that of an LCM message."""
+    """Maximum size of a request's data in bytes."""
     json_bytes: int = 32 * MIB
-    """Maximum size of a request's JSON without its long number arrays: its Python objects take about 10 times that."""
+    """Maximum size of a request's JSON without its long number arrays: its Python objects take 10 times as much."""
     binary_objects: int = 4_000_000
-    """Maximum number of values in a MessagePack request besides its arrays: each becomes an object of ≤ 100 bytes."""
+    """Maximum number of values in a MessagePack request besides its arrays: each becomes up to 100 bytes."""
     path_elements: int = 128
-    """Maximum depth of the tree: robots stay below 50."""
+    """Maximum number of names in a path: those of robots have fewer than 50."""
     element_chars: int = 4096
     """Maximum length of one name in a path: names are stored, listed and sent back."""
     nodes: int = 250_000
@@ -44,8 +44,8 @@ class Limits:
     problems: int = 100
     """Maximum number of errors, and of warnings, listed in one response; the others are counted."""
     failed_commands: int = 10_000
-    """Maximum number of failing commands in a request; with more, none of it is executed. Millions of wrong commands
-    fit into one message, and finding their reasons would take seconds."""
+    """Maximum number of failed commands in a request; a request with more is not executed at all. Millions of invalid
+    commands fit into one message, and describing them would take seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,13 +55,16 @@ class TreeViewerConfig:
     lcm: LcmConfig = field(default_factory=LcmConfig)
     limits: Limits = Limits()
     offload_bytes: int = 256 * KIB
-    """Requests larger than this are decoded in a worker thread: 256 kB of JSON take 1 ms. For MessagePack, which holds
-    more in fewer bytes, a quarter of it."""
+    """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
+    more compact, it is a quarter."""
     slice_commands: int = 500
-    """Commands of a big request executed before the event loop continues: 500 take about 1 ms."""
+    """Number of commands of a big request that are executed at a time, between other work of the event loop: 500 take
+    about 1 ms."""
     threads: int = 2
     """Number of worker threads for big requests and mesh files."""
     waiting_bytes: int = 1024 * MIB
-    """Maximum size of all requests that wait for earlier ones of the same client; further ones are refused."""
+    """Maximum size of the requests of all clients that wait for an earlier request of their client. Further requests
+    are refused."""
     client_waiting_bytes: int = 64 * MIB
-    """Size of the waiting requests of one hub client from which the hub stops reading from it; nothing is lost."""
+    """Maximum size of the waiting requests of one TCPQ client. Beyond it the hub reads no more from the client, and
+    loses nothing."""

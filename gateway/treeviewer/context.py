@@ -1,4 +1,4 @@
-"""State shared by the functions that read one request."""
+"""State of one request while ``request_reader``, ``fields`` and ``geometry`` read it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from gateway.treeviewer.number_arrays import NumberArrays
 
 
 class MeshLoader(Protocol):
-    """Loads the files of ``mesh_file`` (``gateway.assets.mesh_files.MeshFiles``)."""
+    """Loader of the files of ``mesh_file`` geometries. ``gateway.assets.mesh_files.MeshFiles`` implements it."""
 
     def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
-        """Return the file's parts.
+        """Return the parts of a mesh file, scaled along x, y, z.
 
         Raises:
-            ValueError: with one sentence; its attribute ``missing`` is true when there is no such file.
+            ValueError: the file cannot be loaded; the attribute ``missing`` is True if it does not exist.
         """
         ...
 
@@ -29,6 +29,6 @@ class ReadContext:
     limits: Limits = field(default_factory=Limits)
     arrays: NumberArrays = field(default_factory=NumberArrays)
     meshes: MeshLoader | None = None
-    """None: no folder of mesh files is open to clients."""
+    """None: the settings allow no folder of mesh files."""
     warnings: list[str] = field(default_factory=list)
-    """One sentence for each tolerated oddity of the current command."""
+    """One sentence for each irregularity of the current command that was tolerated."""

@@ -1,7 +1,7 @@
-"""Hold back responses with status 1, and those behind them, for a few milliseconds.
+"""Delay responses that report missing paths (status 1) by a few milliseconds, for Director's Python client.
 
-Director's Python client clears its queue of commands right after it has published a request. A response that reports
-missing paths makes it queue the missing commands; when that happens before the clearing, they are lost.
+That client publishes a request and then clears its queue of commands. On a response with missing paths, another thread
+of the client puts the missing commands into this queue. If the response arrives before the clearing, they are lost.
 """
 
 from __future__ import annotations
@@ -16,37 +16,37 @@ from gateway.treeviewer.client_queue import Publish
 from gateway.treeviewer.responses import MISSING_PATHS, AnyResponse
 
 DELAY_SECONDS: Final = 0.01
-"""Delay of a response with status 1. On a busy machine the client takes up to 8 ms, rarely more."""
+"""Delay of a response with status 1. On a busy machine the client clears its queue within 8 ms, rarely later."""
 
 
 @dataclass(frozen=True, slots=True)
 class PendingResponse:
-    """A response and its destination."""
+    """A response that has not been sent, and its destination."""
 
     channel: str
     """Channel of the request."""
     response: AnyResponse
     publish: Publish
     binary: bool
-    """True: in MessagePack."""
+    """True: encode the response in MessagePack; False: in JSON."""
 
 
 class DelayedResponses:
-    """Queues of delayed responses by channel. The order of a channel's responses is kept."""
+    """Delayed responses by channel. The responses of a channel stay in order: later ones wait for a delayed one."""
 
     def __init__(self, send: Callable[[PendingResponse], None]) -> None:
         self._send = send
         self._queues: dict[str, deque[PendingResponse]] = {}
 
     def add(self, pending: PendingResponse) -> None:
-        """Send a response now, or after the delay."""
+        """Send a response, now or after the delay."""
         queue = self._queues.get(pending.channel)
-        missing = pending.response.status == MISSING_PATHS
-        if queue is None and not missing:
+        must_wait = pending.response.status == MISSING_PATHS
+        if queue is None and not must_wait:
             self._send(pending)
             return
         self._queues.setdefault(pending.channel, deque()).append(pending)
-        if missing:
+        if must_wait:
             asyncio.get_running_loop().call_later(DELAY_SECONDS, self._delay_ended, pending.channel)
 
     def flush(self) -> None:
@@ -57,9 +57,9 @@ class DelayedResponses:
                 self._send(pending)
 
     def _delay_ended(self, channel: str) -> None:
-        """Send the oldest response and those behind it, up to the next with status 1."""
+        """Send the oldest response, and the later ones up to the next that has a delay of its own."""
         queue = self._queues.get(channel)
-        if not queue:  # flushed
+        if not queue:  # flush() has sent all
             return
         self._send(queue.popleft())
         while queue and queue[0].response.status != MISSING_PATHS:

@@ -1,6 +1,6 @@
 """Handle requests from transports: small ones at once on the event loop, big ones in worker threads.
 
-Requests of one client are handled in order: those behind a big one wait for it. Other clients do not wait.
+Requests of one client are handled in order: later requests wait for a big one. Other clients do not wait for it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _log = structlog.get_logger("gateway.treeviewer")
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
 MAX_LOGGED: Final = 10
-"""Number of undecodable messages logged one by one; then only every thousandth is."""
+"""Number of undecodable messages that are all logged. Of later ones every thousandth is logged."""
 
 
 @dataclass(slots=True)
@@ -44,14 +44,14 @@ class Counters:
     failed: int = 0
     """Responses with a negative status."""
     undecodable: int = 0
-    """Messages that are not a viewer2_comms_t, so that no response is possible."""
+    """Messages that are not a viewer2_comms_t, so no response is possible."""
     unanswerable: int = 0
     """Responses that could not be sent (client id too long for an LCM channel name, or client gone)."""
     dropped: int = 0
     """Requests refused because too many were waiting."""
     dropped_bytes: int = 0
     internal_errors: int = 0
-    """Requests that raised an unexpected exception; the log has it."""
+    """Requests that raised an unexpected exception, which is in the log."""
 
 
 class DurableStore(Protocol):
@@ -59,14 +59,19 @@ class DurableStore(Protocol):
 
     @property
     def full(self) -> bool:
-        """True if so many responses wait that no new request should be applied."""
+        """True if too many responses wait for the storage to apply further requests."""
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
-        """Call ``done`` on the event loop when all edits so far are stored, with the reason if they could not be."""
+        """Call ``done`` on the event loop when all edits so far are stored, or storing them has failed.
+
+        Args:
+            done: called with the reason of a failure, or an empty string.
+            size: bytes of memory that the waiting response takes.
+        """
 
 
 class Dispatcher:
-    """Takes requests from transports. All methods run in the event loop's thread."""
+    """Handles requests and publishes responses. All methods run in the event loop's thread."""
 
     def __init__(
         self,
@@ -75,10 +80,13 @@ class Dispatcher:
         executor: Executor,
         durable: DurableStore | None = None,
     ) -> None:
-        """
+        """Create a dispatcher without requests.
+
         Args:
-            executor: runs the reading of big requests and of those that may open files.
-            durable: responses wait for it; None: they are sent at once.
+            protocol: reads and applies requests.
+            config: limits and sizes.
+            executor: its threads read big requests and requests that may open files.
+            durable: storage of the tree; None: responses do not wait for storage.
         """
         self._protocol = protocol
         self._config = config
@@ -91,6 +99,7 @@ class Dispatcher:
         self.waiting_bytes = 0
         """Bytes in all client queues."""
         self._last_undecodable = ""
+        """Channel and fault of the last undecodable message."""
 
     def receive(
         self,
@@ -100,31 +109,33 @@ class Dispatcher:
         publish: Publish,
         on_drained: Callable[[], None] | None = None,
     ) -> int:
-        """Handle a request, or queue it. Small requests are handled before this returns.
+        """Handle a request at once, or put it into the client's queue.
 
         Args:
             source: transport or connection; together with the channel it identifies the client.
-            publish: sends the response; it raises OSError or ValueError if that is impossible.
-            on_drained: called whenever less than half of ``client_waiting_bytes`` waits for this client.
+            channel: channel of the request.
+            message: the request, a viewer2_comms_t.
+            publish: sends the response; raises OSError or ValueError if it cannot be sent.
+            on_drained: called after a queued request if the client's queue is below half of ``client_waiting_bytes``.
         Returns:
-            the bytes that wait for this client, for transports that can pause it.
+            bytes in the client's queue. A transport that can pause clients compares them with the limit.
         """
         self.counters.received += 1
         self.counters.received_bytes += len(message)
         key = (source, channel)
         queue = self._queues.get(key)
-        full = self._durable is not None and self._durable.full
-        if queue is None and not full and not self._is_big(message):
+        storage_full = self._durable is not None and self._durable.full
+        if queue is None and not storage_full and not self._is_big(message):
             self._handle(channel, message, publish)
             return 0
-        if full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
+        if storage_full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
             self.counters.dropped += 1
             self.counters.dropped_bytes += len(message)
             self._refuse(channel, message, publish)
             return queue.size if queue is not None else 0
         if queue is None:
             queue = self._queues[key] = ClientQueue(channel, publish, on_drained)
-            task = asyncio.get_running_loop().create_task(self._work(key, queue))
+            task = asyncio.get_running_loop().create_task(self._handle_queue(key, queue))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         self.waiting_bytes += queue.put(message)
@@ -140,20 +151,20 @@ class Dispatcher:
         }
 
     def flush(self) -> None:
-        """Send the delayed responses, before the transports close."""
+        """Send the delayed responses. Called before the transports close."""
         self._delayed.flush()
 
     async def close(self) -> None:
-        """Cancel the handling of waiting requests."""
+        """Cancel all requests in the queues."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _is_big(self, message: Message) -> bool:
-        """Return whether a request must be read in a worker thread: by its size, or because it may have to wait.
+        """Return True if a request must be read in a worker thread, because reading it may take milliseconds or longer.
 
-        Some open a file, and all may wait for kernels at a first start.
+        These are requests of many bytes, requests that open mesh files, and all requests while kernels are compiled.
         """
         if is_pending("formats"):
             return True
@@ -162,8 +173,8 @@ class Dispatcher:
             return True
         return self._protocol.reads_files and b"mesh_file" in bytes(message)
 
-    async def _work(self, key: object, queue: ClientQueue) -> None:
-        """Handle a client's queue until it is empty."""
+    async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
+        """Handle the requests in a client's queue, in order, until it is empty."""
         try:
             while len(queue):
                 message = queue.first()
@@ -179,16 +190,18 @@ class Dispatcher:
             del self._queues[key]
 
     def _handle(self, channel: str, message: Message, publish: Publish) -> None:
+        """Read and apply a request on the event loop, and respond."""
         try:
             response = self._protocol.handle(message)
         except wire.WireError as error:
-            self._undecodable(channel, error)
+            self._count_undecodable(channel, error)
             return
         except Exception as error:  # one request must not end the transport  # noqa: BLE001
             response = self._internal_error(channel, message, error)
         self._respond(PendingResponse(channel, response, publish, wire.is_binary(message)))
 
     async def _handle_big(self, queue: ClientQueue, message: Message) -> None:
+        """Read a request in a worker thread, apply it in steps on the event loop, and respond."""
         response: AnyResponse
         try:
             comms = self._protocol.header(message)
@@ -200,9 +213,9 @@ class Dispatcher:
         except RequestRefused as refused:
             response = refused.response
         except wire.WireError as error:
-            self._undecodable(queue.channel, error)
+            self._count_undecodable(queue.channel, error)
             return
-        except Exception as error:  # noqa: BLE001 - as above
+        except Exception as error:  # noqa: BLE001 - as in _handle
             response = self._internal_error(queue.channel, message, error)
         self._respond(PendingResponse(queue.channel, response, queue.publish, wire.is_binary(message)))
 
@@ -211,12 +224,13 @@ class Dispatcher:
         if self._durable is None:
             self._delayed.add(pending)
             return
-        response, paths = pending.response, 0
+        response, path_count = pending.response, 0
         if isinstance(response, Response):
-            paths = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
-        self._durable.call_when_stored(partial(self._stored, pending), OVERHEAD_BYTES + PATH_BYTES * paths)
+            path_count = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
+        self._durable.call_when_stored(partial(self._on_stored, pending), OVERHEAD_BYTES + PATH_BYTES * path_count)
 
-    def _stored(self, pending: PendingResponse, problem: str) -> None:
+    def _on_stored(self, pending: PendingResponse, problem: str) -> None:
+        """Send a response, with status -3 if the tree could not be stored because of ``problem``."""
         response = pending.response
         if problem and isinstance(response, Response):
             reason = f"the tree has been changed, but the change could not be stored: {problem}"
@@ -225,6 +239,7 @@ class Dispatcher:
         self._delayed.add(pending)
 
     def _publish(self, pending: PendingResponse) -> None:
+        """Encode and publish a response, and count it."""
         response = pending.response
         message = responses.encode(response, binary=pending.binary)
         try:
@@ -238,15 +253,17 @@ class Dispatcher:
         self.counters.failed += response.status < 0
 
     def _refuse(self, channel: str, message: Message, publish: Publish) -> None:
+        """Respond to a request that is not handled because too many wait."""
         try:
             comms = wire.decode(message)
         except wire.WireError as error:
-            self._undecodable(channel, error)
+            self._count_undecodable(channel, error)
             return
         refusal = responses.failed(comms.utime, "too many messages are waiting; send slower")
         self._publish(PendingResponse(channel, refusal, publish, wire.is_binary(message)))
 
-    def _undecodable(self, channel: str, error: wire.WireError) -> None:
+    def _count_undecodable(self, channel: str, error: wire.WireError) -> None:
+        """Count a message to which no response is possible, and log it unless there are many."""
         self.counters.undecodable += 1
         self._last_undecodable = f"{channel}: {error}"
         if self.counters.undecodable > MAX_LOGGED and self.counters.undecodable % 1000:
@@ -254,6 +271,7 @@ class Dispatcher:
         _log.warning("An undecodable message was ignored", channel=channel, reason=str(error))
 
     def _internal_error(self, channel: str, message: Message, error: Exception) -> Response:
+        """Count and log an unexpected exception, and return the response."""
         self.counters.internal_errors += 1
         _log.exception("A request could not be handled", channel=channel)
         reason = str(error) if isinstance(error, KernelError) else "internal error; the viewer's log says more"

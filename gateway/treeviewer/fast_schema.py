@@ -1,7 +1,7 @@
-"""Types of the most frequent commands, which msgspec checks while it decodes them.
+"""msgspec types of the most frequent commands. msgspec checks commands against them while it decodes.
 
-Data that does not fit (other geometries, unusual forms, errors) fails to decode and is read field by field instead
-(``request_reader``). A type here may therefore be stricter than the protocol, never more lenient.
+Decoding fails for all other data: other geometries, irregular forms and errors. ``request_reader`` then reads the
+request field by field. A type here may therefore be stricter than the protocol, but not more lenient.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ from gateway.treeviewer.materials import WHITE, material
 _Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 _Length = Annotated[float, msgspec.Meta(ge=0.0, le=fields.MAX_DISTANCE)]
 _Coordinate = Annotated[float, msgspec.Meta(ge=-fields.MAX_DISTANCE, le=fields.MAX_DISTANCE)]
-_Unit = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+_Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
 class Transform(msgspec.Struct, gc=False):
-    """The transform of a settransform command."""
+    """Transform of a settransform command: from the path's frame to its parent's."""
 
     translation: tuple[_Finite, _Finite, _Finite] | None = fields.ZERO_TRANSLATION
     quaternion: tuple[_Finite, _Finite, _Finite, _Finite] | None = fields.IDENTITY_QUATERNION
 
     def pose(self) -> Pose:
-        """Return translation and quaternion in one tuple."""
+        """Return x, y, z of the translation and w, x, y, z of the quaternion."""
         return (self.translation or fields.ZERO_TRANSLATION) + (self.quaternion or fields.IDENTITY_QUATERNION)
 
 
 class _LocalTransform(msgspec.Struct, gc=False):
-    """A geometry's own transform."""
+    """Transform from a geometry's frame to the frame of its path."""
 
     translation: tuple[_Coordinate, _Coordinate, _Coordinate] = fields.ZERO_TRANSLATION
     quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] = fields.IDENTITY_QUATERNION
 
 
 class _Solid(msgspec.Struct, gc=False, tag_field="type"):
-    """Fields of all geometries."""
+    """Base of the geometries here. The field ``type`` of the JSON object selects the subclass."""
 
-    color: tuple[_Unit, _Unit, _Unit, _Unit] = WHITE
+    color: tuple[_Fraction, _Fraction, _Fraction, _Fraction] = WHITE
     transform: _LocalTransform | None = None
 
     def shape(self) -> Shape:
-        """Return the scene's shape."""
+        """Return the geometry as a shape of the scene."""
         raise NotImplementedError
 
 
@@ -94,15 +94,17 @@ _AnySolid = _Box | _Sphere | _Ellipsoid | _Cylinder | _Capsule
 
 
 class _MessageBase(msgspec.Struct, gc=False):
-    """Fields of a message that do not depend on limits."""
+    """Fields of a request that do not depend on limits."""
 
     delete: Any = None
     load: Any = msgspec.UNSET
+    """Director's older name of ``setgeometry``."""
     draw: Any = msgspec.UNSET
+    """Director's older name of ``settransform``."""
 
 
 def message_type(limits: Limits) -> type:
-    """Return the type of a message whose paths and geometries respect the limits."""
+    """Return the type of a request whose paths and geometries respect the limits."""
     name = Annotated[str, msgspec.Meta(max_length=limits.element_chars)]
     number = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
     path = Annotated[tuple[name | number, ...], msgspec.Meta(max_length=limits.path_elements)]
@@ -113,12 +115,12 @@ def message_type(limits: Limits) -> type:
         gc=False,
     )
     set_transform = msgspec.defstruct("SetTransform", [("path", path), ("transform", Transform)], gc=False)
-    empty = dict[str, Any]
+    single_command = dict[str, Any]  # {} or one command in place of a list
     return msgspec.defstruct(
         "Message",
         [
-            ("setgeometry", list[set_geometry] | empty | None, None),  # type: ignore[valid-type]  # made above
-            ("settransform", list[set_transform] | empty | None, None),  # type: ignore[valid-type]  # made above
+            ("setgeometry", list[set_geometry] | single_command | None, None),  # type: ignore[valid-type]  # made above
+            ("settransform", list[set_transform] | single_command | None, None),  # type: ignore[valid-type]  # made above
         ],
         bases=(_MessageBase,),
         gc=False,
@@ -135,6 +137,7 @@ def parts_of(command: Any) -> tuple[Part, ...] | None:
 
 
 def _part(solid: _Solid) -> Part:
+    """Return a geometry as a part of the scene."""
     local = solid.transform
     X_node_part = IDENTITY
     if local is not None and (

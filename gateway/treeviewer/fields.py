@@ -1,7 +1,7 @@
-"""Read single fields of a command, as tolerantly as Director's clients need.
+"""Read single fields of a command. Irregular values that known clients of Director send are accepted.
 
-Functions raise ``CommandError`` for a value that cannot be used, and ``NothingToDraw`` for one that is understood but
-cannot be drawn (NaN, infinite, or farther than ``MAX_DISTANCE``).
+The functions raise ``CommandError`` for an invalid value, and ``NothingToDraw`` for a valid one that cannot be drawn:
+NaN, infinite, or beyond ``MAX_DISTANCE``. ``params`` are the fields of a decoded JSON object.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gateway.treeviewer.context import ReadContext
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)
 MAX_DISTANCE: Final = 1e15
-"""Metres: beyond it float32 is too coarse for images, and squares of lengths overflow."""
+"""Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
 _INT64: Final = 2**63
 _NUMBER_TYPES: Final = frozenset((int, float))
 _STRING_TYPE: Final = frozenset((str,))
@@ -29,15 +29,15 @@ _IDENTITY_POSE: Final = (*ZERO_TRANSLATION, *IDENTITY_QUATERNION)
 
 
 class CommandError(ValueError):
-    """A command cannot be executed; the message names field, value and reason."""
+    """Failure of one command; the message names the field, its value and the reason."""
 
 
-class NothingToDraw(Exception):  # noqa: N818 - no failure: the geometry is present and empty
-    """A geometry is understood but has nothing that can be drawn (a NaN radius, a missing file)."""
+class NothingToDraw(Exception):  # noqa: N818 - no failure: the path gets an empty geometry
+    """A geometry is valid but cannot be drawn (a NaN radius, a missing file); the message is the reason."""
 
 
 def show(value: Any) -> str:
-    """Return a value as short JSON for a message."""
+    """Return a value as JSON of at most 60 characters, for an error text."""
     if isinstance(value, (list, dict)) and len(value) > 20:
         return f"a {type(value).__name__} of {len(value)}"
     try:
@@ -49,7 +49,7 @@ def show(value: Any) -> str:
 
 
 def number(value: Any, name: str) -> float:
-    """Return a number, which may be NaN, or a bool as 0 or 1 (a recorded client sends ``"radius": false``)."""
+    """Return a number, which may be NaN or infinite. A bool counts as 0 or 1: a client sends ``"radius": false``."""
     if isinstance(value, (int, float)):
         try:
             return float(value)
@@ -59,7 +59,7 @@ def number(value: Any, name: str) -> float:
 
 
 def numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
-    """Return a list of exactly ``count`` numbers."""
+    """Return the ``count`` numbers of a list. Another length is an error."""
     if type(value) is list and len(value) == count and _NUMBER_TYPES.issuperset(map(type, value)):
         try:
             return tuple(map(float, value))
@@ -73,14 +73,14 @@ def numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
 
 
 def drawable(value: float, name: str) -> float:
-    """Return the value; raise NothingToDraw if it is not finite or too large."""
+    """Return the value; raise NothingToDraw if it is not finite or beyond ``MAX_DISTANCE``."""
     if not abs(value) <= MAX_DISTANCE:
         raise NothingToDraw(f"{name} is {value:g}, so nothing is drawn")
     return value
 
 
 def required(params: Mapping[str, Any], name: str) -> float:
-    """Return a number that must be present."""
+    """Return a required, drawable number."""
     value = params.get(name)
     if value is None:
         raise CommandError(f"{name} is missing")
@@ -88,7 +88,7 @@ def required(params: Mapping[str, Any], name: str) -> float:
 
 
 def size(params: Mapping[str, Any], name: str, default: float) -> float:
-    """Return an optional length in metres, at least 0."""
+    """Return an optional length in metres. A negative one counts as 0."""
     value = params.get(name)
     if value is None:
         return default
@@ -97,22 +97,22 @@ def size(params: Mapping[str, Any], name: str, default: float) -> float:
 
 def radius(params: Mapping[str, Any], warnings: list[str]) -> float:
     """Return a required radius in metres. A negative one counts as 0, as in VTK, with a warning."""
-    given = required(params, "radius")
-    if given < 0.0:
-        warnings.append(f"radius is {given:g}, it counts as 0")
-    return max(given, 0.0)
+    value = required(params, "radius")
+    if value < 0.0:
+        warnings.append(f"radius is {value:g}, it counts as 0")
+    return max(value, 0.0)
 
 
 def length(params: Mapping[str, Any], warnings: list[str]) -> float:
-    """Return the absolute value of a required length in metres, as Director does; warn if it is negative."""
-    given = required(params, "length")
-    if given < 0.0:
-        warnings.append(f"length is {given:g}, its absolute value is drawn")
-    return abs(given)
+    """Return the absolute value of a required length in metres, as Director does. Warns of a negative length."""
+    value = required(params, "length")
+    if value < 0.0:
+        warnings.append(f"length is {value:g}, its absolute value is drawn")
+    return abs(value)
 
 
-def triple(params: Mapping[str, Any], name: str, warnings: list[str]) -> tuple[float, float, float]:
-    """Return three required lengths. A single number counts for all three; negative ones as in ``length``."""
+def lengths_xyz(params: Mapping[str, Any], name: str, warnings: list[str]) -> tuple[float, float, float]:
+    """Return three required lengths along x, y, z. One number counts for all three; negative ones as in ``length``."""
     value = params.get(name)
     if value is None:
         raise CommandError(f"{name} is missing")
@@ -126,10 +126,10 @@ def triple(params: Mapping[str, Any], name: str, warnings: list[str]) -> tuple[f
 
 
 def color(params: Mapping[str, Any], warnings: list[str]) -> tuple[float, float, float, float]:
-    """Return sRGB and alpha, white by default.
+    """Return red, green, blue (sRGB) and alpha from 0 to 1; opaque white by default.
 
-    Three numbers are opaque; a fifth is ignored with a warning, as in Director. Numbers outside 0 to 1 are clamped, NaN
-    counts as 0.
+    Alpha may be absent. A fifth number is ignored with a warning, as in Director. Numbers outside of 0 to 1 are
+    clamped; NaN counts as 0.
     """
     value = params.get("color")
     if value is None:
@@ -148,7 +148,7 @@ def _clamp(value: float) -> float:
 
 
 def pose(value: Any, name: str = "transform") -> Pose:
-    """Return the pose of a transform, of which both parts are optional. NaN and infinity are allowed."""
+    """Return the pose of a transform. Translation and quaternion are optional, and may be NaN or infinite."""
     if not isinstance(value, Mapping):
         raise CommandError(f"{name} must be an object with translation and quaternion, not {show(value)}")
     translation, quaternion = value.get("translation"), value.get("quaternion")
@@ -158,20 +158,20 @@ def pose(value: Any, name: str = "transform") -> Pose:
 
 
 def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return a geometry's own transform, (4, 4); ``IDENTITY`` itself if it has none."""
+    """Return the transform from a geometry's frame to its path's, (4, 4); the object ``IDENTITY`` if there is none."""
     value = params.get("transform")
     if value is None:
         return IDENTITY
-    p = pose(value)
-    if p == _IDENTITY_POSE:
+    translation_quaternion = pose(value)
+    if translation_quaternion == _IDENTITY_POSE:
         return IDENTITY
-    if not all(abs(v) <= MAX_DISTANCE for v in p):
+    if not all(abs(v) <= MAX_DISTANCE for v in translation_quaternion):
         raise NothingToDraw("transform is not finite, so nothing is drawn")
-    return from_pose(p[:3], p[3:])
+    return from_pose(translation_quaternion[:3], translation_quaternion[3:])
 
 
 def path(command: Mapping[str, Any], context: ReadContext) -> Path:
-    """Return the command's path; a string is split at slashes."""
+    """Return the command's path: a list of names, or a string that is split at slashes."""
     limits = context.limits
     if "path" not in command:
         raise CommandError("path is missing")
@@ -190,10 +190,11 @@ def path(command: Mapping[str, Any], context: ReadContext) -> Path:
         and all(map(str.isascii, value))
     ):
         return tuple(value)
-    return tuple(_element(element, index, limits.element_chars) for index, element in enumerate(value))
+    return tuple(_path_element(element, index, limits.element_chars) for index, element in enumerate(value))
 
 
-def _element(value: Any, index: int, max_chars: int) -> PathElement:
+def _path_element(value: Any, index: int, max_chars: int) -> PathElement:
+    """Return element ``index`` of a path: a string or an integer."""
     if isinstance(value, str):
         if len(value) > max_chars:
             raise CommandError(f"path[{index}] has {len(value)} characters, the limit is {max_chars}")

@@ -1,4 +1,7 @@
-"""Geometry descriptions of the protocol as parts of the scene: eleven types with fields, defaults and oddities."""
+"""Read the geometries of setgeometry commands as parts of the scene. ``request_reader`` calls ``read_parts``.
+
+There are eleven types of geometry. Shapes that consist of arrays are read by ``array_geometry``.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +20,17 @@ from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 from gateway.treeviewer.materials import Color, material, tinted
 
 MIN_TRIAD_SCALE: Final = 1e-6
+"""Minimum length of a triad's axes, in metres."""
 
 Params = Mapping[str, Any]
+"""Fields of a decoded JSON object."""
 
 
 def read_parts(command: Params, context: ReadContext) -> tuple[Part, ...]:
-    """Return the parts of a setgeometry command; ``geometry`` overrides ``geometries``, as in Director.
+    """Return the parts of a setgeometry command. ``geometry`` overrides ``geometries``, as in Director.
 
     Raises:
-        CommandError: with the reason.
+        CommandError: a field is missing or invalid.
     """
     single = command.get("geometry")
     if single is not None:
@@ -46,7 +51,13 @@ def read_parts(command: Params, context: ReadContext) -> tuple[Part, ...]:
 
 
 def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> tuple[Part, ...]:
-    """Return the parts of one geometry: one, none if there is nothing to draw, or those of a mesh file."""
+    """Return the parts of one geometry: several for a mesh file, none if nothing can be drawn, otherwise one.
+
+    Args:
+        params: the geometry as decoded.
+        context: receives warnings.
+        name: name of the geometry in the command, for error texts.
+    """
     if not isinstance(params, dict):
         raise CommandError(f"{name} must be an object, not {show(params)}")
     kind = params.get("type")
@@ -54,9 +65,9 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     try:
         rgba = fields.color(params, context.warnings)
-        X = fields.local_transform(params)
+        X_node_geometry = fields.local_transform(params)
         if kind == "mesh_file":
-            return _mesh_file(params, rgba, X, context)
+            return _mesh_file(params, rgba, X_node_geometry, context)
         shape = _SHAPES[kind](params, context)
     except NothingToDraw as nothing:
         context.warnings.append(f"{name}: {nothing}")
@@ -67,11 +78,11 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         return ()
     if isinstance(shape, PointCloud) and ("rgb" in shape.channels or "intensity" in shape.channels):
         rgba = (1.0, 1.0, 1.0, rgba[3])
-    return (Part(shape, material(rgba), X, kind),)
+    return (Part(shape, material(rgba), X_node_geometry, kind),)
 
 
 def _box(params: Params, context: ReadContext) -> Shape:
-    return Box(fields.triple(params, "lengths", context.warnings))
+    return Box(fields.lengths_xyz(params, "lengths", context.warnings))
 
 
 def _sphere(params: Params, context: ReadContext) -> Shape:
@@ -79,7 +90,7 @@ def _sphere(params: Params, context: ReadContext) -> Shape:
 
 
 def _ellipsoid(params: Params, context: ReadContext) -> Shape:
-    return Ellipsoid(fields.triple(params, "radii", context.warnings))
+    return Ellipsoid(fields.lengths_xyz(params, "radii", context.warnings))
 
 
 def _cylinder(params: Params, context: ReadContext) -> Shape:
@@ -91,14 +102,17 @@ def _capsule(params: Params, context: ReadContext) -> Shape:
 
 
 def _triad(params: Params, context: ReadContext) -> Shape:
-    given = params.get("scale")
-    scale = 1.0 if given is None else fields.drawable(fields.number(given, "scale"), "scale")
+    value = params.get("scale")
+    scale = 1.0 if value is None else fields.drawable(fields.number(value, "scale"), "scale")
     if abs(scale) < MIN_TRIAD_SCALE:
         raise NothingToDraw(f"scale is {scale:g}, so nothing is drawn")
     return Triad(scale, bool(params.get("tube")))
 
 
-def _mesh_file(params: Params, rgba: Color, X: NDArray[np.float64], context: ReadContext) -> tuple[Part, ...]:
+def _mesh_file(
+    params: Params, rgba: Color, X_node_geometry: NDArray[np.float64], context: ReadContext
+) -> tuple[Part, ...]:
+    """Load a mesh file, and return its parts with the command\'s colour and transform."""
     filename = params.get("filename")
     if not isinstance(filename, str):
         raise CommandError(
@@ -117,7 +131,7 @@ def _mesh_file(params: Params, rgba: Color, X: NDArray[np.float64], context: Rea
         msgspec.structs.replace(
             part,
             material=tinted(part.material, rgba),
-            X_node_part=part.X_node_part if X is IDENTITY else X @ part.X_node_part,
+            X_node_part=part.X_node_part if X_node_geometry is IDENTITY else X_node_geometry @ part.X_node_part,
             kind="mesh_file",
             source=part.source or filename,
         )
@@ -126,18 +140,18 @@ def _mesh_file(params: Params, rgba: Color, X: NDArray[np.float64], context: Rea
 
 
 def _mesh_file_scale(params: Params) -> tuple[float, float, float]:
-    """Return the scale along each axis, given as one number or three."""
-    given = params.get("scale")
-    if given is None:
+    """Return the scale factors along x, y, z. The field has one number for all axes, or three."""
+    value = params.get("scale")
+    if value is None:
         return 1.0, 1.0, 1.0
-    if isinstance(given, list) and len(given) == 3:
-        x, y, z = (fields.drawable(v, "scale") for v in fields.numbers(given, "scale", 3))
+    if isinstance(value, list) and len(value) == 3:
+        x, y, z = (fields.drawable(v, "scale") for v in fields.numbers(value, "scale", 3))
         return x, y, z
-    single = given[0] if isinstance(given, list) and len(given) == 1 else given
+    single = value[0] if isinstance(value, list) and len(value) == 1 else value
     if not isinstance(single, (int, float)):
-        raise CommandError(f"scale must be a number or three, not {show(given)}")
-    value = fields.drawable(fields.number(single, "scale"), "scale")
-    return value, value, value
+        raise CommandError(f"scale must be a number or three, not {show(value)}")
+    scale = fields.drawable(fields.number(single, "scale"), "scale")
+    return scale, scale, scale
 
 
 _SHAPES: Final[dict[str, Callable[[Params, ReadContext], Shape | None]]] = {

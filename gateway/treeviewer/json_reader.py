@@ -1,4 +1,4 @@
-"""Read requests in JSON (``treeviewer_json``)."""
+"""Read tree viewer requests in JSON, the format ``treeviewer_json``. ``dispatch`` chooses the reader of a request."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
 
 MIN_EXTRACT_BYTES: Final = 16 * 1024
-"""Long number arrays are taken out of requests of this size and more."""
+"""Minimum size of requests whose long number arrays are parsed apart, by ``NumberArrays``."""
 
 
 class JsonReader(RequestReader):
-    """Reads requests in JSON."""
+    """Reader of ``treeviewer_json`` requests."""
 
     type_text = "a JSON object"
 
@@ -30,31 +30,34 @@ class JsonReader(RequestReader):
 
     def read(self, data: memoryview) -> Request:
         context = self.context()
-        body = context.arrays.extract(data) if len(data) >= MIN_EXTRACT_BYTES else data
-        if len(body) > self.limits.json_bytes:
-            raise RequestError(f"the request has {len(body)} bytes of JSON, the limit is {self.limits.json_bytes}")
+        json_text = context.arrays.extract(data) if len(data) >= MIN_EXTRACT_BYTES else data
+        if len(json_text) > self.limits.json_bytes:
+            raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
         try:
-            request = self.from_schema(self._schema_decoder.decode(body), context)
+            request = self.from_schema(self._schema_decoder.decode(json_text), context)
             if request is not None:
                 return request
         except DECODE_ERRORS:
             pass
         try:
-            return self.from_plain(self._decode_any(body), context)
+            return self.from_plain(self._decode_plain(json_text), context)
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
 
-    def _decode_any(self, body: bytes | memoryview) -> Any:
-        """Return plain objects, by Python's json if msgspec refuses: Python clients write bare NaN and Infinity."""
+    def _decode_plain(self, json_text: bytes | memoryview) -> Any:
+        """Return dicts, lists, strings and numbers.
+
+        Python clients write NaN and Infinity, which msgspec refuses and Python's json accepts.
+        """
         try:
-            return self._plain_decoder.decode(body)
+            return self._plain_decoder.decode(json_text)
         except DECODE_ERRORS:
             pass
         try:
-            return json.loads(bytes(body).decode())
+            return json.loads(bytes(json_text).decode())
         except UnicodeDecodeError as error:
             raise JsonError(f"text: {error.reason} at byte {error.start}") from None
         except RecursionError:
             raise RequestError("the request is nested too deeply") from None
-        except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+        except ValueError as error:  # not JSON, or an integer of more digits than Python converts
             raise JsonError(f"({error})") from None

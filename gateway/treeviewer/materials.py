@@ -1,4 +1,4 @@
-"""Materials of the tree viewer's geometry."""
+"""Materials of the tree viewer's geometries, from the colour of a command."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINT_SIZE: Final = 2.0
 
 @lru_cache(maxsize=4096)
 def material(rgba: Color) -> Material:
-    """Return Director's material: diffuse, double-sided."""
+    """Return a diffuse, double-sided material, as Director draws geometries of this colour."""
     r, g, b, a = rgba
     return Material(
         base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),
@@ -30,15 +30,15 @@ def material(rgba: Color) -> Material:
     )
 
 
-def tinted(given: Material, rgba: Color) -> Material:
-    """Return a mesh file's material multiplied by the command's colour."""
+def tinted(source: Material, rgba: Color) -> Material:
+    """Return the material of a mesh file, multiplied by the command's colour."""
     if rgba == WHITE:
-        return given
+        return source
     r, g, b, a = rgba
-    base = given.base_color
+    base = source.base_color
     alpha = base[3] * a
     return replace(
-        given,
+        source,
         base_color=(base[0] * linear_from_srgb(r), base[1] * linear_from_srgb(g), base[2] * linear_from_srgb(b), alpha),
-        alpha_mode=AlphaMode.BLEND if a < 1.0 and given.alpha_mode is AlphaMode.OPAQUE else given.alpha_mode,
+        alpha_mode=AlphaMode.BLEND if a < 1.0 and source.alpha_mode is AlphaMode.OPAQUE else source.alpha_mode,
     )

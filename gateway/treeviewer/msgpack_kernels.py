@@ -1,4 +1,7 @@
-"""Count the values in a MessagePack message without the GIL and without making objects."""
+"""Count the values in a MessagePack message without the GIL and without creating Python objects.
+
+``msgpack_reader`` refuses a request with too many values before it decodes the request.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,25 @@ from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, u8_at
 
 TRUNCATED: Final = -1
-MALFORMED: Final = -2
+UNUSED_BYTE: Final = -2
 TRAILING_BYTES: Final = -3
-NEVER_USED: Final = 0xC1
-"""The only first byte without a meaning."""
-_LENGTH_BYTES, _PAYLOAD, _COUNT, _CHILDREN, _TEXT = range(5)
+UNUSED_FIRST_BYTE: Final = 0xC1
+"""The only first byte that the specification leaves unused."""
 TEXT_BYTES_PER_VALUE: Final = 64
-"""A string counts as one more value for each of these bytes."""
+"""A string counts as one value, and one more for each of these bytes."""
+_LENGTH_BYTES, _PAYLOAD, _LENGTH, _CHILDREN, _TEXT = range(5)
+"""Columns of the table ``_FORMATS``."""
 
 
-def _formats() -> NDArray[np.int64]:
-    """Return the table of first bytes, from msgpack/spec.md.
+def _describe_formats() -> NDArray[np.int64]:
+    """Return the layout of a value for each first byte, (256, 5), from msgpack/spec.md.
 
-    Columns: bytes of the length that follows, fixed bytes of payload, length in the first byte, values per counted
-    element, 1 for a string.
+    Columns: size in bytes of the length field that follows; payload bytes besides those that the length counts;
+    length that the first byte contains; values per element of an array (1) or map (2), otherwise 0; 1 for a string.
     """
     formats = np.zeros((256, 5), np.int64)
-    formats[0x80:0x90, _COUNT] = formats[0x90:0xA0, _COUNT] = range(16)
-    formats[0xA0:0xC0, _COUNT] = range(32)
+    formats[0x80:0x90, _LENGTH] = formats[0x90:0xA0, _LENGTH] = range(16)
+    formats[0xA0:0xC0, _LENGTH] = range(32)
     formats[0xC4:0xC7, _LENGTH_BYTES] = formats[0xC7:0xCA, _LENGTH_BYTES] = formats[0xD9:0xDC, _LENGTH_BYTES] = 1, 2, 4
     formats[0xDC:0xDE, _LENGTH_BYTES] = formats[0xDE:0xE0, _LENGTH_BYTES] = 2, 4
     formats[0xC7:0xCA, _PAYLOAD] = 1
@@ -42,17 +46,18 @@ def _formats() -> NDArray[np.int64]:
     return formats
 
 
-_FORMATS: Final = _formats()
+_FORMATS: Final = _describe_formats()
 
 
 def count_values(message: NDArray[np.uint8], limit: int) -> int:
-    """Return the number of values in a message, or a number above ``limit`` as soon as there are more.
+    """Return the number of values in a message, or any number above ``limit`` if there are more.
 
-    Arrays, maps and their members count; binaries and extensions count as one value of any length. Negative:
-    TRUNCATED, MALFORMED or TRAILING_BYTES.
+    Arrays, maps, and the keys and values in them count one each. A binary or extension of any length counts as one
+    value. The result is TRUNCATED, UNUSED_BYTE or TRAILING_BYTES, all negative, if the message is not MessagePack.
 
     Args:
         message: (N,) uint8.
+        limit: number of values at which counting may stop.
     """
     wait_until_compiled("formats")
     count: int = _count_values(address_of(message, np.uint8), len(message), limit)
@@ -61,39 +66,39 @@ def count_values(message: NDArray[np.uint8], limit: int) -> int:
 
 @kernel("int64(int64, int64, int64)")
 def _count_values(message_at, size, limit):
-    """Return the result of ``count_values``."""
+    """Return the result of ``count_values``; ``size`` is the message's length in bytes."""
     data = u8_at(message_at)
     position = 0
-    pending = 1
-    found = 0
-    while pending > 0:
+    expected_values = 1  # still to be read
+    count = 0
+    while expected_values > 0:
         if position >= size:
             return TRUNCATED
-        first = data[position]
+        first_byte = data[position]
         position += 1
-        pending -= 1
-        found += 1
-        if found > limit:
-            return found
-        if first == NEVER_USED:
-            return MALFORMED
-        length = _FORMATS[first, _COUNT]
-        length_bytes = _FORMATS[first, _LENGTH_BYTES]
+        expected_values -= 1
+        count += 1
+        if count > limit:
+            return count
+        if first_byte == UNUSED_FIRST_BYTE:
+            return UNUSED_BYTE
+        length = _FORMATS[first_byte, _LENGTH]
+        length_bytes = _FORMATS[first_byte, _LENGTH_BYTES]
         if position + length_bytes > size:
             return TRUNCATED
         for k in range(length_bytes):
             length = (length << 8) | data[position + k]
         position += length_bytes
-        children = _FORMATS[first, _CHILDREN]
+        children = _FORMATS[first_byte, _CHILDREN]
         if children:
-            pending += length * children
+            expected_values += length * children
         else:
-            length += _FORMATS[first, _PAYLOAD]
+            length += _FORMATS[first_byte, _PAYLOAD]
             if length > size - position:
                 return TRUNCATED
             position += length
-            if _FORMATS[first, _TEXT]:
-                found += length // TEXT_BYTES_PER_VALUE
-        if pending > size - position:
+            if _FORMATS[first_byte, _TEXT]:
+                count += length // TEXT_BYTES_PER_VALUE
+        if expected_values > size - position:
             return TRUNCATED
-    return found if position == size else TRAILING_BYTES
+    return count if position == size else TRAILING_BYTES

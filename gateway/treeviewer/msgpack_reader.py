@@ -1,6 +1,7 @@
-"""Read requests in MessagePack (``treeviewer_msgpack``): the commands of the JSON format, with long arrays as bytes.
+"""Read tree viewer requests in MessagePack, the format ``treeviewer_msgpack``.
 
-See docs/tree-viewer-binary.md.
+The commands are those of the JSON format; long number arrays are extensions that hold their bytes. See
+docs/tree-viewer-binary.md.
 """
 
 from __future__ import annotations
@@ -18,23 +19,27 @@ from gateway.treeviewer.packed_arrays import EXTENSION, unpack
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
 
-FAULTS: Final = {
+SYNTAX_ERRORS: Final = {
     msgpack_kernels.TRUNCATED: "it ends too early",
-    msgpack_kernels.MALFORMED: "byte c1 is never used",
+    msgpack_kernels.UNUSED_BYTE: "byte c1 is never used",
     msgpack_kernels.TRAILING_BYTES: "bytes follow its end",
 }
 
 
 class UnknownExtension:
-    """An extension of another type than number arrays; it is ignored, or fails the field that it is in."""
+    """Placeholder of an extension that is not a number array.
+
+    In a field that the protocol defines it is an error; elsewhere it is ignored.
+    """
 
 
 def _decode_extension(code: int, payload: memoryview) -> object:
+    """Return the value of an extension (msgspec's ``ext_hook``)."""
     return unpack(payload) if code == EXTENSION else UnknownExtension()
 
 
 class MsgpackReader(RequestReader):
-    """Reads requests in MessagePack."""
+    """Reader of ``treeviewer_msgpack`` requests."""
 
     type_text = "a MessagePack map"
 
@@ -44,8 +49,8 @@ class MsgpackReader(RequestReader):
         self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
 
     def read(self, data: memoryview) -> Request:
-        if len(data) > self.limits.binary_objects:  # each value takes a byte at least
-            self._check_values(data)
+        if len(data) > self.limits.binary_objects:  # each value takes at least a byte
+            self._check_value_count(data)
         try:
             request = self.from_schema(self._schema_decoder.decode(data), self.context())
             if request is not None:
@@ -58,11 +63,11 @@ class MsgpackReader(RequestReader):
             raise RequestError(f"the request is not valid MessagePack ({error})") from None
         return self.from_plain(message, self.context())
 
-    def _check_values(self, data: memoryview) -> None:
-        """Raise RequestError if the request would become too many objects, before any is made."""
+    def _check_value_count(self, data: memoryview) -> None:
+        """Raise RequestError if decoding would create more Python objects than the limit."""
         limit = self.limits.binary_objects
-        found = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
-        if found in FAULTS:
-            raise RequestError(f"the request is not valid MessagePack ({FAULTS[found]})")
-        if found > limit:
+        count = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
+        if count in SYNTAX_ERRORS:
+            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count]})")
+        if count > limit:
             raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")

@@ -1,7 +1,7 @@
-"""Take long number arrays out of a request's JSON, so that Python's reader parses only the rest.
+"""Read the number arrays of a request, from JSON text, Python lists and packed arrays (MessagePack), as NumPy arrays.
 
-Each array is replaced by a short string with a random token and the array's index; no client can guess the token.
-``NumberArrays`` turns these strings, plain lists and packed arrays into NumPy arrays.
+``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, a short string stands for each
+of them: a random token, which no client can guess, and the array's index.
 """
 
 from __future__ import annotations
@@ -17,30 +17,36 @@ from gateway.treeviewer import json_kernels
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, columns_text, shape_text
 
 MIN_NUMBERS: Final = 256
-"""Shorter arrays stay in the JSON: paths must, and Python reads so few numbers quickly."""
+"""Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
 MAX_ARRAYS: Final = 65_536
-"""Maximum number of arrays taken out of one message; further ones stay in the JSON."""
+"""Maximum number of arrays taken out of one request; further ones stay in the JSON text."""
+_MAX_ARRAYS_OF_SMALL_REQUEST: Final = 64
+"""The same for requests of up to ``MAX_ARRAYS`` bytes, whose table of arrays is smaller."""
 
 
 class JsonError(ValueError):
-    """The text is not JSON; the message contains the position."""
+    """Syntax error in JSON text; the message contains the position."""
 
 
 @dataclass(frozen=True, slots=True)
 class _TextArray:
-    """An array in the JSON text."""
+    """A number array in the JSON text: one row of ``json_kernels.find_arrays``."""
 
     begin: int
+    """Position of the first byte."""
     end: int
-    """Position in the text, in bytes."""
+    """Position of the byte after the last."""
     count: int
+    """Number of numbers."""
     rows: int
     columns: int
+    """Columns of an array of two dimensions, or ``json_kernels.MIXED_COLUMNS``."""
     dimensions: int
+    """1 or 2."""
 
 
 class NumberArrays:
-    """Number arrays of one request."""
+    """Number arrays of one request, whatever its format."""
 
     __slots__ = ("_arrays", "_prefix", "_text")
 
@@ -50,21 +56,22 @@ class NumberArrays:
         self._arrays: list[_TextArray] = []
 
     def extract(self, data: memoryview) -> bytes:
-        """Return the JSON text with strings in place of its long arrays. Keeps a reference to ``data``."""
+        """Return the JSON text ``data`` with strings in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
-        table = json_kernels.find_arrays(text, MAX_ARRAYS if len(data) > MAX_ARRAYS else 64, MIN_NUMBERS)
+        max_arrays = MAX_ARRAYS if len(data) > MAX_ARRAYS else _MAX_ARRAYS_OF_SMALL_REQUEST
+        table = json_kernels.find_arrays(text, max_arrays, MIN_NUMBERS)
         if not len(table):
             return bytes(data)
         self._text = text
         self._prefix = f"\x00{os.urandom(12).hex()}:"
-        escaped = '"\\u0000' + self._prefix[1:]
+        json_prefix = '"\\u0000' + self._prefix[1:]
         pieces: list[bytes | memoryview] = []
         position = 0
         for index, row in enumerate(table.tolist()):
             array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
-            pieces.append(f'{escaped}{index}"'.encode())
+            pieces.append(f'{json_prefix}{index}"'.encode())
             position = array.end
         pieces.append(data[position:])
         return b"".join(pieces)
@@ -74,8 +81,12 @@ class NumberArrays:
         return bool(self._prefix) and value.startswith(self._prefix)
 
     def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
-        """Return (N, columns) float32, or (N,) where ``columns`` is (1,). An empty list has the first of ``columns``.
+        """Return a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
 
+        Args:
+            value: decoded field: a list, a packed array, or the string that stands for an array in the JSON text.
+            columns: numbers of columns that the field may have. An empty list gets the first.
+            max_rows: maximum number of rows.
         Raises:
             ArrayError: wrong shape, not numbers, or too many rows.
             JsonError: the text of the array is not JSON.
@@ -86,10 +97,14 @@ class NumberArrays:
             return self._read(value, columns, max_rows).astype(np.float32)
 
     def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
-        """Return (N, 3) uint32, indices less than ``count``.
+        """Return a field's triangles, (N, 3) uint32 indices of ``count`` vertices.
 
+        Args:
+            value: as in ``floats``.
+            count: number of vertices.
+            max_rows: maximum number of triangles.
         Raises:
-            ArrayError: wrong shape, values that are no such indices, or too many rows.
+            ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
             JsonError: the text of the array is not JSON.
         """
         if isinstance(value, PackedArray):
@@ -102,12 +117,13 @@ class NumberArrays:
         return values.astype(np.uint32)
 
     def _read(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        """Return the numbers of a list, or of the array that a string stands for."""
         if isinstance(value, str) and self.is_reference(value):
             return self._parse(self._arrays[int(value[len(self._prefix) :])], columns, max_rows)
         return _from_list(value, columns, max_rows)
 
     def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
-        column_count = _check_shape(array, columns, max_rows)
+        column_count = _checked_columns(array, columns, max_rows)
         assert self._text is not None
         numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.count)
         if error_at >= 0:
@@ -116,14 +132,14 @@ class NumberArrays:
         return numbers if column_count == 1 else numbers.reshape(-1, column_count)
 
 
-def _check_shape(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
-    """Return the number of columns, which is one of ``columns``."""
+def _checked_columns(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
+    """Return the array's number of columns; raise ArrayError if it is none of ``columns`` or has too many rows."""
     nested = array.dimensions == 2
     rows = array.rows if nested else array.count
     column_count = array.columns if nested else 1
     if rows > max_rows:
         raise ArrayError(f"has {rows} rows, the limit is {max_rows}")
-    if nested and column_count == json_kernels.RAGGED:
+    if nested and column_count == json_kernels.MIXED_COLUMNS:
         raise ArrayError("has rows of different lengths")
     if nested and column_count == 1 and 1 in columns:
         return 1
@@ -133,6 +149,7 @@ def _check_shape(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> 
 
 
 def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+    """Return the numbers of a Python list, or of a list of lists."""
     if not isinstance(value, list):
         raise ArrayError(f"must be a list of {columns_text(columns)}")
     if len(value) > max_rows:
@@ -154,8 +171,10 @@ def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[n
 
 
 def _describe_ragged(value: list[Any], columns: tuple[int, ...]) -> str:
+    """Return the error text for a list whose rows have different lengths, or are nested to different depths."""
     for index, row in enumerate(value):
-        size = len(row) if isinstance(row, list) else 1
-        if size not in columns:
-            return f"has {size} {'number' if size == 1 else 'numbers'} in row {index}, rows of {columns[0]} are wanted"
+        row_length = len(row) if isinstance(row, list) else 1
+        if row_length not in columns:
+            numbers_text = "1 number" if row_length == 1 else f"{row_length} numbers"
+            return f"has {numbers_text} in row {index}, rows of {columns[0]} are wanted"
     return "has rows of different lengths"

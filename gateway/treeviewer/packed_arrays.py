@@ -1,4 +1,4 @@
-"""Number arrays as bytes: extension type 1 of the MessagePack format (docs/tree-viewer-binary.md)."""
+"""Number arrays in MessagePack requests: extension type 1, defined in docs/tree-viewer-binary.md."""
 
 from __future__ import annotations
 
@@ -11,29 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 EXTENSION: Final = 1
-"""MessagePack's extension type of a number array."""
+"""MessagePack extension type of number arrays."""
 DTYPES: Final = {
     name: np.dtype(f"<{name}") for name in ("f2", "f4", "f8", "u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8")
 }
-"""Kind (float, unsigned, integer) and size in bytes of one number, all little endian."""
+"""Number types by name: float, unsigned or signed integer, and the size of a number in bytes. All are little-endian."""
 _HEADER: Final = struct.Struct("<2sBB")
-"""Type, number of dimensions, 0."""
+"""Name of the number type, number of dimensions, a reserved 0. The dimensions follow as uint32."""
 
 
 class ArrayError(ValueError):
-    """An array has the wrong shape or values; the message starts with a verb (``has 2 numbers in row 7, not 3``)."""
+    """An array has an invalid shape or value.
+
+    The message is a sentence without its subject, the field's name (``has 2 numbers in row 7, not 3``).
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedArray:
-    """An array as received. Nothing is copied before its shape has been checked."""
+    """An array as received. Its numbers are copied and converted only after the check of its shape."""
 
     values: NDArray[Any] | None
     """A view of the message, possibly unaligned; None if there is a ``fault``."""
     fault: str = ""
 
     def floats(self, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
-        """Return a copy, (N, columns) float32, or (N,) where ``columns`` is (1,).
+        """Return a copy as float32: (N, one of ``columns``), or (N,) for one column.
 
         Raises:
             ArrayError: wrong shape, or too many rows.
@@ -43,49 +46,50 @@ class PackedArray:
             return values.astype(np.float32, order="C")
 
     def indices(self, count: int, max_rows: int) -> NDArray[np.uint32]:
-        """Return a copy, (N, 3) uint32, of indices less than ``count``.
+        """Return a copy as triangles, (N, 3) uint32 indices of ``count`` vertices.
 
         Raises:
-            ArrayError: wrong shape, values that are no such indices, or too many rows.
+            ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
         """
         values = self._checked((3,), max_rows)
         if values.dtype.kind == "f":
             raise ArrayError("has floating-point numbers, not indices")
-        wrong = values >= count if values.dtype.kind == "u" else (values >= count) | (values < 0)
-        if wrong.any():
-            row, column = divmod(int(np.argmax(wrong)), 3)
+        invalid = values >= count if values.dtype.kind == "u" else (values >= count) | (values < 0)
+        if invalid.any():
+            row, column = divmod(int(np.argmax(invalid)), 3)
             raise ArrayError(f"has {values[row, column]} in row {row}, but there are {count} vertices")
         return values.astype(np.uint32, order="C")
 
     @property
     def is_uint8(self) -> bool:
-        """True if the numbers are bytes, which as colours mean 0 to 255 instead of 0 to 1."""
+        """True if the numbers are uint8. Colours of this type are from 0 to 255, others from 0 to 1."""
         return self.values is not None and self.values.dtype == np.uint8
 
     def _checked(self, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        """Return the values, (N, columns) or (N,), after a check of their shape."""
         values = self.values
         if values is None:
             raise ArrayError(self.fault)
         if len(values) > max_rows:
             raise ArrayError(f"has {len(values)} rows, the limit is {max_rows}")
-        width = values.shape[1] if values.ndim == 2 else 1
-        if width not in columns:
-            raise ArrayError(f"has {shape_text(values.ndim, width)}, not {columns_text(columns)}")
-        return values.reshape(-1) if width == 1 else values
+        column_count = values.shape[1] if values.ndim == 2 else 1
+        if column_count not in columns:
+            raise ArrayError(f"has {shape_text(values.ndim, column_count)}, not {columns_text(columns)}")
+        return values.reshape(-1) if column_count == 1 else values
 
 
-def shape_text(dimensions: int, width: int) -> str:
-    """Describe the rows of an array for an error message."""
-    return "numbers" if dimensions == 1 else f"rows of {width}"
+def shape_text(dimensions: int, columns: int) -> str:
+    """Return a description of an array's rows, for an error text."""
+    return "numbers" if dimensions == 1 else f"rows of {columns}"
 
 
 def columns_text(columns: tuple[int, ...]) -> str:
-    """Describe the allowed rows for an error message."""
+    """Return a description of the allowed rows, for an error text. ``columns`` are the allowed numbers of columns."""
     return "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))} numbers"
 
 
 def unpack(payload: memoryview) -> PackedArray:
-    """Unpack an extension's payload; a fault is reported when the array is used."""
+    """Return the array in an extension's payload. A fault in it is reported only when the array is used."""
     if len(payload) < _HEADER.size:
         return PackedArray(None, f"has {len(payload)} bytes, less than an array's head")
     name, dimensions, reserved = _HEADER.unpack_from(payload)
@@ -106,6 +110,8 @@ def unpack(payload: memoryview) -> PackedArray:
 
 def pack(values: NDArray[Any]) -> bytes:
     """Return the payload of an array of one or two dimensions, for tests and benchmarks."""
-    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    little_endian = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
     header = _HEADER.pack(values.dtype.str[1:].encode(), values.ndim, 0)
-    return b"".join((header, struct.pack(f"<{values.ndim}I", *values.shape), little.data if values.size else b""))
+    return b"".join(
+        (header, struct.pack(f"<{values.ndim}I", *values.shape), little_endian.data if values.size else b"")
+    )

@@ -1,4 +1,7 @@
-"""The protocol without I/O: bytes of a request in, edits of the tree and a response out."""
+"""Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response.
+
+``dispatch`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,17 @@ from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
 
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
+"""Channel of requests; ``_<client id>`` may follow."""
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
+"""Channel of responses and announcements; ``_<client id>`` may follow."""
 ALL_COMMANDS: Final = 1 << 30
+"""More commands than a request can have."""
 
 
 def client_of(channel: str) -> str:
-    """Return the client id between the first < and the last > of a request's channel, or an empty string."""
-    begin, end = channel.find("<"), channel.rfind(">")
-    return channel[begin + 1 : end] if 0 <= begin < end else ""
+    """Return the client id in a request's channel: the text between the first < and the last >, or an empty string."""
+    opening, closing = channel.find("<"), channel.rfind(">")
+    return channel[opening + 1 : closing] if 0 <= opening < closing else ""
 
 
 def response_channel(channel: str) -> str:
@@ -35,7 +41,7 @@ def response_channel(channel: str) -> str:
 
 
 class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of the viewer
-    """The request gets this response, and the tree is not touched."""
+    """The request is not executed. ``response`` contains the reason."""
 
     def __init__(self, response: AnyResponse) -> None:
         super().__init__(response)
@@ -43,7 +49,10 @@ class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of th
 
 
 class TreeViewerProtocol:
-    """Reads requests and applies them. ``open`` may run in any thread, the applier only in that of the tree."""
+    """Reads requests and applies them to the live tree.
+
+    ``header`` and ``open`` are thread-safe. Appliers and ``handle`` edit the tree, and run in the event loop's thread.
+    """
 
     def __init__(
         self,
@@ -56,19 +65,19 @@ class TreeViewerProtocol:
         self.quota = TreeQuota(self.limits, clock)
         self.quota.adopt(live.snapshot.root)
         self.reads_files = meshes is not None
-        """True if a request may open files, which must not happen on the event loop."""
+        """True if requests may open mesh files. Such requests must be read in a worker thread."""
         self._live = live
         self.readers = {
             wire.FORMAT: JsonReader(self.limits, meshes),
             wire.BINARY_FORMAT: MsgpackReader(self.limits, meshes),
         }
-        """Reader of each supported format."""
+        """Readers by the name of the format."""
 
     def header(self, message: bytes | memoryview) -> wire.Comms:
-        """Decode and check the message's header; do not read its data.
+        """Return the decoded message after a check of its header. The data in it is not decoded.
 
         Raises:
-            wire.WireError: it is not a viewer2_comms_t, so that no response is possible.
+            wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
             RequestRefused: the format is not supported, or a length is wrong.
         """
         comms = wire.decode(message)
@@ -85,10 +94,10 @@ class TreeViewerProtocol:
         return comms
 
     def open(self, comms: wire.Comms) -> RequestApplier:
-        """Read a request without touching the tree.
+        """Read a request, and return the applier that executes it.
 
         Raises:
-            RequestRefused: it cannot be read.
+            RequestRefused: the request cannot be read.
         """
         try:
             request = self.readers[comms.format].read(comms.data)
@@ -100,7 +109,7 @@ class TreeViewerProtocol:
         """Read and apply a request at once, and return the response.
 
         Raises:
-            wire.WireError: as ``header``.
+            wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
         """
         try:
             comms = self.header(message)

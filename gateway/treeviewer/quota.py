@@ -1,4 +1,7 @@
-"""Limits of the live tree: its nodes, its geometries, and the bytes of its arrays."""
+"""Check requests against the limits of the live tree: numbers of nodes and geometries, bytes of arrays.
+
+``apply`` checks each command before it edits the tree.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +20,40 @@ from gateway.scene.tree import Node, Path
 from gateway.treeviewer.config import Limits
 
 RECOUNT_SECONDS: Final = 1.0
-"""Minimum interval between counts of a full tree's geometries: a count of 250,000 nodes takes 0.1 s."""
+"""Minimum interval between counts of the geometries in the tree: to count 250,000 nodes takes 0.1 s."""
 SMALL_ARRAY_BYTES: Final = 4096
-"""Arrays up to this size are covered by the limit on geometries."""
+"""Maximum size of arrays that are not counted: the limit on the number of geometries covers them."""
 
 
 class TreeQuota:
-    """Usage of the tree's limits. Other interfaces edit the tree, too, and are not limited."""
+    """Nodes, geometries and array bytes in use, and the checks against their limits.
+
+    Other interfaces also edit the tree. Their edits are never refused.
+    """
 
     def __init__(self, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
         self._clock = clock
         self._last_count = -math.inf
         self._parts = 0
-        """Upper estimate of the tree's geometries: replaced and deleted ones are subtracted by the next count."""
+        """Geometries in the tree, or more: ``_recount`` subtracts those that were replaced or deleted."""
         self._arrays: dict[int, weakref.ref[Any]] = {}
+        """Counted arrays, by ``id``."""
         self._lock = threading.RLock()
         self.array_bytes = 0
         """Bytes of large arrays from this interface that are still in use anywhere."""
 
     def adopt(self, root: Node) -> None:
-        """Count a tree that exists before the first request; nothing of it is refused."""
+        """Count a tree that exists before the first request, even if it exceeds the limits."""
         self._parts = _count_parts(root)
         for _, node in root.walk():
             self._reserve(_large_arrays(node.parts or ()))
 
     def check(self, root: Node, path: Path, parts: int = 0) -> str:
-        """Return the reason why ``path`` cannot get ``parts`` more geometries, or an empty string."""
+        """Return the reason why ``parts`` geometries cannot be added at ``path``, or an empty string.
+
+        With 0 geometries this checks only the nodes that the path needs.
+        """
         nodes, max_nodes = root.node_count, self._limits.nodes
         if nodes + len(path) > max_nodes:
             created = _missing_nodes(root, path)
@@ -57,21 +67,26 @@ class TreeQuota:
         return ""
 
     def add_parts(self, count: int) -> None:
-        """Count geometries that were added to the tree."""
+        """Count geometries that have been added to the tree."""
         self._parts += count
 
     def reserve_arrays(self, parts: Iterable[Part]) -> str:
-        """Count the large arrays of ``parts`` until they are freed; return why they do not fit, or an empty string."""
+        """Count the large arrays of ``parts`` until they are freed.
+
+        Returns the reason why they exceed the limit, or an empty string. Arrays over the limit are not counted.
+        """
         arrays = _large_arrays(parts)
         return self._reserve(arrays, self._limits.geometry_bytes) if arrays else ""
 
     def _recount(self, root: Node) -> None:
+        """Count the geometries in the tree, at most once in ``RECOUNT_SECONDS``."""
         now = self._clock()
         if now - self._last_count >= RECOUNT_SECONDS:
             self._last_count = now
             self._parts = _count_parts(root)
 
     def _reserve(self, arrays: list[NDArray[np.generic]], max_bytes: float = math.inf) -> str:
+        """Count arrays that are not counted yet, as ``reserve_arrays`` does."""
         with self._lock:
             new = {id(array): array for array in arrays if id(array) not in self._arrays}
             size = sum(array.nbytes for array in new.values())
@@ -86,6 +101,8 @@ class TreeQuota:
         return ""
 
     def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
+        """Return the callback of a weak reference that subtracts an array of ``size`` bytes."""
+
         def freed(_: Any) -> None:
             with self._lock:
                 del self._arrays[key]

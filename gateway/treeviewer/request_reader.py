@@ -1,8 +1,8 @@
-"""Turn a decoded message into a ``Request``: check paths, make geometry, give the reason of each failure.
+"""Turn decoded data into a ``Request``: paths, geometries, transforms, and the reason of each command that failed.
 
-Messages that fit ``fast_schema`` were checked by msgspec while they were decoded, which halves the time of 1000
-transforms (docs/decisions/0016-fast-tree-viewer-requests.md). All others are read field by field, which accepts all
-forms that known clients send.
+``JsonReader`` and ``MsgpackReader`` are the subclasses. msgspec decodes most requests as ``fast_schema`` types and
+checks them meanwhile, which halves the time of 1000 transforms (docs/decisions/0016-fast-tree-viewer-requests.md).
+All other requests are read field by field, in every form that known clients send.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
 class RequestReader:
-    """Base of the readers of both formats. Stateless, so that several threads may use it."""
+    """Base class of the readers of both formats. Thread-safe."""
 
     type_text = "an object"
-    """Description of a request's type for error messages."""
+    """Description of a request's outermost value, for error texts."""
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         self.limits = limits or Limits()
@@ -44,18 +44,21 @@ class RequestReader:
         raise NotImplementedError
 
     def context(self) -> ReadContext:
-        """Return the context for a new request."""
+        """Return the context in which one request is read."""
         return ReadContext(self.limits, meshes=self._meshes)
 
     def from_schema(self, message: Any, context: ReadContext) -> Request | None:
-        """Read a message of type ``fast_schema.message_type``; return None if it needs ``from_plain``."""
+        """Return the commands of a message of type ``fast_schema.message_type``.
+
+        Returns None for a message with Director's older keys, which only ``from_plain`` reads.
+        """
         if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
             return None
         request = Request()
-        self._deletes(message.delete, request, context)
+        self._read_deletes(message.delete, request, context)
         geometries, transforms = message.setgeometry, message.settransform
         if isinstance(geometries, dict):
-            self._geometries(geometries, request, context)
+            self._read_geometries(geometries, request, context)
         elif geometries:
             for index, command in enumerate(geometries):
                 parts = fast_schema.parts_of(command)
@@ -65,38 +68,40 @@ class RequestReader:
                 else:
                     request.geometries.append((command.path, parts))
         if isinstance(transforms, dict):
-            self._transforms(transforms, request, context)
+            self._read_transforms(transforms, request, context)
         elif transforms:
             request.transforms = [(command.path, command.transform.pose()) for command in transforms]
         return request
 
     def from_plain(self, message: Any, context: ReadContext) -> Request:
-        """Read a message of plain dicts and lists.
+        """Return the commands of a message of dicts and lists.
 
         Raises:
-            RequestError: it is not an object.
+            RequestError: the message is not an object.
         """
         request = Request()
         if message is None:
             return request
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        self._deletes(message.get("delete"), request, context)
-        # Director's older keys override the new ones wherever they appear
+        self._read_deletes(message.get("delete"), request, context)
+        # as in Director, its older keys override the newer ones
         geometries = message["load"] if "load" in message else message.get("setgeometry")
         transforms = message["draw"] if "draw" in message else message.get("settransform")
-        self._geometries(geometries, request, context)
-        self._transforms(transforms, request, context)
+        self._read_geometries(geometries, request, context)
+        self._read_transforms(transforms, request, context)
         return request
 
-    def _deletes(self, value: Any, request: Request, context: ReadContext) -> None:
+    def _read_deletes(self, value: Any, request: Request, context: ReadContext) -> None:
+        """Add the delete commands of a decoded list to the request."""
         for index, command in _commands("delete", value, request, context):
             try:
                 request.deletes.append(fields.path(command, context))
             except CommandError as error:
                 request.fail(Failure("delete", index, None, str(error)), context.limits)
 
-    def _geometries(self, value: Any, request: Request, context: ReadContext) -> None:
+    def _read_geometries(self, value: Any, request: Request, context: ReadContext) -> None:
+        """Add the setgeometry commands of a decoded list to the request, with warnings."""
         for index, command in _commands("setgeometry", value, request, context):
             path = None
             try:
@@ -110,7 +115,8 @@ class RequestReader:
                 request.warnings.extend(f"setgeometry[{index}] {_path_text(path)}: {text}" for text in context.warnings)
                 context.warnings.clear()
 
-    def _transforms(self, value: Any, request: Request, context: ReadContext) -> None:
+    def _read_transforms(self, value: Any, request: Request, context: ReadContext) -> None:
+        """Add the settransform commands of a decoded list to the request, with warnings."""
         for index, command in _commands("settransform", value, request, context):
             path = None
             try:
@@ -128,10 +134,10 @@ class RequestReader:
 
 
 def _commands(name: str, value: Any, request: Request, context: ReadContext) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield index and fields of each command in a list.
+    """Yield the index and the fields of each command in a decoded list, and add a failure for each invalid command.
 
-    Missing and null lists, ``{}`` and null commands are empty. A single command counts as a list of one, since the
-    protocol's document has such an example.
+    An absent list, null and ``{}`` count as an empty list, and null commands are skipped. An object with a path counts
+    as a list of one command, because an example in the protocol's document has that form.
     """
     if value is None or value == {}:
         return
@@ -150,4 +156,5 @@ def _commands(name: str, value: Any, request: Request, context: ReadContext) -> 
 
 
 def _path_text(path: Path | None) -> str:
+    """Return a path for a warning; None is a path that could not be read."""
     return show(list(path)) if path is not None else "[?]"

@@ -1,4 +1,4 @@
-"""A request as commands that are ready to be executed, and the commands that cannot be."""
+"""A request as ``request_reader`` creates it and ``apply`` executes it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gateway.treeviewer.config import Limits
 
 
 class RequestError(ValueError):
-    """Nothing of the request can be used; the message is the reason."""
+    """No command of a request is executed; the message is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,11 @@ class Failure:
     """A command that cannot be executed."""
 
     command: str
+    """``delete``, ``setgeometry`` or ``settransform``."""
     index: int
+    """Index in the request's list of such commands."""
     path: Path | None
+    """None: the path could not be read."""
     reason: str
 
 
@@ -33,18 +36,18 @@ class Request(msgspec.Struct, gc=False):
     transforms: list[tuple[Path, Pose]] = []
     failures: list[Failure] = []
     warnings: list[str] = []
-    """One sentence for each tolerated oddity."""
+    """One sentence for each irregularity that was tolerated."""
 
     @property
     def commands(self) -> int:
-        """Number of commands to execute."""
+        """Number of commands to execute, without ``failures``."""
         return len(self.deletes) + len(self.geometries) + len(self.transforms)
 
     def fail(self, failure: Failure, limits: Limits) -> None:
         """Add a command that cannot be executed.
 
         Raises:
-            RequestError: there are too many of them.
+            RequestError: more commands failed than the limit.
         """
         self.failures.append(failure)
         if len(self.failures) > limits.failed_commands:

@@ -1,4 +1,4 @@
-"""Responses to requests: Director's, with a reason for every command that failed."""
+"""Responses of Director's protocol, with additional fields for the reasons of failed commands."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ MISSING_PATHS: Final = 1
 UNKNOWN_FORMAT: Final = -1
 UNKNOWN_FORMAT_VERSION: Final = -2
 ERROR_HANDLING_REQUEST: Final = -3
-"""Director defines it but sends nothing instead. Its Python client's handler thread ends at any negative status, so it
-is sent for errors only, never for tolerated oddities."""
+"""A command failed. Director defines this status, but sends no response in this case. The thread of its Python client
+that handles responses ends at a negative status, so irregularities that are tolerated get a warning instead."""
 SUPPORTED_FORMATS: Final = {
     name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.FORMAT, wire.BINARY_FORMAT)
 }
 
 
 class CommandProblem(msgspec.Struct, omit_defaults=True):
-    """One failed command."""
+    """A failed command, with the fields of ``requests.Failure``."""
 
     command: str
     index: int
@@ -31,23 +31,23 @@ class CommandProblem(msgspec.Struct, omit_defaults=True):
 
 
 class Response(msgspec.Struct, omit_defaults=True):
-    """Response to a request: the first six fields as Director sends them, with status -3 also the reasons."""
+    """Response to a request. The first six fields are those of Director."""
 
     timestamp: int
-    """``utime`` of the LCM message, not the timestamp in its data."""
+    """``utime`` of the request's LCM message. The timestamp in the message's data is ignored."""
     status: int
     deleted_paths: list[Path]
     added_geometries: list[Path]
     set_transforms: list[Path]
     missing_paths: list[Path]
     error: str = ""
-    """The first error in one sentence, with the number of further ones."""
+    """The first error in one sentence, and the number of other errors."""
     errors: list[CommandProblem] = []
     warnings: list[str] = []
 
 
 class FormatResponse(msgspec.Struct):
-    """Response to an unknown format or version."""
+    """Response to a request in an unknown format or version."""
 
     timestamp: int
     status: int
@@ -55,7 +55,7 @@ class FormatResponse(msgspec.Struct):
 
 
 class ReadyMessage(msgspec.Struct):
-    """Published once at start; Director's tests wait for it."""
+    """Announcement that the viewer has started. Director's tests wait for it."""
 
     timestamp: int = 0
     status: int = OK
@@ -69,12 +69,12 @@ _msgpack: Final = msgspec.msgpack.Encoder()
 
 
 def encode(response: AnyResponse | ReadyMessage, *, binary: bool = False) -> bytes:
-    """Return the response as a viewer2_comms_t, in JSON or in MessagePack."""
+    """Return a response as LCM message, in MessagePack if ``binary``, otherwise in JSON."""
     if binary:
         return wire.encode(_msgpack.encode(response), name=wire.BINARY_FORMAT)
     return wire.encode(_json.encode(response))
 
 
 def failed(utime: int, reason: str) -> Response:
-    """Return the response to a request of which nothing was executed."""
+    """Return the response to a request of which no command was executed."""
     return Response(utime, ERROR_HANDLING_REQUEST, [], [], [], [], error=reason)

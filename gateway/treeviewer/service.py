@@ -1,4 +1,4 @@
-"""The tree viewer as a service: transports, protocol and live tree together."""
+"""Run the tree viewer: connect the LCM transports with the protocol. ``gateway.wiring`` creates the service."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 _log = structlog.get_logger("gateway.treeviewer")
 
 OFF: Final = "off"
-"""LCM URL that disables LCM."""
+"""LCM URL that disables the transport, but not the TCPQ hub."""
 REQUEST_PATTERN: Final = f"{REQUEST}.*"
-"""Director's subscription: also the channel without a client id."""
+"""Channels of requests, with and without a client id, as Director subscribes to them."""
 _LOCAL_HOSTS: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - compared only
 
 
 class TreeViewerService:
-    """Runs until cancelled. If one transport cannot start, the other works all the same."""
+    """The tree viewer with a transport for ``lcm.url`` and a TCPQ hub. Each works if the other cannot start."""
 
     def __init__(
         self,
@@ -44,7 +44,15 @@ class TreeViewerService:
         clock: Callable[[], float] = time.monotonic,
         durable: DurableStore | None = None,
     ) -> None:
-        """``durable``: storage of the tree, for which responses wait."""
+        """Create the service; ``run`` starts it.
+
+        Args:
+            config: settings.
+            live: tree that requests edit.
+            meshfiles: loader of mesh files; None: requests cannot load files.
+            clock: monotonic time in seconds.
+            durable: storage of the tree; None: responses do not wait for storage.
+        """
         self._config = config
         self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer", yield_to_event_loop)
@@ -57,7 +65,7 @@ class TreeViewerService:
 
     @property
     def ready(self) -> bool:
-        """True while clients can use the service."""
+        """True while the transports run."""
         return self._started.is_set()
 
     @property
@@ -66,21 +74,21 @@ class TreeViewerService:
         return self.hub.port if self.hub is not None else 0
 
     async def wait_ready(self) -> None:
-        """Wait until clients can use the service."""
+        """Wait until the transports run."""
         await self._started.wait()
 
     def status(self) -> dict[str, Any]:
         """Return counters, and the status or problem of each transport, as plain JSON values."""
-        described: dict[str, Any] = self._dispatcher.status()
+        status: dict[str, Any] = self._dispatcher.status()
         if self._transport is not None:
-            described["lcm"] = self._transport.status()
+            status["lcm"] = self._transport.status()
         if self.hub is not None:
-            described["port"] = self.hub.port
-            described["tcpq"] = self.hub.status()
+            status["port"] = self.hub.port
+            status["tcpq"] = self.hub.status()
         for transport, problem in self._problems.items():
-            described[transport] = {"problem": problem}
-        described["geometry_bytes"] = self.protocol.quota.array_bytes
-        return described
+            status[transport] = {"problem": problem}
+        status["geometry_bytes"] = self.protocol.quota.array_bytes
+        return status
 
     async def run(self) -> None:
         """Serve until cancelled.
@@ -97,20 +105,20 @@ class TreeViewerService:
             await self._stop()
 
     async def _start(self) -> None:
-        ready = responses.encode(responses.ReadyMessage())
+        ready_message = responses.encode(responses.ReadyMessage())
         url = resolve_url(self._config.lcm.url)
         if self._config.lcm.tcpq_port is not None:
-            await self._start_hub(ready)
+            await self._start_hub(ready_message)
         if url != OFF and not self._is_own_hub(url):
             self._open_transport(url)
         if self._problems and self._transport is None and self.hub is None:
             raise LcmUnavailableError("; ".join(self._problems.values()))
         if self._transport is not None:
             transport = self._transport
-            transport.start(partial(self._on_message, transport), partial(_announce, transport, ready))
+            transport.start(partial(self._on_message, transport), partial(_announce, transport, ready_message))
 
-    async def _start_hub(self, ready: bytes) -> None:
-        hub = TcpqHub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready))
+    async def _start_hub(self, ready_message: bytes) -> None:
+        hub = TcpqHub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready_message))
         try:
             await hub.start()
         except LcmUnavailableError as error:
@@ -140,7 +148,10 @@ class TreeViewerService:
         _log.warning(str(error), transport=transport)
 
     def _is_own_hub(self, url: str) -> bool:
-        """Return whether LCM_DEFAULT_URL, set for all programs of a machine, names the hub of this service."""
+        """Return True if an LCM URL is that of this service's own hub.
+
+        That is the case where LCM_DEFAULT_URL directs all programs of a machine to the hub.
+        """
         parts = urlsplit(url)
         try:
             port = parts.port or tcpq_transport.DEFAULT_PORT
@@ -161,9 +172,9 @@ class TreeViewerService:
             sender.pause_reading()
 
 
-def _announce(transport: Transport, ready: bytes) -> None:
-    """Publish that the viewer has started, as Director does; its tests wait for it."""
+def _announce(transport: Transport, ready_message: bytes) -> None:
+    """Publish that the viewer has started, as Director does."""
     try:
-        transport.publish(RESPONSE, ready)
+        transport.publish(RESPONSE, ready_message)
     except OSError as error:
         _log.warning("The ready message could not be sent", reason=str(error))

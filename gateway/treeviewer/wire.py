@@ -1,6 +1,6 @@
-"""``robotlocomotion.viewer2_comms_t`` on the wire, as LCM encodes it: big endian, fingerprint first.
+"""Encode and decode the LCM type ``robotlocomotion.viewer2_comms_t``: big-endian, with the fingerprint first.
 
-``drake.lcmt_viewer2_comms`` has the same fields and so the same fingerprint (LCM hashes members, not type names).
+``drake.lcmt_viewer2_comms`` has the same fields and therefore the same fingerprint: LCM hashes fields, not type names.
 """
 
 from __future__ import annotations
@@ -11,43 +11,46 @@ from typing import Final
 import msgspec
 
 FINGERPRINT: Final = 0xD368E03F33C568BE
-"""The base hash 0x69b4701f99e2b45f of lcmtypes/viewer2_comms_t.lcm, rotated left by one bit."""
+"""Hash 0x69b4701f99e2b45f of the fields in lcmtypes/viewer2_comms_t.lcm, rotated left by one bit."""
 FORMAT: Final = "treeviewer_json"
 BINARY_FORMAT: Final = "treeviewer_msgpack"
 VERSION: Final = (1, 0)
 MAX_FORMAT_BYTES: Final = 256
-"""Maximum length of the format's name with its NUL; a longer one is a damaged message."""
+"""Maximum length of the format's name with its final NUL. A longer name means that the message is damaged."""
 
 _HEADER: Final = struct.Struct(">QqI")
-"""Fingerprint, utime, length of the format's name."""
+"""Fields before the format's name: fingerprint, utime, length of the name with its final NUL."""
 _TRAILER: Final = struct.Struct(">iii")
-"""Major version, minor version, num_bytes."""
+"""Fields after the format's name: major version, minor version, num_bytes. The data follows."""
+_NAME_LENGTH_OFFSET: Final = 16
 _BINARY_NAME: Final = struct.pack(">I", len(BINARY_FORMAT) + 1) + BINARY_FORMAT.encode() + b"\0"
+"""Length and name of the MessagePack format, as they are in a message."""
 
 
 class WireError(ValueError):
-    """The bytes are not a viewer2_comms_t; the message is the reason."""
+    """Some bytes are not a viewer2_comms_t; the message is the reason."""
 
 
 class Comms(msgspec.Struct, frozen=True, gc=False):
-    """One viewer2_comms_t."""
+    """A decoded viewer2_comms_t."""
 
     utime: int
-    """The sender's time in microseconds; the response repeats it."""
+    """The sender's time in microseconds. The response has it as ``timestamp``."""
     format: str
+    """Name of the format of ``data``."""
     major: int
     minor: int
     data: memoryview
     """``num_bytes`` bytes, or fewer if the message is truncated."""
     fault: str = ""
-    """Reason why ``data`` cannot be used although the header can; empty if there is none."""
+    """Reason why ``data`` is invalid; empty if it is valid."""
 
 
 def decode(message: bytes | memoryview) -> Comms:
-    """Decode a message; ignore bytes after it, as LCM does.
+    """Decode an LCM message. Bytes after its end are ignored, as in LCM.
 
     Raises:
-        WireError: the fingerprint or the header is wrong, so that no response is possible.
+        WireError: the fingerprint or the header is invalid, so no response is possible.
     """
     view = memoryview(message)
     size = len(view)
@@ -55,28 +58,30 @@ def decode(message: bytes | memoryview) -> Comms:
         raise WireError(
             f"the message has {size} bytes, a viewer2_comms_t has at least {_HEADER.size + 1 + _TRAILER.size}"
         )
-    fingerprint, utime, length = _HEADER.unpack_from(view)
+    fingerprint, utime, name_length = _HEADER.unpack_from(view)
     if fingerprint != FINGERPRINT:
         raise WireError(f"fingerprint {fingerprint:016x} is not viewer2_comms_t's {FINGERPRINT:016x}")
-    if not 1 <= length <= MAX_FORMAT_BYTES:
-        raise WireError(f"the format's name has {length} bytes with its NUL, 1 to {MAX_FORMAT_BYTES} are possible")
-    end = _HEADER.size + length
-    if size < end + _TRAILER.size:
+    if not 1 <= name_length <= MAX_FORMAT_BYTES:
+        raise WireError(f"the format's name has {name_length} bytes with its NUL, 1 to {MAX_FORMAT_BYTES} are possible")
+    trailer_start = _HEADER.size + name_length
+    data_start = trailer_start + _TRAILER.size
+    if size < data_start:
         raise WireError(f"the message ends after {size} bytes, within its header")
-    name = bytes(view[_HEADER.size : end - 1]).decode("utf-8", "replace")
-    major, minor, count = _TRAILER.unpack_from(view, end)
-    begin = end + _TRAILER.size
-    data = view[begin : begin + max(count, 0)]
-    fault = "" if len(data) == count else f"num_bytes is {count}, but {size - begin} bytes follow"
-    return Comms(utime, name, major, minor, data, fault)
+    format_name = bytes(view[_HEADER.size : trailer_start - 1]).decode("utf-8", "replace")
+    major, minor, num_bytes = _TRAILER.unpack_from(view, trailer_start)
+    data = view[data_start : data_start + max(num_bytes, 0)]
+    fault = "" if len(data) == num_bytes else f"num_bytes is {num_bytes}, but {size - data_start} bytes follow"
+    return Comms(utime, format_name, major, minor, data, fault)
 
 
 def is_binary(message: bytes | memoryview) -> bool:
-    """Return whether the format of a message is MessagePack, without decoding it."""
-    return message[16 : 16 + len(_BINARY_NAME)] == _BINARY_NAME
+    """Return True if the data of a message is MessagePack. The message is not decoded."""
+    return message[_NAME_LENGTH_OFFSET : _NAME_LENGTH_OFFSET + len(_BINARY_NAME)] == _BINARY_NAME
 
 
 def encode(data: bytes, utime: int = 0, name: str = FORMAT, version: tuple[int, int] = VERSION) -> bytes:
-    """Return a message with ``data``. Responses have utime 0, as Director's do."""
-    text = name.encode() + b"\0"
-    return b"".join((_HEADER.pack(FINGERPRINT, utime, len(text)), text, _TRAILER.pack(*version, len(data)), data))
+    """Return an LCM message with ``data`` in the format ``name``. Responses have utime 0, as in Director."""
+    format_name = name.encode() + b"\0"
+    return b"".join(
+        (_HEADER.pack(FINGERPRINT, utime, len(format_name)), format_name, _TRAILER.pack(*version, len(data)), data)
+    )

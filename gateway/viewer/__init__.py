@@ -1,19 +1,22 @@
-"""The browser view: a page that shows the live scene, over one WebSocket per browser.
+"""The browser view: a page that shows the live scene. Each open page has one WebSocket to the gateway.
 
-``routes``           the page, the WebSocket, textures and point-cloud channels
-``hub``              the connected browsers and the update loop
-``flow_control``     what one browser has and may be sent next; no I/O
-``encoder``          one binary update from any revision of the tree to the newest, shared by all browsers
-``geometry_json``    parts, draws and materials in an update's JSON header
-``frames``           the binary frame: a JSON header and arrays
+``routes``           the page's files, the WebSocket, textures and channels of point clouds
+``hub``              the connected browsers, and the loop that sends them updates
+``flow_control``     the snapshot and meshes of one page, and when its next update is due; without I/O
+``encoder``          updates: the differences between two revisions of the scene, encoded once for all browsers
+``geometry_json``    parts, draws and materials in the JSON header of an update
+``frames``           the format of binary WebSocket messages: a JSON header and arrays
 ``resources``        ids of meshes, textures and point clouds, and encoded meshes
 
-``image_routes``     JPEG and MJPEG of the scene, images of the stereo camera, previews of render requests
-``scene_images``     the live scene rendered on the server
+``image_routes``     JPEG and MJPEG of the scene, images of the stereo camera, images of render requests
+``scene_images``     the live scene, rendered by the gateway
 ``sensor_images``    the stereo camera's images
-``recent_renders``   the last render requests
+``recent_renders``   the last requests of the render endpoint
 ``colormaps``        depth, disparity and confidence as RGB images
 ``shared_results``   one computation for all clients that request the same image
 
-The package depends on ``gateway.scene`` only. Values of other interfaces have the types of ``sources``.
+``config``           limits and defaults
+``sources``          types of the values that other interfaces provide
+
+The package imports no other interface of the gateway.
 """

@@ -1,4 +1,4 @@
-"""Depth, disparity and confidence as RGB images, and smaller copies of images."""
+"""Convert depth, disparity and confidence to RGB images, and scale images down, for the images of the browser view."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 _DEPTH_PERCENTILE: Final = 95.0
-"""Percentile of the depths at the far end of the colormap, so that a floor to the horizon does not take it all."""
+"""Percentile of the depths at the far end of the colormap. With the maximum, a floor that extends to the horizon would
+leave few colours for the objects."""
 _DISPARITY_PERCENTILES: Final = (1.0, 99.0)
-"""Percentiles of the disparities at the ends of the colormap, so that single outliers have no effect."""
+"""Percentiles of the disparities at the far and near end of the colormap. Single outliers have no effect on them."""
 
 
 def depth_to_rgb(depth: NDArray[Any]) -> NDArray[np.uint8]:
-    """Map depth to colours from near (red) to far (blue); pixels without a surface are black.
+    """Map depth to colours from near (red) to far (blue). Pixels without a surface are black.
 
     Args:
-        depth: (H, W), float32 metres with infinity for no surface, or uint16 millimetres with 65535.
+        depth: (H, W). Metres as float32, infinity where there is no surface; or millimetres as uint16, 65535 where
+            there is no surface.
 
     Returns:
         (H, W, 3) uint8.
@@ -30,31 +32,35 @@ def depth_to_rgb(depth: NDArray[Any]) -> NDArray[np.uint8]:
     if not valid.any():
         return np.zeros((*values.shape, 3), np.uint8)
     near, far = float(values[valid].min()), float(np.percentile(values[valid], _DEPTH_PERCENTILE))
+    # negated, because the near end of the colormap is its high end
     return _apply_colormap(-values, -far, -near, cv2.COLORMAP_TURBO, valid)
 
 
 def disparity_to_rgb(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Map disparity to colours from near (red) to far (blue); 0 is invalid and black. (H, W) -> (H, W, 3)."""
+    """Map disparity, (H, W) in any unit, to colours, (H, W, 3): near is red, far is blue. 0 is invalid and black."""
     valid = disparity > 0
     far, near = np.percentile(disparity[valid], _DISPARITY_PERCENTILES) if valid.any() else (0.0, 1.0)
     return _apply_colormap(disparity, float(far), float(near), cv2.COLORMAP_TURBO, valid)
 
 
 def confidence_to_rgb(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Map confidence to colours; 0 is invalid and black. (H, W) -> (H, W, 3)."""
+    """Map confidence, (H, W) in 1/255, to colours, (H, W, 3). 0 is invalid and black."""
     return _apply_colormap(confidence, 0.0, 255.0, cv2.COLORMAP_VIRIDIS, confidence > 0)
 
 
 def gray_to_rgb(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return (H, W) as (H, W, 3); three channels stay as they are."""
+    """Return a grey image, (H, W), as (H, W, 3). Return an image that has channels unchanged."""
     return pixels if pixels.ndim == 3 else np.repeat(pixels[:, :, None], 3, axis=2)
 
 
 def shrink_to_width(rgb: NDArray[np.uint8], width: int | None, *, interpolate: bool = True) -> NDArray[np.uint8]:
-    """Scale an image down to ``width`` pixels, keeping its aspect ratio; a narrower image stays as it is.
+    """Scale an image down to a maximum width; the aspect ratio is kept.
 
     Args:
-        interpolate: False picks the nearest pixel. Label images need that: the mean of two labels is another label.
+        rgb: (H, W, 3).
+        width: maximum width in pixels; None: no maximum.
+        interpolate: True: average pixels. False: take the nearest pixel, as label images need, because the mean of two
+            labels is a third label.
     """
     if width is None or width >= rgb.shape[1]:
         return rgb
@@ -66,7 +72,14 @@ def shrink_to_width(rgb: NDArray[np.uint8], width: int | None, *, interpolate: b
 def _apply_colormap(
     values: NDArray[Any], low: float, high: float, colormap: int, valid: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """Map ``low`` .. ``high`` to the colormap; (H, W) -> (H, W, 3) RGB, invalid pixels black."""
+    """Map values, (H, W), to RGB, (H, W, 3).
+
+    Args:
+        low: value at the start of the colormap.
+        high: value at the end of the colormap.
+        colormap: OpenCV's number of the colormap.
+        valid: (H, W); False: the pixel becomes black.
+    """
     scaled = (values.astype(np.float32) - np.float32(low)) * np.float32(255.0 / max(high - low, 1e-6))
     levels = np.nan_to_num(scaled, posinf=0.0, neginf=0.0).clip(0, 255).astype(np.uint8)
     bgr = np.asarray(cv2.applyColorMap(levels, colormap), np.uint8)

@@ -1,4 +1,4 @@
-"""Limits and defaults of the browser view."""
+"""Limits and defaults of the browser view. ``gateway.wiring`` creates the configuration."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ class ViewerConfig:
     """Configuration of the browser view; fixed while the gateway runs."""
 
     max_update_rate: float = 90.0
-    """Maximum number of updates per second. Above 60 Hz, so that no step of a 60 Hz publisher is skipped."""
+    """Maximum number of updates per second. It exceeds 60, so that every change of a 60 Hz publisher is shown."""
     max_browsers: int = 64
-    """Maximum number of connected browsers. Each takes a socket buffer and up to one update of memory."""
+    """Maximum number of connected browsers. Each takes the memory of a socket buffer and of up to one update."""
     max_node_ids: int = 1_000_000
-    """Maximum number of numbered paths, about 300 bytes each. Beyond it all ids are dropped and every browser gets the
-    whole scene again."""
+    """Maximum number of node paths that have an id. Each takes about 300 bytes. Beyond it, all ids are dropped, and
+    every browser receives the whole scene again."""
     status_seconds: float = 1.0
     """Interval between updates of the status bar."""
     ack_timeout_seconds: float = 10.0
-    """Time a page may take to process an update. Until then the gateway keeps the snapshot that the page has, so that
-    the next update holds the differences only. After it the next update is the whole scene: a page that hangs must not
-    keep deleted geometry in memory."""
+    """Maximum time until a page acknowledges an update. Until then the gateway keeps the page's snapshot, so that the
+    next update contains only the differences. Then it releases the snapshot, because a page that hangs must not keep
+    deleted geometry in the gateway's memory. The next update is then the whole scene."""
     capture_seconds: float = 0.4
-    """Minimum interval between captures of the stereo camera, shared by all browsers. A capture renders four images."""
+    """Minimum interval between captures of the stereo camera. A capture renders four images, for all browsers."""
     max_renders: int = 24
-    """Maximum number of render requests in the list."""
+    """Maximum number of requests in the page's list of recent render requests."""
     max_render_bytes: int = 64 << 20
-    """Maximum size of their images together. Beyond it the oldest requests lose their images."""
+    """Maximum bytes of the images in this list. Beyond it, the oldest images are dropped."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB background of images that the gateway renders."""
     look: LookName = "studio"
     """Default look of single images."""
     samples: SampleCount = 4
-    """Samples per pixel of the studio look; the other looks have one."""
+    """Samples per pixel of the look ``studio``. The other looks have one sample."""
     rig: Rig = STUDIO
-    """Lights of the studio look."""
+    """Lights of the look ``studio``."""
     stream_look: LookName = "plain"
-    """Default look of MJPEG streams: the page's own colours, in a fraction of the time."""
+    """Default look of MJPEG streams. ``plain`` has the page's colours, and takes a fraction of ``studio``'s time."""
     width: int = 960
     """Default width in pixels."""
     height: int = 640
     """Default height in pixels."""
     max_side: int = 4096
-    """Maximum width and height in pixels; no common screen has more."""
+    """Maximum width and maximum height in pixels. No common screen has more."""
     max_pixels: int = 4096 * 2160
     """Maximum number of pixels of an image."""
     max_streams: int = 8
-    """Maximum number of MJPEG clients. Each combination of camera and size costs a rendering per frame."""
+    """Maximum number of MJPEG clients. Clients share images if their camera, size, quality and look are equal."""
     max_stream_rate: float = 30.0
     """Maximum frame rate of an MJPEG stream, Hz."""

@@ -1,8 +1,9 @@
-"""Updates of the page's scene: the differences between two snapshots of the tree as one binary frame.
+"""Encode updates of the page's scene, and its status messages. ``hub`` and ``flow_control`` use it.
 
-The page holds nodes and meshes by id. Snapshots share their unchanged subtrees, so an update costs the number of
-changes. Browsers at the same revision share the encoded bytes. A browser that skipped revisions gets one update that
-leads to the newest revision directly.
+An update is one binary frame with the differences between two snapshots of the tree. The page stores nodes and meshes
+by id. Snapshots share their unchanged subtrees, so the time to encode an update depends on the number of changes.
+Browsers at the same revision share the encoded bytes. A browser that skipped revisions receives one update that leads
+to the newest revision directly.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoRig
 from renderers.cache import Cache
 
-EMPTY: Final = Snapshot(Node(), 0)
-"""The snapshot of a browser that has received nothing."""
-MAX_TURN_SECONDS: Final = 0.002
-"""Time after which encoding yields to the event loop; a scene of 50,000 nodes takes two seconds."""
+EMPTY_SNAPSHOT: Final = Snapshot(Node(), 0)
+"""The snapshot of a page that has received no update."""
+MAX_BLOCKING_SECONDS: Final = 0.002
+"""Time after which encoding lets the event loop continue. Encoding a scene of 50,000 nodes takes two seconds."""
 MAX_UPDATES: Final = 8
-"""Maximum number of encoded updates kept for other browsers; most of those are at one of the newest revisions."""
+"""Maximum number of encoded updates in the cache. Most browsers need one of the newest."""
 MAX_UPDATE_BYTES: Final = 256 << 20
-"""Maximum size of these updates together."""
+"""Maximum bytes of all updates in the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Update:
-    """The differences between two revisions."""
+    """The differences between two revisions of the scene."""
 
     frame: bytes
-    """Node structure, parts and transforms."""
+    """The binary message: removed, added and changed nodes."""
     meshes: frozenset[int]
     """Ids of the meshes that the frame refers to."""
 
@@ -50,26 +51,28 @@ _INVALID_UPDATE: Final = Update(b"", frozenset())
 
 
 class Encoder:
-    """Encodes updates to the snapshot given to ``advance``. Belongs to the event loop.
+    """Encodes updates to the newest snapshot. Not thread-safe: it is used in the event loop only.
 
-    When there are more than ``max_node_ids`` paths, all ids are dropped and ``epoch`` grows by one: browsers of an
-    earlier epoch must start again from ``EMPTY``.
+    When more than ``max_node_ids`` paths have an id, all ids are dropped and ``epoch`` is incremented. Pages of an
+    earlier epoch must then be updated from ``EMPTY_SNAPSHOT``.
     """
 
     def __init__(self, resources: Resources, max_node_ids: int = 1_000_000) -> None:
         self._resources = resources
         self._max_node_ids = max_node_ids
         self._ids: dict[Path, int] = {(): 0}
+        """Id of each path."""
         self._updates: Cache[tuple[int, int], Update] = Cache(MAX_UPDATE_BYTES, MAX_UPDATES)
-        self._encoding = asyncio.Lock()
-        """Held while an update is encoded, so that browsers at the same revision encode it once."""
-        self.current = EMPTY
+        """Encoded updates by their old and new revision."""
+        self._encode_lock = asyncio.Lock()
+        """Held while an update is encoded, so that two browsers do not encode the same update."""
+        self.current = EMPTY_SNAPSHOT
         """The newest snapshot."""
         self.epoch = 0
         """Number of times that all ids were dropped."""
 
     def advance(self, snapshot: Snapshot) -> None:
-        """Set the snapshot that updates lead to."""
+        """Set the newest snapshot, to which later updates lead."""
         if snapshot.revision == self.current.revision:
             return
         self.current = snapshot
@@ -79,15 +82,15 @@ class Encoder:
             self._updates.clear()
 
     def node_id(self, path: Path) -> int:
-        """Return the id of a path. It stays after the node is removed, since a browser may still have the node."""
+        """Return the id of a path. The id is kept when the node is removed, because a page may still have the node."""
         return self._ids.setdefault(path, len(self._ids))
 
     async def update(self, old: Snapshot) -> tuple[Update, Snapshot]:
         """Return the update from ``old`` to the current snapshot, and that snapshot.
 
-        The current snapshot may change meanwhile. If ``epoch`` changes meanwhile, the update is invalid.
+        Another task may call ``advance`` while the update is encoded. The update is invalid if ``epoch`` has changed.
         """
-        async with self._encoding:
+        async with self._encode_lock:
             target, epoch = self.current, self.epoch
             key = (old.revision, target.revision)
             update = self._updates.get(key)
@@ -102,13 +105,13 @@ class Encoder:
             return update, target
 
     def _encode(self, old: Snapshot, target: Snapshot) -> Iterator[Update | None]:
-        """Yield None after every ``MAX_TURN_SECONDS`` of work, and the update at the end."""
+        """Yield None whenever ``MAX_BLOCKING_SECONDS`` have passed, and the update at the end."""
         nodes: list[msgspec.Raw] = []
         removed: list[int] = []
         transforms: list[tuple[int, Node]] = []
         meshes: set[int] = set()
-        entry: dict[str, Any] = {}
-        turn_end = time.perf_counter() + MAX_TURN_SECONDS
+        node_json: dict[str, Any] = {}  # of the node whose changes are being read
+        pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
         for change in changes(old.root, target.root):
             node_id = self.node_id(change.path)
             if change.node is None:
@@ -117,17 +120,17 @@ class Encoder:
             if change.kind in ("added", "transform"):
                 transforms.append((node_id, change.node))
             if change.kind not in ("transform", "reordered"):
-                # All changes of a node follow one another.
-                if entry and entry["id"] != node_id:
-                    nodes.append(encode_fragment(entry))
-                    entry = {}
-                entry["id"] = node_id
-                self._add_change(entry, change, change.node, meshes)
-            if time.perf_counter() > turn_end:
+                # The changes of one node follow each other.
+                if node_json and node_json["id"] != node_id:
+                    nodes.append(encode_fragment(node_json))
+                    node_json = {}
+                node_json["id"] = node_id
+                self._add_change(node_json, change, change.node, meshes)
+            if time.perf_counter() > pause_time:
                 yield None
-                turn_end = time.perf_counter() + MAX_TURN_SECONDS
-        if entry:
-            nodes.append(encode_fragment(entry))
+                pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
+        if node_json:
+            nodes.append(encode_fragment(node_json))
         builder = FrameBuilder()
         header: dict[str, Any] = {"kind": "update", "from": old.revision, "revision": target.revision}
         if removed:
@@ -137,46 +140,52 @@ class Encoder:
         _add_transforms(builder, header, transforms)
         yield Update(builder.finish(header), frozenset(meshes))
 
-    def _add_change(self, entry: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
-        """Add a change to the node's entry in the header, and the ids of its meshes to ``meshes``."""
+    def _add_change(self, node_json: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
+        """Add a change of ``node`` to its JSON object in the header, and the ids of the node's meshes to ``meshes``."""
         added = change.kind == "added"
         if added:
-            entry["parent"] = self.node_id(change.path[:-1])
-            entry["name"] = change.path[-1]
+            node_json["parent"] = self.node_id(change.path[:-1])
+            node_json["name"] = change.path[-1]
         if change.kind == "visible" or (added and not node.visible):
-            entry["visible"] = node.visible
+            node_json["visible"] = node.visible
         if change.kind == "geometry" or (added and node.parts is not None):
             parts = None if node.parts is None else [part_json(part, self._resources) for part in node.parts]
-            entry["parts"] = parts
+            node_json["parts"] = parts
             meshes.update(draw["mesh"] for part in parts or () for draw in part["draws"])
 
 
 def _add_transforms(builder: FrameBuilder, header: dict[str, Any], nodes: list[tuple[int, Node]]) -> None:
-    """Add ids (uint32), poses (7 float32 each) and other transforms (16 float32 each, column-major) of nodes."""
-    posed = [(node_id, node.pose) for node_id, node in nodes if node.pose is not None]
-    others = [(node_id, node) for node_id, node in nodes if node.pose is None]
-    if posed:
-        # array() converts tuples faster than NumPy, and values beyond float32 to infinity.
+    """Add the ids (uint32) and transforms of nodes to the body.
+
+    A transform is a pose (7 float32) or a column-major matrix (16 float32).
+    """
+    poses = [(node_id, node.pose) for node_id, node in nodes if node.pose is not None]
+    matrices = [(node_id, node.matrix) for node_id, node in nodes if node.pose is None]
+    if poses:
+        # array() converts tuples faster than NumPy; like NumPy it converts values beyond float32 to infinity.
         header["poses"] = {
-            "ids": builder.add_array(array("I", [node_id for node_id, _ in posed])),
-            "values": builder.add_array(array("f", chain.from_iterable([pose for _, pose in posed]))),
+            "ids": builder.add_array(array("I", [node_id for node_id, _ in poses])),
+            "values": builder.add_array(array("f", chain.from_iterable([pose for _, pose in poses]))),
         }
-    if others:
+    if matrices:
         with np.errstate(over="ignore"):
-            values = np.array([node.matrix.T for _, node in others], dtype=np.float64).astype(np.float32)
+            values = np.array([matrix.T for _, matrix in matrices], dtype=np.float64).astype(np.float32)
         header["matrices"] = {
-            "ids": builder.add_array(array("I", [node_id for node_id, _ in others])),
+            "ids": builder.add_array(array("I", [node_id for node_id, _ in matrices])),
             "values": builder.add_array(values),
         }
 
 
 def encode_status(status: dict[str, Any]) -> bytes:
-    """Encode the state of the gateway, plain JSON values."""
+    """Return the frame with the gateway's status. The status has plain JSON values."""
     return FrameBuilder().finish({"kind": "status", **status})
 
 
 def encode_stereo_rig(rig: StereoRig | None) -> bytes:
-    """Encode the place of the stereo camera; the pose is null if there is none or it is not finite."""
+    """Return the frame with the stereo camera's pose and intrinsics.
+
+    The pose is null if there is no camera, or the pose is not finite.
+    """
     if rig is None or not np.isfinite(rig.pose).all():
         return FrameBuilder().finish({"kind": "rig", "pose": None})
     intrinsics = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline")}

@@ -1,8 +1,8 @@
-"""The binary frame of the view's WebSocket: a JSON header and arrays.
+"""Build and parse the binary frames of the view's WebSocket: a JSON header and arrays.
 
-Little-endian: ``u32 magic "SGV1" | u32 header bytes | header: JSON in UTF-8, padded with spaces | body``. The header
-refers to an array in the body as ``[offset, count]``. The offset is in bytes from the start of the body and a multiple
-of 8, so the page can create typed arrays on the message without copying.
+Layout: ``u32 magic "SGV1" | u32 header bytes | header: JSON in UTF-8, padded with spaces | body``, little-endian. The
+header refers to an array in the body as ``[offset, count]``: offset in bytes from the start of the body, number of
+values. The offset is a multiple of 8, so that the page can use the array in place, without a copy.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAGIC: Final = 0x31564753
-"""The bytes "SGV1"."""
+"""The bytes "SGV1" as a little-endian integer."""
 ALIGNMENT: Final = 8
 """Arrays start at multiples of this many bytes."""
 _PREFIX: Final = struct.Struct("<II")
@@ -24,7 +24,7 @@ _json: Final = msgspec.json.Encoder()
 
 
 def encode_fragment(value: dict[str, Any]) -> msgspec.Raw:
-    """Encode a part of a header ahead of the header itself."""
+    """Encode a value as JSON now. The result can be part of a header, which is encoded later."""
     return msgspec.Raw(_json.encode(value))
 
 
@@ -40,26 +40,26 @@ class FrameBuilder:
     def add_array(self, values: NDArray[Any] | packed_array[Any]) -> list[int]:
         """Append an array to the body; return its ``[offset, count]`` for the header."""
         data = values.tobytes()
-        padding = -len(data) % ALIGNMENT
+        padding_bytes = -len(data) % ALIGNMENT
         self._chunks.append(data)
-        if padding:
-            self._chunks.append(bytes(padding))
+        if padding_bytes:
+            self._chunks.append(bytes(padding_bytes))
         offset = self._size
-        self._size += len(data) + padding
+        self._size += len(data) + padding_bytes
         return [offset, int(values.size) if isinstance(values, np.ndarray) else len(values)]
 
     def finish(self, header: dict[str, Any]) -> bytes:
-        """Return the complete frame."""
+        """Return the complete frame, with ``header`` and the arrays added so far."""
         text = _json.encode(header)
         text += b" " * (-(len(text) + _PREFIX.size) % ALIGNMENT)
         return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *self._chunks))
 
 
 def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Split a frame into header and body, for tests and Python clients.
+    """Split a frame into its header and its body. Tests use it; the page has its own parser.
 
     Raises:
-        ValueError: ``frame`` is not a valid frame.
+        ValueError: ``frame`` has no valid prefix, or ends within its header.
     """
     if len(frame) < _PREFIX.size or _PREFIX.unpack_from(frame)[0] != MAGIC:
         raise ValueError("not a view frame: it does not start with SGV1")

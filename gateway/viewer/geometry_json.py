@@ -1,4 +1,4 @@
-"""Parts, draws and materials in the JSON header of an update."""
+"""Convert parts, draws and materials to JSON, for the header of an update."""
 
 from __future__ import annotations
 
@@ -16,43 +16,46 @@ _IDENTITY: Final = np.eye(4)
 
 
 def part_json(part: Part, resources: Resources) -> dict[str, Any]:
-    """Return a part's kind and draws; of a point cloud also its number of points and its channels."""
+    """Return a part's kind, draws and, if it has one, source. A point cloud also has ``points`` and ``channels``.
+
+    A draw is a mesh with a material and a matrix.
+    """
     draws: list[dict[str, Any]] = []
     for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
         draw: dict[str, Any] = {"mesh": resources.mesh_id(mesh), "material": _material_json(material, resources)}
         matrix = part.X_node_part @ X_part_mesh
         if not np.array_equal(matrix, _IDENTITY):
-            # JSON has no infinity or NaN. Neither the page nor the rasterizer draws such a part.
+            # JSON has no infinity or NaN, so the matrix is null. Like the rasterizer, the page does not draw the mesh.
             draw["matrix"] = matrix.T.ravel().tolist() if np.isfinite(matrix).all() else None
         draws.append(draw)
-    result: dict[str, Any] = {"kind": part.kind or type(part.shape).__name__.lower(), "draws": draws}
+    fields: dict[str, Any] = {"kind": part.kind or type(part.shape).__name__.lower(), "draws": draws}
     if isinstance(part.shape, PointCloud):
         for draw in draws:
             resources.add_cloud(draw["mesh"], part.shape)
-        result["points"] = len(part.shape.points)
-        result["channels"] = _channel_widths(part.shape)
+        fields["points"] = len(part.shape.points)
+        fields["channels"] = _channel_widths(part.shape)
     if part.source:
-        result["source"] = part.source
-    return result
+        fields["source"] = part.source
+    return fields
 
 
 def _channel_widths(cloud: PointCloud) -> dict[str, int]:
-    """Return the number of columns of each channel that has a row for every point."""
-    count = len(cloud.points)
+    """Return the number of values per point of each channel. Channels without a row for every point are left out."""
+    point_count = len(cloud.points)
     return {
-        name: values.size // count
+        name: values.size // point_count
         for name, values in cloud.channels.items()
-        if count and values.ndim <= 2 and len(values) == count and values.size
+        if point_count and values.ndim <= 2 and len(values) == point_count and values.size
     }
 
 
 def _material_json(material: Material, resources: Resources) -> dict[str, Any]:
-    """Return a material's colour and whatever differs from the page's defaults; colours in sRGB."""
-    result: dict[str, Any] = {"color": [*map(srgb_from_linear, material.base_color[:3]), material.base_color[3]]}
+    """Return a material's colour, and the properties that differ from the page's defaults. Colours are in sRGB."""
+    fields: dict[str, Any] = {"color": [*map(srgb_from_linear, material.base_color[:3]), material.base_color[3]]}
     if material.alpha_mode is not AlphaMode.OPAQUE:
-        result["alpha"] = material.alpha_mode.value.lower()
+        fields["alpha"] = material.alpha_mode.value.lower()
     if material.alpha_mode is AlphaMode.MASK and material.alpha_cutoff != 0.5:
-        result["cutoff"] = material.alpha_cutoff
+        fields["cutoff"] = material.alpha_cutoff
     optional = (
         ("metallic", material.metallic, 0.0),
         ("roughness", material.roughness, 1.0),
@@ -62,20 +65,21 @@ def _material_json(material: Material, resources: Resources) -> dict[str, Any]:
         ("pointSize", material.point_size, 1.0),
         ("lineWidth", material.line_width, 1.0),
     )
-    result.update({name: value for name, value, default in optional if value != default})
+    fields.update({name: value for name, value, default in optional if value != default})
     if material.base_color_texture is not None:
-        result["texture"] = _texture_json(material.base_color_texture, resources)
-    return result
+        fields["texture"] = _texture_json(material.base_color_texture, resources)
+    return fields
 
 
 def _texture_json(texture: Texture, resources: Resources) -> dict[str, Any]:
-    result: dict[str, Any] = {
+    """Return a texture's image id, wrap modes, filter, texture coordinate set and transform."""
+    fields: dict[str, Any] = {
         "image": resources.image_id(texture.image),
         "wrap": [texture.sampler.wrap_s.value, texture.sampler.wrap_t.value],
         "linear": texture.sampler.mag_linear,
     }
     if texture.uv_set:
-        result["set"] = texture.uv_set
+        fields["set"] = texture.uv_set
     if texture.uv_transform is not None:
-        result["transform"] = texture.uv_transform
-    return result
+        fields["transform"] = texture.uv_transform
+    return fields

@@ -1,4 +1,7 @@
-"""The connected browsers: one encoder and one update loop for all, one ``Browser`` for each."""
+"""The connected browsers, and the loop that sends them updates of the live tree.
+
+``routes`` connects a WebSocket to a ``Browser``; ``gateway.wiring`` runs the ``ViewHub``.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,11 @@ from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
 
 LARGE_MESH_BYTES: Final = 1 << 20
-"""Larger meshes are encoded in a thread, so that the event loop is not blocked for milliseconds."""
+"""Meshes with larger arrays are encoded in a thread, because that takes milliseconds."""
 
 
 class ViewHub:
-    """Sends the live tree to browsers while ``run`` runs. Belongs to one event loop."""
+    """Sends the live tree to browsers while ``run`` runs. Not thread-safe: it is used in one event loop only."""
 
     def __init__(
         self,
@@ -29,11 +32,15 @@ class ViewHub:
         status: Callable[[], Mapping[str, Any]] = dict,
         stereo: StereoSource | None = None,
     ) -> None:
-        """
+        """Create a hub without browsers.
+
         Args:
-            status: Returns ``interfaces`` (name to state and problem) and ``facts`` (name, value, warn) for the status
-                bar. Called about once a second while browsers are connected.
-            stereo: The stereo camera; None if there is none.
+            config: limits and intervals.
+            tree: the live tree.
+            status: returns the content of the page's status bar. ``interfaces`` has state and problem of each interface
+                by its name; ``facts`` is a list of values with ``name``, ``value`` and ``warn``. Called every
+                ``status_seconds`` while browsers are connected.
+            stereo: the stereo camera; None if there is none.
         """
         self.config = config
         self.resources = Resources()
@@ -42,17 +49,20 @@ class ViewHub:
         self._status_source = status
         self._stereo = stereo
         self._rig_frame = encode_stereo_rig(None)
+        """The frame with the stereo camera's pose that was sent last."""
         self._encoder = Encoder(self.resources, config.max_node_ids)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
+        """Set when the tree has changed."""
         self._ready = False
 
     @property
     def ready(self) -> bool:
+        """True while ``run`` runs."""
         return self._ready
 
     def status(self) -> dict[str, Any]:
-        """Return the figures for health and metrics."""
+        """Return the number of browsers and the revision of the scene, for health and metrics."""
         return {"browsers": len(self._browsers), "revision": self._encoder.current.revision}
 
     async def run(self) -> None:
@@ -63,28 +73,29 @@ class ViewHub:
             loop.call_soon_threadsafe(self._changed.set)
 
         stop_listening = self._tree.listen(on_change)
-        status = loop.create_task(self._send_status(), name="view status")
+        status_task = loop.create_task(self._send_status(), name="view status")
         self._changed.set()
         self._ready = True
         try:
             while True:
                 await self._changed.wait()
-                turn_start = loop.time()
+                update_start = loop.time()
                 self._changed.clear()
                 if self._browsers:
-                    self._advance()
+                    self._take_snapshot()
                     self._remove_meshes()
                     for browser in self._browsers:
                         browser.wake()
-                await asyncio.sleep(max(0.0, turn_start + 1.0 / self.config.max_update_rate - loop.time()))
+                await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
             self._ready = False
-            status.cancel()
+            status_task.cancel()
             stop_listening()
             for browser in tuple(self._browsers):
                 browser.close()
 
-    def _advance(self) -> None:
+    def _take_snapshot(self) -> None:
+        """Pass the tree's newest snapshot to the encoder; send the stereo camera's pose if it has changed."""
         snapshot = self._tree.snapshot
         self._encoder.advance(snapshot)
         frame = encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
@@ -94,23 +105,26 @@ class ViewHub:
                 browser.send_latest("rig", frame)
 
     def _remove_meshes(self) -> None:
+        """Make all pages drop the meshes that no longer exist."""
         removed = self.resources.take_removed_meshes()
         if removed:
             for browser in self._browsers:
                 browser.remove_meshes(removed)
 
     async def _send_status(self) -> None:
+        """Send the status to all browsers every ``status_seconds``; release the snapshots of pages that hang."""
         while True:
             if self._browsers:
-                oldest_valid = asyncio.get_running_loop().time() - self.config.ack_timeout_seconds
+                now = asyncio.get_running_loop().time()
                 frame = self._status_frame()
                 self._remove_meshes()
                 for browser in self._browsers:
                     browser.send_latest("status", frame)
-                    browser.drop_snapshot_if_stalled(oldest_valid)
+                    browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
             await asyncio.sleep(self.config.status_seconds)
 
     def _status_frame(self) -> bytes:
+        """Return the frame with the status, the number of browsers and the number of render requests."""
         status = dict(self._status_source())
         browsers = {"name": "viewers", "value": len(self._browsers)}
         return encode_status({**status, "facts": [*status.get("facts", ()), browsers], "renders": self.renders.count})
@@ -119,13 +133,13 @@ class ViewHub:
         """Add a browser.
 
         Raises:
-            ConnectionRefusedError: There are ``max_browsers`` already.
+            ConnectionRefusedError: there are ``max_browsers`` already.
         """
         if len(self._browsers) >= self.config.max_browsers:
             raise ConnectionRefusedError(
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"
             )
-        self._advance()
+        self._take_snapshot()
         browser = Browser(FlowControl(self._encoder), self.resources, self._browsers.discard)
         browser.send_latest("rig", self._rig_frame)
         browser.send_latest("status", self._status_frame())
@@ -134,49 +148,50 @@ class ViewHub:
 
 
 class Browser:
-    """One connection: ``frames`` yields the frames to send, ``acknowledge`` takes the page's acknowledgements."""
+    """The connection to one page. ``frames`` yields the frames to send."""
 
     def __init__(self, flow: FlowControl, resources: Resources, on_close: Callable[[Browser], None]) -> None:
         self._flow = flow
         self._resources = resources
         self._on_close = on_close
         self._wake_event = asyncio.Event()
+        """Set when there may be a frame to send."""
         self._pending_frames: dict[str, bytes] = {}
-        """The newest unsent frame of each kind, except updates and meshes."""
+        """The newest unsent frame of each kind that ``send_latest`` sends."""
         self._update_time = 0.0
-        """Loop time of the last update."""
+        """Time of the last update, in seconds of the event loop's clock."""
         self.wake()
 
     def wake(self) -> None:
-        """Make ``frames`` check again what is to be sent."""
+        """Make ``frames`` check whether there is a frame to send."""
         self._wake_event.set()
 
     def acknowledge(self) -> None:
-        """Note that the page has processed the last update."""
+        """Record that the page has processed the last update."""
         self._flow.acknowledge()
         self.wake()
 
-    def remove_meshes(self, removed: set[int]) -> None:
-        """Make the page drop meshes that no longer exist, where it has them."""
-        self._flow.remove_meshes(removed)
+    def remove_meshes(self, mesh_ids: set[int]) -> None:
+        """Make the page drop meshes that no longer exist, if it has them."""
+        self._flow.remove_meshes(mesh_ids)
         self.wake()
 
-    def drop_snapshot_if_stalled(self, oldest_valid: float) -> None:
-        """Release the page's snapshot if its last update was sent before ``oldest_valid`` and is not acknowledged.
+    def drop_snapshot_if_sent_before(self, time: float) -> None:
+        """Release the page's snapshot if its last update was sent before ``time`` and is not acknowledged.
 
         Args:
-            oldest_valid: Loop time.
+            time: seconds of the event loop's clock.
         """
-        if self._update_time < oldest_valid:
+        if self._update_time < time:
             self._flow.drop_snapshot()
 
     def send_latest(self, kind: str, frame: bytes) -> None:
-        """Send a small frame, unless a newer one of its kind replaces it first."""
+        """Send a frame of a kind such as ``status``. It replaces an unsent frame of the same kind."""
         self._pending_frames[kind] = frame
         self.wake()
 
     def close(self) -> None:
-        """End ``frames``."""
+        """Disconnect the browser: ``frames`` ends."""
         self._flow.state = BrowserState.CLOSED
         self.wake()
         self._on_close(self)
@@ -203,6 +218,7 @@ class Browser:
                 yield update.frame
 
     async def _mesh_frame(self, mesh_id: int) -> bytes | None:
+        """Return the frame of a mesh, or None if the mesh no longer exists."""
         if self._resources.bytes_to_encode(mesh_id) > LARGE_MESH_BYTES:
             return await asyncio.to_thread(self._resources.mesh_frame, mesh_id)
         return self._resources.mesh_frame(mesh_id)

@@ -1,4 +1,7 @@
-"""``/view/frame.jpg``, ``/view/stream.mjpg``, ``/view/sensor`` and ``/view/renders``."""
+"""Routes that respond with images: ``/view/frame.jpg``, ``/view/stream.mjpg``, ``/view/sensor`` and ``/view/renders``.
+
+``gateway.wiring`` adds them to the application.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ Size = Annotated[
     Query(
         ge=1,
         description=f"Pixels; width x height is at most {_DEFAULTS.max_pixels}",
-        json_schema_extra={"maximum": _DEFAULTS.max_side},  # checked by the handler, whose message says more
+        json_schema_extra={"maximum": _DEFAULTS.max_side},  # checked by the handler, which has a better error text
         openapi_examples=example(640),
     ),
 ]
@@ -60,47 +63,50 @@ StereoImage = Annotated[
     ),
 ]
 
-_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_ERRORS: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "The camera or the size is invalid; the text says why.", "content": _TEXT},
-    404: {"description": "The camera's node is not in the scene, or there is no stereo camera.", "content": _TEXT},
+_PLAIN_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
+_ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    400: {"description": "The camera or the size is invalid; the text says why.", "content": _PLAIN_TEXT},
+    404: {
+        "description": "The camera's node is not in the scene, or there is no stereo camera.",
+        "content": _PLAIN_TEXT,
+    },
     422: {
         "description": "A parameter is out of its range, or a texture of the scene cannot be decoded.",
-        "content": _TEXT,
+        "content": _PLAIN_TEXT,
     },
     503: {
         "description": "Too many requests are waiting, see Retry-After; without Retry-After, rendering took too long.",
-        "content": _TEXT,
+        "content": _PLAIN_TEXT,
     },
 }
-_JPEG: Final[dict[int | str, dict[str, Any]]] = {
+_JPEG_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The image.", "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}}},
-    **_ERRORS,
+    **_ERROR_RESPONSES,
 }
-_SENSOR: Final[dict[int | str, dict[str, Any]]] = {
-    **_JPEG,
-    404: {"description": "There is no such image, or no stereo camera.", "content": _TEXT},
+_SENSOR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    **_JPEG_RESPONSES,
+    404: {"description": "There is no such image, or no stereo camera.", "content": _PLAIN_TEXT},
 }
-_STREAM: Final[dict[int | str, dict[str, Any]]] = {
+_STREAM_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {
         "description": "Images until the client disconnects.",
         "content": {"multipart/x-mixed-replace": {"schema": {"type": "string", "format": "binary"}}},
     },
-    **_ERRORS,
+    **_ERROR_RESPONSES,
 }
 
 
 class _SizeError(ValueError):
-    """The requested image is too large."""
+    """The requested image has too many pixels."""
 
 
 class _PlainErrorRoute(APIRoute):
-    """A route whose errors become plain text responses."""
+    """A route whose expected errors become responses in plain text."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
 
-        async def handle_errors(request: Request) -> Response:
+        async def handle_with_errors(request: Request) -> Response:
             try:
                 return await handle(request)
             except ClientDisconnect:
@@ -116,11 +122,11 @@ class _PlainErrorRoute(APIRoute):
             except UnavailableErrors as error:
                 return unavailable(error)
 
-        return handle_errors
+        return handle_with_errors
 
 
 def image_router(images: SceneImages, sensor: SensorImages | None, renders: RecentRenders) -> APIRouter:
-    """Return the routes that respond with images."""
+    """Return the routes of this module. ``sensor`` is None if there is no stereo camera."""
     routes = APIRouter(tags=["Browser view"], route_class=_PlainErrorRoute)
     _add_scene_routes(routes, images)
     _add_sensor_routes(routes, sensor)
@@ -131,7 +137,8 @@ def image_router(images: SceneImages, sensor: SensorImages | None, renders: Rece
 def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     config = images.config
 
-    def image_request(camera: str, width: int | None, height: int | None, quality: int, look: LookName) -> ImageRequest:
+    def parse_request(camera: str, width: int | None, height: int | None, quality: int, look: LookName) -> ImageRequest:
+        """Return the requested image; raise CameraError or _SizeError."""
         spec = parse_camera(camera)
         width, height = width or config.width, height or config.height
         if max(width, height) > config.max_side or width * height > config.max_pixels:
@@ -141,7 +148,7 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
             )
         return ImageRequest(spec, width, height, quality, look)
 
-    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG)
+    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG_RESPONSES)
     async def frame(
         request: Request,
         camera: CameraText = "fit",
@@ -150,13 +157,16 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
         quality: Quality = 85,
         look: LookChoice = None,
     ) -> Response:
-        """Rendered by the gateway's own rasterizer."""
-        image = image_request(camera, width, height, quality, look or config.look)
-        data, revision = await while_connected(request, images.jpeg(image))
+        """The gateway renders it on request."""
+        image_request = parse_request(camera, width, height, quality, look or config.look)
+        data, revision = await while_connected(request, images.jpeg(image_request))
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
     @routes.get(
-        "/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse, responses=_STREAM
+        "/view/stream.mjpg",
+        summary="The live scene as MJPEG",
+        response_class=StreamingResponse,
+        responses=_STREAM_RESPONSES,
     )
     async def stream(
         request: Request,
@@ -168,24 +178,27 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
         rate: FrameRate = 15.0,
     ) -> Response:
         """A new image whenever the scene changes."""
-        image = image_request(camera, width, height, quality, look or config.stream_look)
-        await while_connected(request, images.jpeg(image))  # an error now has a status; later the stream just ends
+        image_request = parse_request(camera, width, height, quality, look or config.stream_look)
+        await while_connected(request, images.jpeg(image_request))  # reports errors as HTTP errors
         closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
-        parts = images.stream(image, min(rate, config.max_stream_rate), closing)
+        parts = images.stream(image_request, min(rate, config.max_stream_rate), closing)
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY.decode()}"
         return StreamingResponse(parts, media_type=media_type, headers=NO_STORE)
 
 
 def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
     @routes.get("/view/sensor", include_in_schema=False)
-    async def state(request: Request) -> Response:
+    async def sensor_state(request: Request) -> Response:
         if sensor is None:
-            return Response(status_code=204)  # browsers log an error status on their console
+            return Response(status_code=204)  # not 404, which browsers would log as an error
         capture = await while_connected(request, sensor.capture())
-        return JSONResponse(capture.describe(), headers=NO_STORE)
+        return JSONResponse(capture.to_json(), headers=NO_STORE)
 
     @routes.get(
-        "/view/sensor/{name}.jpg", summary="Images of the stereo camera", response_class=Response, responses=_SENSOR
+        "/view/sensor/{name}.jpg",
+        summary="Images of the stereo camera",
+        response_class=Response,
+        responses=_SENSOR_RESPONSES,
     )
     async def image(request: Request, name: StereoImage, width: MaxWidth = None) -> Response:
         """``left``, ``right``, ``disparity`` (coloured) or ``confidence`` as JPEG."""
@@ -193,7 +206,7 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)
         if name not in IMAGE_NAMES:
             return PlainTextResponse(f"there is no image {name[:40]!r}; there are {', '.join(IMAGE_NAMES)}", 404)
-        capture = await while_connected(request, sensor.last())
+        capture = await while_connected(request, sensor.newest())
         data = await sensor.jpeg(capture, name, width)
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(capture.number)})
 

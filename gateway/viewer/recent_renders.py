@@ -1,4 +1,4 @@
-"""The last requests of the render endpoint, for the page's list."""
+"""The last requests of the render endpoint and their images, which the page lists."""
 
 from __future__ import annotations
 
@@ -18,15 +18,19 @@ from renderers.encode import png_rgb
 
 @dataclass(slots=True)
 class _Entry:
+    """A request in the list."""
+
     number: int
+    """Number of the request since start, from 1."""
     time: float
+    """Time of the response, in seconds since 1970."""
     summary: RenderSummary
-    body: bytes
-    """The image; empty if there is none or it was dropped."""
+    encoded_image: bytes
+    """The image as it was sent; empty if there is none or it was dropped."""
 
 
 class RecentRenders:
-    """The newest requests, limited in number and in bytes of images. Belongs to the event loop."""
+    """The newest requests, limited in number and in bytes of images. Not thread-safe: used in the event loop only."""
 
     def __init__(self, max_count: int, max_bytes: int, clock: Callable[[], float] = time.time) -> None:
         self._entries: deque[_Entry] = deque(maxlen=max_count)
@@ -36,17 +40,17 @@ class RecentRenders:
         """Number of requests since start."""
 
     def add(self, summary: RenderSummary) -> None:
-        """Add a finished request; drop the oldest images beyond the limit."""
+        """Add a finished request. Drop the oldest images if all exceed the limit."""
         self.count += 1
         self._entries.append(_Entry(self.count, self._clock(), summary, summary.body))
-        nbytes = 0
+        image_bytes = 0
         for entry in reversed(self._entries):
-            nbytes += len(entry.body)
-            if nbytes > self._max_bytes:
-                entry.body = b""
+            image_bytes += len(entry.encoded_image)
+            if image_bytes > self._max_bytes:
+                entry.encoded_image = b""
 
     def listing(self) -> list[dict[str, Any]]:
-        """Return the requests as JSON values, newest first."""
+        """Return the requests as plain JSON values, newest first."""
         return [
             {
                 "id": entry.number,
@@ -56,7 +60,7 @@ class RecentRenders:
                 "queued": round(entry.summary.queue_seconds * 1e3, 2),
                 "what": entry.summary.image_text,
                 "scene": entry.summary.scene_text,
-                "image": bool(entry.body),
+                "image": bool(entry.encoded_image),
                 "error": entry.summary.error,
                 "warnings": list(entry.summary.warnings),
             }
@@ -64,26 +68,31 @@ class RecentRenders:
         ]
 
     def find(self, number: int) -> tuple[RenderSummary, bytes] | None:
-        """Return a request and its image; None if the request is unknown or its image was dropped."""
+        """Return a request and its encoded image, or None if the request or the image is no longer kept."""
         for entry in self._entries:
-            if entry.number == number and entry.body:
-                return entry.summary, entry.body
+            if entry.number == number and entry.encoded_image:
+                return entry.summary, entry.encoded_image
         return None
 
 
-def encode_preview(summary: RenderSummary, body: bytes, width: int | None) -> bytes:
-    """Return a request's image as a PNG that browsers display, at most ``width`` pixels wide; depth is coloured.
+def encode_preview(summary: RenderSummary, encoded_image: bytes, width: int | None) -> bytes:
+    """Return a request's image as a PNG that browsers can display. Depth is mapped to colours.
 
+    Args:
+        summary: the request.
+        encoded_image: its image as it was sent.
+        width: maximum width in pixels; None: no maximum.
     Raises:
-        ValueError: The image cannot be decoded.
+        ValueError: the image cannot be decoded.
     """
     if summary.media_type == "image/png" and width is None and summary.kind != "depth":
-        return body
-    pixels = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+        return encoded_image
+    pixels = cv2.imdecode(np.frombuffer(encoded_image, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise ValueError(f"an image of type {summary.media_type} cannot be displayed")
     if summary.kind == "depth":
         rgb = depth_to_rgb(np.asarray(pixels))
     else:
-        rgb = np.ascontiguousarray(gray_to_rgb(np.asarray(pixels, np.uint8))[:, :, 2::-1])
+        bgr = gray_to_rgb(np.asarray(pixels, np.uint8))  # OpenCV's order; a fourth channel is alpha
+        rgb = np.ascontiguousarray(bgr[:, :, 2::-1])
     return png_rgb(shrink_to_width(rgb, width, interpolate=summary.kind != "label"))

@@ -1,4 +1,4 @@
-"""Ids of meshes, textures and point clouds, and meshes encoded once for all browsers."""
+"""Ids of meshes, textures and point clouds, and a cache of encoded meshes, shared by all browsers."""
 
 from __future__ import annotations
 
@@ -19,62 +19,63 @@ from renderers.drawlist import Image, Mesh
 T = TypeVar("T")
 
 MESH_FRAME_BYTES: Final = 256 << 20
-"""Maximum size of all encoded meshes that are kept for further browsers."""
+"""Maximum bytes of all encoded meshes in the cache."""
 
 
 class WeakIds(Generic[T]):
-    """Assigns numeric ids to objects without keeping them alive. An id is never reused."""
+    """Assigns numeric ids to objects, by weak references. An id is never reused."""
 
     def __init__(self) -> None:
         self._counter = itertools.count(1)
         self._ids: WeakKeyDictionary[T, int] = WeakKeyDictionary()
         self._objects: WeakValueDictionary[int, T] = WeakValueDictionary()
 
-    def find(self, value: T) -> int | None:
+    def find_id(self, value: T) -> int | None:
         """Return the id of an object, or None if it has none."""
         return self._ids.get(value)
 
-    def add(self, value: T) -> int:
+    def assign_id(self, value: T) -> int:
         """Assign an id to an object that has none."""
-        number = self._ids[value] = next(self._counter)
-        self._objects[number] = value
-        return number
+        object_id = self._ids[value] = next(self._counter)
+        self._objects[object_id] = value
+        return object_id
 
-    def get(self, number: int) -> T | None:
+    def find_object(self, object_id: int) -> T | None:
         """Return the object with an id, or None if it no longer exists."""
-        return self._objects.get(number)
+        return self._objects.get(object_id)
 
 
 class Resources:
     """The meshes, textures and point clouds that browsers refer to by id.
 
-    Belongs to the event loop, except ``mesh_frame``, which is thread-safe.
+    Only ``mesh_frame`` is thread-safe. The other methods are called in the event loop.
     """
 
     def __init__(self, mesh_frame_bytes: int = MESH_FRAME_BYTES) -> None:
         self._meshes: WeakIds[Mesh] = WeakIds()
         self._images: WeakIds[Image] = WeakIds()
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
+        """Point clouds by the id of the mesh that draws them."""
         self._mesh_frames: Cache[Mesh, bytes] = Cache(mesh_frame_bytes, weak=True)
-        self._removed: deque[int] = deque()
-        """Ids of meshes that were garbage-collected, in any thread."""
+        self._removed_meshes: deque[int] = deque()
+        """Ids of meshes that were garbage-collected. Any thread may append to it."""
 
     def mesh_id(self, mesh: Mesh) -> int:
-        """Return the id of a mesh."""
-        number = self._meshes.find(mesh)
-        if number is None:
-            number = self._meshes.add(mesh)
-            finalize(mesh, self._removed.append, number).atexit = False
-        return number
+        """Return the id of a mesh. A new mesh is assigned one."""
+        mesh_id = self._meshes.find_id(mesh)
+        if mesh_id is None:
+            mesh_id = self._meshes.assign_id(mesh)
+            finalize(mesh, self._removed_meshes.append, mesh_id).atexit = False
+        return mesh_id
 
     def image_id(self, image: Image) -> int:
-        """Return the id of an image."""
-        number = self._images.find(image)
-        return self._images.add(image) if number is None else number
+        """Return the id of an image. A new image is assigned one."""
+        image_id = self._images.find_id(image)
+        return self._images.assign_id(image) if image_id is None else image_id
 
-    def image(self, number: int) -> Image | None:
-        """Return the image with an id, or None if nothing in the scene uses it any more."""
-        return self._images.get(number)
+    def image(self, image_id: int) -> Image | None:
+        """Return the image with an id, or None if the scene no longer uses it."""
+        return self._images.find_object(image_id)
 
     def add_cloud(self, mesh_id: int, cloud: PointCloud) -> None:
         """Register the point cloud that a mesh draws."""
@@ -84,7 +85,7 @@ class Resources:
         """Return a channel of the point cloud that a mesh draws.
 
         Returns:
-            (N, k) float32 for the N points that are drawn; None if there is no such cloud or channel.
+            (N, k) float32: k values for each of the N points that are drawn. None if there is no such cloud or channel.
         """
         cloud = self._clouds.get(mesh_id)
         values = None if cloud is None else cloud.channels.get(name)
@@ -94,20 +95,20 @@ class Resources:
         return np.ascontiguousarray(values.reshape(len(values), -1)[is_drawn], dtype=np.float32)
 
     def take_removed_meshes(self) -> set[int]:
-        """Return the ids of meshes that no longer exist, each id once."""
+        """Return the ids of the meshes that were removed since the last call."""
         removed = set()
-        while self._removed:
-            removed.add(self._removed.popleft())
+        while self._removed_meshes:
+            removed.add(self._removed_meshes.popleft())
         return removed
 
     def bytes_to_encode(self, mesh_id: int) -> int:
-        """Return the size of a mesh's arrays; 0 if it is already encoded or no longer exists."""
-        mesh = self._meshes.get(mesh_id)
+        """Return the bytes of a mesh's arrays, or 0 if the mesh is already encoded or no longer exists."""
+        mesh = self._meshes.find_object(mesh_id)
         return 0 if mesh is None or self._mesh_frames.get(mesh) is not None else mesh.nbytes
 
     def mesh_frame(self, mesh_id: int) -> bytes | None:
         """Return the frame of a mesh, or None if the mesh no longer exists."""
-        mesh = self._meshes.get(mesh_id)
+        mesh = self._meshes.find_object(mesh_id)
         if mesh is None:
             return None
         frame = self._mesh_frames.get(mesh)
@@ -118,9 +119,10 @@ class Resources:
 
 
 def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
-    """Encode a mesh: positions, normals and texture coordinates as float32, colours as uint8, indices as uint32.
+    """Return the frame of a mesh.
 
-    ``index`` is missing if the indices are 0, 1, 2, ...
+    Positions, normals and texture coordinates are float32, colours uint8, indices uint32. The header has no
+    ``index`` if the indices are 0, 1, 2, ...
     """
     builder = FrameBuilder()
     header: dict[str, Any] = {"kind": "mesh", "id": mesh_id, "topology": int(mesh.topology)}
@@ -137,5 +139,5 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
 
 
 def colors_to_uint8(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Convert 0..1 to 0..255, rounded; NaN becomes 0."""
+    """Convert colours of 0 to 1 to 0 to 255, rounded. NaN becomes 0."""
     return (np.nan_to_num(colors, nan=0.0).clip(0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -1,4 +1,7 @@
-"""``/view``: the page and its files, the WebSocket, textures and channels of point clouds."""
+"""Routes of the page ``/view``: its files, the WebSocket, textures and channels of point clouds.
+
+``gateway.wiring`` adds them to the application.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,19 @@ from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 
 STATIC: Final = files("gateway.viewer") / "static"
+"""Folder with the files of the page, built from ``web``."""
 ACKNOWLEDGE: Final = "k"
-"""The page's message after processing an update."""
+"""Message that the page sends after processing an update."""
 MAX_MESSAGE_CHARS: Final = 16
 """Maximum length of a message from the page."""
 IMMUTABLE: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
+"""Response headers: browsers keep the file and never request it again."""
 REVALIDATE: Final = {"Cache-Control": "no-cache"}
+"""Response headers: browsers check at every use whether the file has changed."""
 
 
 def router(hub: ViewHub) -> APIRouter:
-    """Return the routes of the page."""
+    """Return the routes of this module."""
     routes = APIRouter()
 
     @routes.get("/view", include_in_schema=False)
@@ -40,23 +46,23 @@ def router(hub: ViewHub) -> APIRouter:
             return PlainTextResponse(f"the page has no file {name[:80]!r}", 404)
         return _file(f"assets/{name}", request, IMMUTABLE)
 
-    @routes.get("/view/image/{number}", include_in_schema=False)
-    async def image(number: int) -> Response:
-        texture = hub.resources.image(number)
+    @routes.get("/view/image/{image_id}", include_in_schema=False)
+    async def image(image_id: int) -> Response:
+        texture = hub.resources.image(image_id)
         if texture is None:
-            return PlainTextResponse(f"nothing in the scene uses image {number} any more", 404)
+            return PlainTextResponse(f"nothing in the scene uses image {image_id} any more", 404)
         try:
             data = await asyncio.to_thread(_encode_png, texture)
         except ImageError as error:
-            return PlainTextResponse(f"image {number}: {error}", 415)
+            return PlainTextResponse(f"image {image_id}: {error}", 415)
         return Response(data, media_type="image/png", headers=REVALIDATE)
 
-    @routes.get("/view/channel/{mesh}", include_in_schema=False)
-    async def channel(mesh: int, name: str) -> Response:
-        values = hub.resources.channel(mesh, name)
+    @routes.get("/view/channel/{mesh_id}", include_in_schema=False)
+    async def channel(mesh_id: int, name: str) -> Response:
+        values = hub.resources.channel(mesh_id, name)
         if values is None:
-            return PlainTextResponse(f"mesh {mesh} is not a point cloud with a channel {name[:80]!r}", 404)
-        # In a thread: millions of points are tens of megabytes.
+            return PlainTextResponse(f"mesh {mesh_id} is not a point cloud with a channel {name[:80]!r}", 404)
+        # In a thread, because a channel may have tens of megabytes.
         data = await asyncio.to_thread(values.tobytes)
         return Response(data, media_type="application/octet-stream", headers=REVALIDATE)
 
@@ -64,7 +70,7 @@ def router(hub: ViewHub) -> APIRouter:
     async def connection(socket: WebSocket) -> None:
         origin = socket.headers.get("origin")
         if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
-            # Browsers let any page open a WebSocket to any host.
+            # Browsers do not prevent a page of another site from opening this WebSocket.
             await socket.close(1008, "the page comes from another host")
             return
         await socket.accept()
@@ -85,15 +91,17 @@ def router(hub: ViewHub) -> APIRouter:
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:
+    """Send frames to the page until it disconnects or the gateway shuts down."""
     try:
         async for frame in browser.frames():
             await socket.send_bytes(frame)
         await socket.close(1001, "the gateway is shutting down")
     except (WebSocketDisconnect, RuntimeError):
-        return  # _receive ends the connection
+        return  # disconnected: _receive ends, too
 
 
 async def _receive(socket: WebSocket, browser: Browser) -> None:
+    """Receive acknowledgements until the page disconnects or sends an invalid message."""
     try:
         while True:
             text = await socket.receive_text()
@@ -107,22 +115,25 @@ async def _receive(socket: WebSocket, browser: Browser) -> None:
 
 
 def _encode_png(image: Image) -> bytes:
+    """Return a texture as PNG."""
     return png_rgba(image.decode())
 
 
 @cache
 def _assets() -> frozenset[str]:
+    """Return the names of the page's files in ``assets``."""
     return frozenset(entry.name for entry in (STATIC / "assets").iterdir())
 
 
 @cache
 def _read(path: str) -> tuple[bytes, str]:
-    """Return a file of the page and its ETag."""
+    """Return the content of a file of the page, and its ETag."""
     data = STATIC.joinpath(path).read_bytes()
     return data, f'"{hashlib.sha256(data).hexdigest()[:16]}"'
 
 
 def _file(path: str, request: Request, headers: dict[str, str]) -> Response:
+    """Return the response with a file of the page, or status 304 if the browser has the current file."""
     data, etag = _read(path)
     if request.headers.get("if-none-match") == etag:
         return Response(status_code=304, headers={**headers, "ETag": etag})

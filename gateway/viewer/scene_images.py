@@ -1,4 +1,4 @@
-"""The live scene as JPEG and MJPEG, rendered by the gateway's own rasterizer."""
+"""Render the live scene as JPEG and MJPEG, for ``image_routes``."""
 
 from __future__ import annotations
 
@@ -23,33 +23,36 @@ from renderers.interface import Look, LookName, Output, Renderer
 _log = structlog.get_logger("view")
 
 MAX_IMAGES: Final = 8
-"""Maximum number of encoded images that are kept for clients with the same camera and size."""
+"""Maximum number of encoded images that are kept. Clients that request an equal image of the same revision share it."""
 BOUNDARY: Final = b"scenegate-frame"
+"""Separator of the parts of a ``multipart/x-mixed-replace`` response."""
 _REPEAT_SECONDS: Final = 5.0
-"""Interval at which a stream repeats its image while the scene stands still, so that a disconnected client is
-detected and proxies keep the connection open."""
+"""Interval at which a stream repeats its image while the scene does not change. A disconnected client is detected by
+it, and proxies keep the connection open."""
 _CLOSING_POLL_SECONDS: Final = 0.5
-"""Interval at which an idle stream checks for the gateway's shutdown."""
+"""Interval at which a waiting stream checks whether the gateway shuts down."""
 
 
-class StreamsFull(RuntimeError):  # noqa: N818 - a response, not a fault
-    """There are ``max_streams`` streams already."""
+class StreamsFull(RuntimeError):  # noqa: N818 - an expected response, not an error
+    """``max_streams`` streams are open already."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImageRequest:
-    """Camera, size and look of an image."""
+    """Camera, size, quality and look of an image."""
 
     camera: CameraSpec
     width: int
+    """Pixels."""
     height: int
+    """Pixels."""
     quality: int
     """JPEG quality, 1 to 100."""
     look: LookName
 
 
 class SceneImages:
-    """Renders the newest scene in worker threads. Belongs to the event loop."""
+    """Renders the newest scene in worker threads. Not thread-safe: called in the event loop only."""
 
     def __init__(
         self,
@@ -60,9 +63,15 @@ class SceneImages:
         workers: WorkerPool,
         stereo_camera: Callable[[], Camera | None] = lambda: None,
     ) -> None:
-        """
+        """Create an object without images.
+
         Args:
-            stereo_camera: Returns the left camera of the stereo sensor, for ``camera=stereo``.
+            config: limits and defaults.
+            tree: the live tree.
+            flattener: converts the tree's snapshots to draw lists.
+            renderer: renders the draw lists.
+            workers: pool of worker threads for rendering.
+            stereo_camera: returns the left camera of the stereo sensor for ``camera=stereo``; None if there is none.
         """
         self.config = config
         self._tree = tree
@@ -78,10 +87,11 @@ class SceneImages:
         """Return the newest scene as JPEG, and its revision.
 
         Raises:
-            CameraError: The camera cannot be resolved in the scene.
-            ImageError: A texture cannot be decoded.
-            QueueFull: The queue for worker threads is full.
-            DeadlineExceeded: Rendering took too long.
+            CameraError: the scene does not have the camera's node, or there is no stereo camera.
+            ImageError: a texture cannot be decoded.
+            QueueFull: the queue for worker threads is full.
+            DeadlineExceeded: rendering took too long.
+            PoolClosed: the gateway shuts down.
         """
         snapshot = self._tree.snapshot
         key = (request, snapshot.revision)
@@ -89,6 +99,7 @@ class SceneImages:
         return data, snapshot.revision
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
+        """Return a snapshot as JPEG. Called in a worker thread."""
         draw_list = self._flattener.flatten(snapshot)
         camera = resolve_camera(
             request.camera,
@@ -108,11 +119,12 @@ class SceneImages:
         """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change of the scene.
 
         Args:
-            rate: Maximum frame rate, Hz.
-            closing: Returns True when the gateway shuts down; the stream ends then.
+            request: the image.
+            rate: maximum frame rate, Hz.
+            closing: returns True when the gateway shuts down. The stream then ends.
 
         Raises:
-            StreamsFull: There are ``max_streams`` already.
+            StreamsFull: ``max_streams`` streams are open already.
         """
         if self.streams >= self.config.max_streams:
             raise StreamsFull(f"{self.streams} streams are open, which is the limit (max_streams)")
@@ -138,11 +150,11 @@ class SceneImages:
                 except QueueFull as error:
                     await asyncio.sleep(error.retry_after)
                     continue
-                except (DeadlineExceeded, PoolClosed) as error:  # too late for an error response
+                except (DeadlineExceeded, PoolClosed) as error:  # the response has begun: no error status can be sent
                     _log.warning("image stream ended", reason=str(error))
                     return
-                head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
-                yield b"--" + BOUNDARY + b"\r\n" + head + data + b"\r\n"
+                part_header = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
+                yield b"--" + BOUNDARY + b"\r\n" + part_header + data + b"\r\n"
                 await asyncio.sleep(max(0.0, frame_start + 1.0 / rate - loop.time()))
                 await _wait_for_change(changed, frame_start + _REPEAT_SECONDS, closing)
         finally:
@@ -151,7 +163,7 @@ class SceneImages:
 
 
 async def _wait_for_change(event: asyncio.Event, deadline: float, closing: Callable[[], bool]) -> None:
-    """Wait for the event, the loop time ``deadline`` or the shutdown of the gateway, which sets no event."""
+    """Wait until the event is set, ``deadline`` of the event loop's clock has passed, or the gateway shuts down."""
     loop = asyncio.get_running_loop()
     while not event.is_set() and not closing() and (seconds_left := deadline - loop.time()) > 0:
         try:

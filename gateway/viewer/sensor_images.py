@@ -1,4 +1,4 @@
-"""The stereo camera's images as JPEG, captured once for all browsers and only on request."""
+"""The stereo camera's images as JPEG, for ``image_routes``. They are captured on request, once for all browsers."""
 
 from __future__ import annotations
 
@@ -17,50 +17,63 @@ from gateway.viewer.sources import ImageName, StereoImages
 from renderers.encode import jpeg_rgb
 
 MAX_ENCODED_IMAGES: Final = 16
-"""Maximum number of encoded images that are kept: four images in four sizes; the page requests two sizes."""
+"""Maximum number of encoded images that are kept: four images in four sizes each. The page requests two sizes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """A numbered set of images."""
+    """One set of images of the stereo camera."""
 
     number: int
+    """Number of the capture since start, from 1."""
     images: StereoImages
 
-    def describe(self) -> dict[str, Any]:
-        """Return number and captions as JSON values."""
+    def to_json(self) -> dict[str, Any]:
+        """Return the number and the captions as plain JSON values."""
         return {"number": self.number, "captions": dict(self.images.captions)}
 
 
 class SensorImages:
-    """The newest images of the stereo camera; a request replaces those that are older than ``max_age`` seconds."""
+    """The newest images of the stereo camera. Not thread-safe: used in the event loop only."""
 
     def __init__(self, capture: Callable[[], Awaitable[StereoImages]], max_age: float) -> None:
+        """Create an object without images.
+
+        Args:
+            capture: captures a set of images.
+            max_age: seconds after which ``capture`` replaces the images.
+        """
         self._capture_images = capture
         self._max_age = max_age
         self._captures: SharedResults[int, Capture] = SharedResults(1)
         self._jpegs: SharedResults[tuple[int, ImageName, int], bytes] = SharedResults(MAX_ENCODED_IMAGES)
         self._newest: Capture | None = None
         self._next_number = 1
-        self._expires = -math.inf
-        """Loop time at which the newest capture is too old."""
+        self._expiry_time = -math.inf
+        """Time at which the newest capture becomes too old, in seconds of the event loop's clock."""
 
     async def capture(self) -> Capture:
-        """Return a capture of at most ``max_age`` seconds.
+        """Return the newest capture; replace it if it is older than ``max_age``.
 
         Raises:
-            Exception: The stereo camera raised it.
+            Exception: the stereo camera cannot capture; its own error.
         """
-        if self._newest is not None and asyncio.get_running_loop().time() < self._expires:
+        if self._newest is not None and asyncio.get_running_loop().time() < self._expiry_time:
             return self._newest
         return await self._captures.get(self._next_number, self._capture)
 
-    async def last(self) -> Capture:
-        """Return the newest capture, however old; capture now if there is none."""
+    async def newest(self) -> Capture:
+        """Return the newest capture of any age. Capture now only if there is none."""
         return self._newest or await self.capture()
 
     async def jpeg(self, capture: Capture, name: ImageName, width: int | None) -> bytes:
-        """Return an image of a capture as JPEG, at most ``width`` pixels wide."""
+        """Return an image of a capture as JPEG.
+
+        Args:
+            capture: the set of images.
+            name: name of the image.
+            width: maximum width in pixels; None: no maximum.
+        """
         pixels: NDArray[Any] = getattr(capture.images, name)
         width = min(width or pixels.shape[1], pixels.shape[1])
         return await self._jpegs.get(
@@ -68,15 +81,22 @@ class SensorImages:
         )
 
     async def _capture(self) -> Capture:
+        """Capture a set of images now, and store it as the newest."""
         images = await self._capture_images()
         capture = self._newest = Capture(self._next_number, images)
         self._next_number += 1
-        self._expires = asyncio.get_running_loop().time() + self._max_age
+        self._expiry_time = asyncio.get_running_loop().time() + self._max_age
         return capture
 
 
 def encode_image(name: ImageName, pixels: NDArray[Any], width: int) -> bytes:
-    """Encode an image of the stereo camera as JPEG; disparity and confidence are coloured."""
+    """Encode an image of the stereo camera as JPEG. Disparity and confidence are mapped to colours.
+
+    Args:
+        name: name of the image.
+        pixels: (H, W) or (H, W, 3), as in ``StereoImages``.
+        width: maximum width in pixels.
+    """
     if name == "disparity":
         rgb = disparity_to_rgb(pixels)
     elif name == "confidence":

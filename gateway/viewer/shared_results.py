@@ -1,4 +1,7 @@
-"""One computation for all clients that request the same thing at the same time."""
+"""Compute an image once for all clients that request the same image at the same time.
+
+``scene_images`` and ``sensor_images`` use it.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ V = TypeVar("V")
 
 
 class SharedResults(Generic[K, V]):
-    """Results by key, each computed by one task. Belongs to the event loop.
+    """Results by key, each computed by one task. Not thread-safe: used in the event loop only.
 
-    A task is cancelled when all its callers are. The ``max_count`` most recently used results are kept; failures
-    are not.
+    A task is cancelled when all its callers are cancelled. The ``max_count`` most recently used results are kept.
+    Errors are not kept.
     """
 
     def __init__(self, max_count: int) -> None:
@@ -23,10 +26,10 @@ class SharedResults(Generic[K, V]):
         self._tasks: OrderedDict[K, _SharedTask[V]] = OrderedDict()
 
     async def get(self, key: K, compute: Callable[[], Coroutine[Any, Any, V]]) -> V:
-        """Return the result for a key; call ``compute`` if there is none and none is on its way.
+        """Return the result for a key. Start ``compute`` if there is neither a result nor a running task.
 
         Raises:
-            Exception: ``compute`` raised it.
+            Exception: the error of ``compute``.
         """
         task = self._tasks.get(key)
         if task is None or not task.usable:
@@ -38,32 +41,33 @@ class SharedResults(Generic[K, V]):
 
 
 class _SharedTask(Generic[V]):
-    """A task with any number of callers."""
+    """A task that computes one result for any number of callers."""
 
-    def __init__(self, work: Coroutine[Any, Any, V]) -> None:
-        self._task: asyncio.Task[V] = asyncio.get_running_loop().create_task(work)
+    def __init__(self, computation: Coroutine[Any, Any, V]) -> None:
+        self._task: asyncio.Task[V] = asyncio.get_running_loop().create_task(computation)
         self._task.add_done_callback(_mark_retrieved)
         self._callers = 0
+        """Number of callers that wait for the result."""
 
     @property
     def usable(self) -> bool:
-        """False if the task failed or is cancelled."""
+        """True unless the task has failed, was cancelled or is being cancelled."""
         if not self._task.done():
             return not self._task.cancelling()
         return not self._task.cancelled() and self._task.exception() is None
 
     async def result(self) -> V:
-        """Wait for the result."""
+        """Wait for the result. Cancel the task if its last caller is cancelled."""
         self._callers += 1
         try:
             return await asyncio.shield(self._task)
         finally:
             self._callers -= 1
             if self._callers == 0:
-                self._task.cancel()  # no effect if it is done
+                self._task.cancel()  # no effect on a task that is done
 
 
 def _mark_retrieved(task: asyncio.Task[Any]) -> None:
-    """Keep asyncio from logging an exception that no caller waited for."""
+    """Retrieve the task's exception. asyncio logs exceptions that are never retrieved."""
     if not task.cancelled():
         task.exception()

@@ -1,4 +1,7 @@
-"""Values that other interfaces provide to the browser view."""
+"""Types of the values that other interfaces provide to the browser view.
+
+``gateway.wiring`` converts the values, so that the browser view imports no other interface.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +23,21 @@ class StereoRig:
     """Pose and intrinsics of the stereo camera in the live scene."""
 
     pose: NDArray[np.float64]
-    """(4, 4) float64: X_world_left, optical frame."""
+    """X_world_left, (4, 4): from the left camera's optical frame to the world."""
     width: int
-    """Pixels."""
+    """Width of the image in pixels."""
     height: int
-    """Pixels."""
+    """Height of the image in pixels."""
     fx: float
-    """Focal length in pixels."""
+    """Horizontal focal length in pixels."""
     fy: float
-    """Focal length in pixels."""
+    """Vertical focal length in pixels."""
     cx: float
-    """Principal point in pixels."""
+    """Horizontal position of the principal point in pixels."""
     cy: float
-    """Principal point in pixels."""
+    """Vertical position of the principal point in pixels."""
     baseline: float
-    """Metres from the left to the right camera, along +X."""
+    """Distance from the left to the right camera in metres, along +X of the left camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,24 +49,24 @@ class StereoImages:
     right: NDArray[np.uint8]
     """(H, W) grey or (H, W, 3) RGB."""
     disparity: NDArray[np.uint16]
-    """(h, w) in any unit; 0 is invalid."""
+    """(h, w), in any unit; may be smaller than (H, W). 0 is invalid."""
     confidence: NDArray[np.uint8]
-    """(h, w) in 1/255; 0 is invalid."""
+    """(h, w), in 1/255. 0 is invalid."""
     captions: Mapping[ImageName, str] = field(default_factory=dict)
-    """Short texts shown below the images."""
+    """Short texts that the page shows below the images."""
 
 
 class StereoSource(Protocol):
-    """The stereo camera as the view uses it."""
+    """The stereo camera, as the browser view uses it."""
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
-        """Return the camera's place in a snapshot of the live scene; None if it sees another scene.
+        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene.
 
-        Called with every update, so it must be fast.
+        Called for every update, so it must be fast.
         """
 
     async def capture(self) -> StereoImages:
-        """Render a set of images now."""
+        """Render and return a set of images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +80,9 @@ class RenderSummary:
     queue_seconds: float
     """Part of ``seconds`` spent waiting for a worker thread."""
     image_text: str
-    """Type and size of the image, for display."""
+    """Type and size of the image, as a text that the page shows."""
     scene_text: str
-    """Size and origin of the scene, for display."""
+    """Size, generator and number of primitives of the scene, as a text that the page shows."""
     kind: Literal["color", "depth", "label", ""]
     """Type of the image; empty if the request was invalid."""
     body: bytes
@@ -89,4 +92,4 @@ class RenderSummary:
     error: str
     """The error message that was sent; empty if there is none."""
     warnings: tuple[str, ...] = ()
-    """Sentences about what was ignored or repaired."""
+    """Sentences about parts of the request or the scene that were ignored or repaired."""

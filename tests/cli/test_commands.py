@@ -16,7 +16,7 @@ from gateway import __version__
 from gateway.cli import check as check_module
 from gateway.cli import dataset, render_dataset
 from gateway.cli.main import app
-from gateway.client.manifest import Failure
+from gateway.client.manifest import FailureRecord
 from gateway.datasets import check as dataset_check
 from gateway.lcm import replay
 from gateway.lcm.event_log import EventLogError
@@ -124,7 +124,7 @@ def test_a_checked_dataset(
             samples=4,
             scenes=2,
             images=8,
-            nbytes=1_250_000,
+            image_bytes=1_250_000,
         )
 
     monkeypatch.setattr(dataset_check, "check_dataset", check_dataset)
@@ -148,7 +148,7 @@ def run_job(monkeypatch: pytest.MonkeyPatch, steps: Callable[[Any, Any], Any]) -
 
 
 def progress(failures: int = 0, warnings: dict[str, list[str]] | None = None, finished: int = 3) -> Any:
-    failed = [Failure(f"s{k}", None if k % 2 else "view", "broken") for k in range(failures)]
+    failed = [FailureRecord(f"s{k}", None if k % 2 else "view", "broken") for k in range(failures)]
     return SimpleNamespace(failures=failed, warnings=warnings or {}, finished=finished, total=3, kept=1, rendered=2)
 
 

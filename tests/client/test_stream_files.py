@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.client.stream_files import in_color, preview
+from gateway.client.stream_files import disparity_to_rgb, preview
 from gateway.generated import image_interface_pb2 as pb
 
 BLUE, RED, BLACK = (48, 18, 59), (122, 4, 3), (0, 0, 0)
@@ -63,7 +63,7 @@ def test_errors_are_white_from_half_a_pixel() -> None:
 
 def test_colours_of_disparities() -> None:
     disparity = np.array([[0, 100, 200], [300, 0, 100]], np.uint16)
-    colors = in_color(disparity)
+    colors = disparity_to_rgb(disparity)
     assert [tuple(c) for c in colors.reshape(-1, 3)[[0, 1, 3, 4, 5]].tolist()] == [BLACK, BLUE, RED, BLACK, BLUE]
     middle = colors[0, 2].tolist()
     assert middle[1] > 200, "green"
@@ -72,5 +72,5 @@ def test_colours_of_disparities() -> None:
 
 
 def test_colours_of_invalid_and_constant_disparities() -> None:
-    assert not in_color(np.zeros((2, 2), np.uint16)).any()
-    assert in_color(np.full((1, 2), 5, np.uint16)).tolist() == [[list(BLUE)] * 2]
+    assert not disparity_to_rgb(np.zeros((2, 2), np.uint16)).any()
+    assert disparity_to_rgb(np.full((1, 2), 5, np.uint16)).tolist() == [[list(BLUE)] * 2]

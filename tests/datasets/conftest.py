@@ -69,7 +69,7 @@ def draw(worker: Worker) -> Draw:
             for number, task in enumerate(all_of):
                 if number == most:
                     raise KeyboardInterrupt
-                yield worker.work(task)
+                yield worker.run_task(task)
 
         return run(job, tasks, lambda _: None)
 

@@ -188,17 +188,17 @@ def test_mirrored_poses_are_refused() -> None:
 @pytest.mark.parametrize("size", [1000, 1001])
 def test_unnamed_cameras_are_numbered_with_equal_width(tmp_path: Path, size: int) -> None:
     file = read_camera_file(written(tmp_path, {"cameras": [{"camera": "fit"}] * size}))
-    assert file.cameras[7].name == ("camera-007" if size == 1000 else "camera-0007")
-    assert len({len(view.name) for view in file.cameras}) == 1
+    assert file.default_views[7].name == ("camera-007" if size == 1000 else "camera-0007")
+    assert len({len(view.name) for view in file.default_views}) == 1
 
 
 def test_camera_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(CameraError, match=r"none\.json: No such file"):
         read_camera_file(tmp_path / "none.json")
     path = written(tmp_path, {"cameras": [{"camera": "fit"}]})
-    monkeypatch.setattr("gateway.datasets.camera_file.MAX_BYTES", path.stat().st_size)
-    assert len(read_camera_file(path).cameras) == 1
-    monkeypatch.setattr("gateway.datasets.camera_file.MAX_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("gateway.datasets.camera_file.MAX_FILE_BYTES", path.stat().st_size)
+    assert len(read_camera_file(path).default_views) == 1
+    monkeypatch.setattr("gateway.datasets.camera_file.MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(CameraError, match="more than"):
         read_camera_file(path)
     (tmp_path / "cameras.json").write_bytes(b"\xff")

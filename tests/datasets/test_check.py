@@ -25,7 +25,7 @@ def dataset(scenes: Path, tmp_path: Path, draw: Draw) -> Path:
 
 def edit(dataset: Path, number: int, change: Callable[[dict[str, Any]], object]) -> None:
     """Change a line of the manifest."""
-    path = dataset / manifest.MANIFEST
+    path = dataset / manifest.MANIFEST_FILE
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     change(lines[number])
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -44,14 +44,14 @@ def replace_image(dataset: Path, number: int, image_type: str, pixels: Any) -> N
 
 def edit_scene(dataset: Path, **changes: object) -> None:
     """Change the description of the first scene."""
-    path = dataset / "scenes" / "a.gltf" / manifest.SCENE
+    path = dataset / "scenes" / "a.gltf" / manifest.SCENE_FILE
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_whole_dataset(dataset: Path, threads: int) -> None:
     report = check_dataset(dataset, threads)
-    assert report.nbytes == sum(p.stat().st_size for p in dataset.rglob("*") if p.suffix in (".png", ".tiff"))
+    assert report.image_bytes == sum(p.stat().st_size for p in dataset.rglob("*") if p.suffix in (".png", ".tiff"))
     assert report.problems == []
     assert report.notes == []
     assert (report.samples, report.scenes, report.images) == (7, 4, 19)
@@ -60,10 +60,10 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (lambda d: (d / manifest.DATASET).unlink(), "there is no dataset.json"),
-        (lambda d: (d / manifest.MANIFEST).unlink(), "the run has not ended"),
-        (lambda d: (d / manifest.MANIFEST).write_bytes(b'{"id":1}\n'), "line 1: Expected `str`, got `int`"),
-        (lambda d: (d / manifest.MANIFEST).write_bytes(b'{"id":'), "line 1: cut off"),
+        (lambda d: (d / manifest.DATASET_FILE).unlink(), "there is no dataset.json"),
+        (lambda d: (d / manifest.MANIFEST_FILE).unlink(), "the run has not ended"),
+        (lambda d: (d / manifest.MANIFEST_FILE).write_bytes(b'{"id":1}\n'), "line 1: Expected `str`, got `int`"),
+        (lambda d: (d / manifest.MANIFEST_FILE).write_bytes(b'{"id":'), "line 1: cut off"),
         (lambda d: (d / "scenes/a.gltf/orbit-0.color.png").unlink(), "a.gltf/orbit-0.color.png: missing"),
         (lambda d: (d / "scenes/a.gltf/orbit-0.color.png").write_bytes(b"x"), "changed: its SHA-256 is not"),
         (lambda d: (d / "scenes/a.gltf/scene.json").unlink(), "scene.json: No such file"),
@@ -126,7 +126,7 @@ def test_images_of_several_formats_are_valid(dataset: Path) -> None:
 def test_unknown_files_are_noted(dataset: Path) -> None:
     (dataset / "scenes" / "a.gltf" / "holiday.jpg").write_bytes(b"")
     (dataset / "scenes" / "deep" / "image.png.7.part").write_bytes(b"")
-    (dataset / manifest.JOURNAL).write_bytes(b"")
+    (dataset / manifest.JOURNAL_FILE).write_bytes(b"")
     report = check_dataset(dataset, 1)
     assert report.problems == []
     assert report.notes == [
@@ -137,8 +137,8 @@ def test_unknown_files_are_noted(dataset: Path) -> None:
 
 
 def test_failures_are_noted(dataset: Path) -> None:
-    failures = manifest.Failure("b.gltf", None, "it is torn"), manifest.Failure("a.gltf", "top", "no node")
-    (dataset / manifest.FAILED).write_bytes(b"".join(manifest.encode(each) + b"\n" for each in failures))
+    failures = manifest.FailureRecord("b.gltf", None, "it is torn"), manifest.FailureRecord("a.gltf", "top", "no node")
+    (dataset / manifest.FAILURES_FILE).write_bytes(b"".join(manifest.encode(each) + b"\n" for each in failures))
     report = check_dataset(dataset, 1)
     assert report.problems == []
     assert report.notes == ["b.gltf was not drawn: it is torn", "a.gltf, top was not drawn: no node"]

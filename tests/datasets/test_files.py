@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import CameraRecord, Sample, encode
+from gateway.client.manifest import CameraRecord, SampleRecord, encode
 from gateway.datasets.files import (
     InUseError,
     locked,
@@ -20,7 +20,7 @@ from gateway.datasets.files import (
 )
 from gateway.datasets.job import Job
 from gateway.datasets.journal import Journal
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 from tests.datasets.conftest import SETTINGS
 
@@ -76,17 +76,23 @@ def test_digest_of_a_file(tmp_path: Path) -> None:
     assert sha256_of(tmp_path) is None
 
 
-def sample(view: str, digest: str = "0") -> Sample:
+def sample(view: str, digest: str = "0") -> SampleRecord:
     pose = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     camera = CameraRecord(width=1, height=1, fx=1.0, fy=1.0, cx=0.5, cy=0.5, near=0.1, far=None, X_world_camera=pose)
-    return Sample(
-        id=f"a.stl/{view}", scene="a.stl", view=view, asked="fit", scene_sha256=digest, camera=camera, images={}
+    return SampleRecord(
+        id=f"a.stl/{view}",
+        scene="a.stl",
+        view=view,
+        view_description="fit",
+        scene_sha256=digest,
+        camera=camera,
+        images={},
     )
 
 
 def test_the_journal_yields_samples_in_the_order_of_the_job() -> None:
     views = tuple(View(name, "fit") for name in "abcd")
-    job = Job((Source("a.stl", "/a.stl", Kind.MESH),), views, {}, SETTINGS, Path("/out"))
+    job = Job((Source("a.stl", "/a.stl", SourceKind.MESH),), views, {}, SETTINGS, Path("/out"))
     file = io.BytesIO()
     journal = Journal(job, file)
     assert list(journal.lines()) == []

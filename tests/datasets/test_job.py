@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import Failure
+from gateway.client.manifest import FailureRecord
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.job import VIEWS_PER_TASK, Job, PlannedSample, make_job
-from gateway.datasets.sources import Kind, Source
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 from tests.datasets.conftest import SETTINGS
 
-MESH = Source("mesh.stl", "/mesh.stl", Kind.MESH)
-REQUEST = Source("a/request.multipart", "/request.multipart", Kind.REQUEST)
-SPECIAL = Source("special.glb", "/special.glb", Kind.GLTF)
+MESH = Source("mesh.stl", "/mesh.stl", SourceKind.MESH)
+REQUEST = Source("a/request.multipart", "/request.multipart", SourceKind.REQUEST)
+SPECIAL = Source("special.glb", "/special.glb", SourceKind.GLTF)
 VIEWS = tuple(View(f"v{k}", "fit") for k in range(VIEWS_PER_TASK + 2))
 OWN_VIEWS = (View("own", "fit"),)
 
@@ -48,7 +48,7 @@ def test_tasks_are_of_one_scene_and_limited_in_views(job: Job) -> None:
         (SPECIAL, 1),
     ]
     assert tasks[1].views + tasks[2].views == VIEWS
-    assert {(task.out, task.settings, task.renderer, task.threads, task.timeout) for task in tasks} == {
+    assert {(task.out, task.settings, task.renderer_digest, task.threads, task.timeout) for task in tasks} == {
         ("/out", SETTINGS, "digest", 1, 7.0)
     }
 
@@ -59,7 +59,7 @@ def test_tasks_leave_out_samples_that_exist(job: Job) -> None:
 
 
 def test_scenes_with_unusable_names_have_numbers_but_no_tasks() -> None:
-    bad = Source("bad", "/bad", Kind.MESH, problem="a bad name")
+    bad = Source("bad", "/bad", SourceKind.MESH, problem="a bad name")
     job = Job((bad, MESH), VIEWS[:2], {}, SETTINGS, Path("/out"))
     assert job.find("mesh.stl/v0") == PlannedSample(2, MESH, VIEWS[0])
     assert [task.source for task in job.tasks(lambda number: number < 3, "")] == [MESH]
@@ -67,7 +67,7 @@ def test_scenes_with_unusable_names_have_numbers_but_no_tasks() -> None:
 
 def test_without_views_each_scene_has_one() -> None:
     job = make_job((MESH,), (), CameraFile(), SETTINGS, Path("/out"))
-    assert job.views == (View("default", None),)
+    assert job.default_views == (View("default", None),)
     assert job.timeout == 0.0
 
 
@@ -81,5 +81,5 @@ def test_views_of_the_command_come_before_those_of_the_camera_file() -> None:
 
 def test_a_failed_task_is_a_failure_of_each_view(job: Job) -> None:
     result = job.tasks(lambda number: number != 1, "")[0].failed("no memory")
-    assert result.failures == [Failure("mesh.stl", "v0", "no memory")]
+    assert result.failures == [FailureRecord("mesh.stl", "v0", "no memory")]
     assert result.samples == []

@@ -13,7 +13,7 @@ import pytest
 
 from gateway.client.dataset import Dataset
 from gateway.client.lines import Lines
-from gateway.client.manifest import MAX_LINE, RecordError
+from gateway.client.manifest import MAX_LINE_BYTES, RecordError
 from tests.datasets.conftest import SETTINGS, Draw, job_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "read_dataset.py"
@@ -72,7 +72,7 @@ def test_a_bad_line_is_named_when_it_is_asked_for(scenes: Path, tmp_path: Path, 
 
 @pytest.mark.parametrize(
     ("data", "problem"),
-    [(b"a\nb", "line 2: cut off"), (b"a\n" + b"x" * (MAX_LINE + 1) + b"\nb\n", "line 2: longer than the limit")],
+    [(b"a\nb", "line 2: cut off"), (b"a\n" + b"x" * (MAX_LINE_BYTES + 1) + b"\nb\n", "line 2: longer than the limit")],
 )
 def test_lines_that_are_not_whole(tmp_path: Path, data: bytes, problem: str) -> None:
     (tmp_path / "lines").write_bytes(data)

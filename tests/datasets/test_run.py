@@ -86,7 +86,7 @@ def test_a_stopped_run_continues(scenes: Path, tmp_path: Path, draw: Draw) -> No
     draw(job_of(scenes, whole))
     with pytest.raises(KeyboardInterrupt):
         draw(job_of(scenes, out), most=2)
-    with (out / manifest.JOURNAL).open("ab") as journal:
+    with (out / manifest.JOURNAL_FILE).open("ab") as journal:
         journal.write(b'{"id":"torn')  # what a process that is killed in the middle of a line leaves
     with pytest.raises(manifest.RecordError, match="not finished"):
         Dataset(out)
@@ -113,12 +113,12 @@ def test_renders_again_only_what_changed(scenes: Path, tmp_path: Path, draw: Dra
         path = scenes / "deep" / "mesh.stl"
         path.write_text(path.read_text().replace("vertex 0 1 0", "vertex 0 2 0"))
     else:
-        (folder / manifest.SCENE).unlink()
+        (folder / manifest.SCENE_FILE).unlink()
     progress = draw(job_of(scenes, out))
     assert progress.rendered == (1 if change in ("image", "missing") else 2)
     if change == "scene":
         changed = {name for name, data in contents(out).items() if data != whole[name]}
-        assert {name for name in changed if name != manifest.MANIFEST} <= {
+        assert {name for name in changed if name != manifest.MANIFEST_FILE} <= {
             name for name in whole if name.startswith("scenes/deep/mesh.stl/")
         }
         assert "scenes/deep/mesh.stl/orbit-0.color.png" in changed
@@ -144,7 +144,7 @@ def test_reports_each_bad_scene_and_view(scenes: Path, tmp_path: Path, draw: Dra
     (scenes / "cut.multipart").write_bytes(forms.body(forms.gltf())[:-100])
     cameras = CameraFile((View("missing", 'path:["missing"]'),))
     progress = draw(job_of(scenes, tmp_path / "out", orbit=40, cameras=cameras))
-    failed = list(manifest.read_lines(tmp_path / "out" / manifest.FAILED, manifest.Failure))
+    failed = list(manifest.read_lines(tmp_path / "out" / manifest.FAILURES_FILE, manifest.FailureRecord))
     assert [(failure.scene, failure.view) for failure in failed] == [
         ("a.gltf", "missing"),
         ("broken.gltf", None),
@@ -166,7 +166,7 @@ def test_reports_each_scene_with_an_invalid_name(scenes: Path, tmp_path: Path, d
         (scenes / name).write_bytes(good)
     out = tmp_path / "out"
     progress = draw(job_of(scenes, out))
-    failed = list(manifest.read_lines(out / manifest.FAILED, manifest.Failure))
+    failed = list(manifest.read_lines(out / manifest.FAILURES_FILE, manifest.FailureRecord))
     assert [(failure.scene, failure.view) for failure in failed] == [
         (long, None),
         ("c\\d.gltf", None),
@@ -180,7 +180,7 @@ def test_reports_each_scene_with_an_invalid_name(scenes: Path, tmp_path: Path, d
         (scenes / name).rename(scenes / f"{name[0]}.gltf")
     progress = draw(job_of(scenes, out))
     assert (progress.kept, progress.rendered, progress.failures) == (7, 6, {})
-    assert not (out / manifest.FAILED).exists()
+    assert not (out / manifest.FAILURES_FILE).exists()
 
 
 @pytest.mark.slow
@@ -201,9 +201,9 @@ def test_a_run_killed_before_the_journal_was_removed_continues(scenes: Path, tmp
     out = tmp_path / "out"
     draw(job_of(scenes, out))
     whole = contents(out)
-    lines = (out / manifest.MANIFEST).read_bytes().splitlines(keepends=True)
-    (out / manifest.JOURNAL).write_bytes(b"".join(reversed(lines)))  # the manifest is there, the journal still is
-    (out / f"{manifest.MANIFEST}.7.part").write_bytes(lines[0])
+    lines = (out / manifest.MANIFEST_FILE).read_bytes().splitlines(keepends=True)
+    (out / manifest.JOURNAL_FILE).write_bytes(b"".join(reversed(lines)))  # the manifest is there, the journal still is
+    (out / f"{manifest.MANIFEST_FILE}.7.part").write_bytes(lines[0])
     progress = draw(job_of(scenes, out))
     assert (progress.kept, progress.rendered) == (7, 0)
     assert contents(out) == whole
@@ -213,13 +213,13 @@ def test_renders_again_with_another_renderer(scenes: Path, tmp_path: Path, draw:
     out = tmp_path / "out"
     draw(job_of(scenes, out))
     whole = contents(out)
-    description = out / manifest.DATASET
+    description = out / manifest.DATASET_FILE
     known = manifest.read_dataset(out)
     description.write_bytes(manifest.encode_indented(msgspec.structs.replace(known, renderer="0" * 16)))
     with pytest.raises(KeyboardInterrupt):
         draw(job_of(scenes, out), most=0)
     assert manifest.read_dataset(out).renderer == known.renderer
-    assert not (out / manifest.MANIFEST).exists(), "an old manifest under a new renderer would be believed"
+    assert not (out / manifest.MANIFEST_FILE).exists(), "an old manifest under a new renderer would be believed"
     progress = draw(job_of(scenes, out))
     assert (progress.kept, progress.rendered) == (0, 7)
     assert contents(out) == whole
@@ -268,7 +268,7 @@ def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
 
 def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     def strange(tasks: list[Task]) -> Iterator[Result]:
-        return map(Worker().work, [replace(task, renderer="0123") for task in tasks])
+        return map(Worker().run_task, [replace(task, renderer_digest="0123") for task in tasks])
 
     progress = run(job_of(scenes, tmp_path / "out"), strange, lambda _: None)
     assert progress.finished == 0
@@ -279,16 +279,16 @@ def _killer(task: Task) -> Result:
     """Stands in for a worker's work: scene 'a.gltf' kills its process."""
     if task.source.name == "a.gltf":
         os.kill(os.getpid(), signal.SIGKILL)
-    from gateway.datasets.worker import work
+    from gateway.datasets.worker import run_task
 
-    return work(task)
+    return run_task(task)
 
 
 @pytest.mark.slow
 def test_a_worker_that_dies_fails_only_its_own_task(
     scenes: Path, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_tasks, "_work", _killer)
+    monkeypatch.setattr(local_tasks, "_run_task", _killer)
     job = job_of(scenes, tmp_path / "out")
     progress = run(job, lambda tasks: local_tasks.run_local(tasks, 2), lambda _: None)
     assert [(failure.scene, failure.reason) for failure in progress.failures] == [
@@ -322,7 +322,7 @@ def test_sigterm_ends_all_workers_and_the_run_can_continue(scenes: Path, tmp_pat
     # Its workers hold the other end of stderr: it ends when the last of them has ended.
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
-        journal = out / manifest.JOURNAL
+        journal = out / manifest.JOURNAL_FILE
         # There is no event for the first line.
         wait_until(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
         assert process.poll() is None
@@ -334,7 +334,7 @@ def test_sigterm_ends_all_workers_and_the_run_can_continue(scenes: Path, tmp_pat
     assert process.returncode == 130
     assert "Traceback" not in said
     assert "The same command goes on from here" in said
-    done = list(manifest.read_lines(journal, manifest.Sample))
+    done = list(manifest.read_lines(journal, manifest.SampleRecord))
     assert 0 < len(done) < 4500
     for sample in done:
         assert all((out / image.path).stat().st_size == image.bytes for image in sample.images.values())

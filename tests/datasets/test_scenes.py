@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gateway.client import manifest
-from gateway.datasets.scenes import LoadedScene, SceneError, digest_of, load_scene
+from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, scene_digest
 from gateway.datasets.sources import find_sources
 from renderers.drawlist import LABEL_NONE
 from tests.datasets.conftest import TREE
@@ -51,7 +51,7 @@ def test_description_lists_all_files(tmp_path: Path, scenes: Path) -> None:
     assert [file.path for file in description.sources] == ["a.gltf", "corners.bin"]
     for file in description.sources:
         assert file.sha256 == hashlib.sha256((tmp_path / file.path).read_bytes()).hexdigest()
-    assert description.sha256 == digest_of(description.sources)
+    assert description.sha256 == scene_digest(description.sources)
     assert description.scene == "a.gltf"
     assert description.generator == "another program"
 
@@ -72,15 +72,15 @@ def test_the_digest_depends_on_names_and_contents() -> None:
         (manifest.SourceFile("a", "2"), manifest.SourceFile("b", "1")),
         (manifest.SourceFile("c", "1"), manifest.SourceFile("b", "2")),
     )
-    assert digest_of(files) not in {digest_of(each) for each in others}
-    assert digest_of(files) == digest_of(tuple(files))
+    assert scene_digest(files) not in {scene_digest(each) for each in others}
+    assert scene_digest(files) == scene_digest(tuple(files))
 
 
 def test_tree_viewer_requests(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text(json.dumps(TREE))
     scene = loaded(path)
-    assert (labels(scene), scene.look, scene.own_camera) == ([1, 2], "studio", None)
+    assert (labels(scene), scene.look, scene.file_camera) == ([1, 2], "studio", None)
     assert scene.description.labels == {"1": (("robot", "base"),), "2": (("robot", "arm"),)}
     path.write_text("{}")
     with pytest.raises(SceneError, match="no setgeometry and no settransform command is in it"):

@@ -6,26 +6,26 @@ from pathlib import Path
 
 import pytest
 
-from gateway.datasets.sources import MAX_NAME, Kind, Source, SourceError, find_sources, kind_of
+from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceError, SourceKind, find_sources, kind_of
 
 
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("a.gltf", Kind.GLTF),
-        ("A.GLB", Kind.GLTF),
-        ("a.obj", Kind.MESH),
-        ("a.STL", Kind.MESH),
-        ("a.ply", Kind.MESH),
-        ("a.dae", Kind.MESH),
-        ("a.tree.json", Kind.TREE),
+        ("a.gltf", SourceKind.GLTF),
+        ("A.GLB", SourceKind.GLTF),
+        ("a.obj", SourceKind.MESH),
+        ("a.STL", SourceKind.MESH),
+        ("a.ply", SourceKind.MESH),
+        ("a.dae", SourceKind.MESH),
+        ("a.tree.json", SourceKind.TREE),
         ("a.json", None),
-        ("a.multipart", Kind.REQUEST),
+        ("a.multipart", SourceKind.REQUEST),
         ("a.txt", None),
         ("obj", None),
     ],
 )
-def test_kind_of_a_file(name: str, kind: Kind | None) -> None:
+def test_kind_of_a_file(name: str, kind: SourceKind | None) -> None:
     assert kind_of(Path(name)) is kind
 
 
@@ -36,14 +36,14 @@ def test_folders_are_searched_and_sorted_by_name(tmp_path: Path) -> None:
         path.write_text("")
     sources = find_sources([tmp_path])
     assert [source.name for source in sources] == ["a/c.stl", "b.stl", "folder.stl/e.stl"]
-    assert sources[0] == Source("a/c.stl", str(tmp_path / "a" / "c.stl"), Kind.MESH)
+    assert sources[0] == Source("a/c.stl", str(tmp_path / "a" / "c.stl"), SourceKind.MESH)
 
 
 def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "robot.JSON"
     path.parent.mkdir()
     path.write_text("{}")
-    assert find_sources([path]) == (Source("robot.JSON", str(path), Kind.TREE),)
+    assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
     with pytest.raises(
         SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.tree\.json, \.multipart$"
     ):
@@ -58,8 +58,8 @@ def test_a_scene_that_is_named_twice_is_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "problem", "printable"),
     [
-        ("a" * (MAX_NAME - 4) + ".stl", "", None),
-        ("a" * (MAX_NAME - 3) + ".stl", f"a name of {MAX_NAME + 1} characters", None),
+        ("a" * (MAX_NAME_CHARS - 4) + ".stl", "", None),
+        ("a" * (MAX_NAME_CHARS - 3) + ".stl", f"a name of {MAX_NAME_CHARS + 1} characters", None),
         ("a b-ä.stl", "", None),
         ("a\\b.stl", r"a name with the character '\\'", None),
         ("a\tb.stl", r"a name with the character '\t'", r"a\tb.stl"),

@@ -39,11 +39,11 @@ def test_one_worker_runs_in_this_process(
 ) -> None:
     done: list[Task] = []
 
-    def work(task: Task) -> Result:
+    def run_task(task: Task) -> Result:
         done.append(task)
         return Result()
 
-    monkeypatch.setattr(worker, "work", work)
+    monkeypatch.setattr(worker, "run_task", run_task)
     results = list(local_tasks.run_local(numbered(task, tasks), cores))
     assert len(results) == tasks
     assert [each.out for each in done] == [str(number) for number in range(tasks)]

@@ -140,7 +140,7 @@ def test_smallest_fragments() -> None:
 
 
 def test_log_channel_of_the_maximum_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    longest = "c" * (event_log.MAX_CHANNEL_BYTES - 1)
+    longest = "c" * event_log.MAX_CHANNEL_BYTES
     assert next(read_events(io.BytesIO(pack_event(0, 0, longest, b"x")))).channel == longest
     with pytest.raises(EventLogError):
         list(read_events(io.BytesIO(pack_event(0, 0, longest + "c", b"x"))))

@@ -96,6 +96,6 @@ async def test_reports_invalid_urls(url: str, bad: str, reason: str) -> None:
 
 async def test_liblcm_refuses_too_many_open_files(monkeypatch: pytest.MonkeyPatch) -> None:
     liblcm()
-    monkeypatch.setattr(liblcm_transport, "MAX_FILES", 3)
+    monkeypatch.setattr(liblcm_transport, "MAX_OPEN_FILES", 3)
     with pytest.raises(LcmUnavailableError, match="open files"):
         liblcm_transport.LiblcmTransport("memq://", "x", 1)

@@ -15,7 +15,7 @@ from gateway.scene.geometry import Box, Part, PointCloud, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer import encoder as encoder_module
-from gateway.viewer.encoder import EMPTY, Encoder, encode_stereo_rig
+from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.geometry_json import part_json
@@ -121,7 +121,7 @@ def test_browsers_at_one_revision_share_the_update() -> None:
     with tree.edit() as edit:
         edit.set_parts(("a",), (Part(Sphere(1), MATERIAL),))
     encoder.advance(tree.snapshot)
-    assert asyncio.run(encoder.update(EMPTY))[0] is asyncio.run(encoder.update(EMPTY))[0]
+    assert asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0] is asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0]
 
 
 def many_boxes(count: int) -> Node:
@@ -132,7 +132,7 @@ def many_boxes(count: int) -> Node:
 
 
 async def test_encoding_a_large_scene_yields_to_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(encoder_module, "MAX_TURN_SECONDS", 0.0)
+    monkeypatch.setattr(encoder_module, "MAX_BLOCKING_SECONDS", 0.0)
     encoder, turns = Encoder(Resources()), 0
     first, later = Snapshot(many_boxes(400), 1), Snapshot(many_boxes(401), 2)
     encoder.advance(first)
@@ -145,8 +145,8 @@ async def test_encoding_a_large_scene_yields_to_the_event_loop(monkeypatch: pyte
                 encoder.advance(later)
             await asyncio.sleep(0)
 
-    encoding = asyncio.create_task(encoder.update(EMPTY))
-    same = asyncio.create_task(encoder.update(EMPTY))
+    encoding = asyncio.create_task(encoder.update(EMPTY_SNAPSHOT))
+    same = asyncio.create_task(encoder.update(EMPTY_SNAPSHOT))
     await others()
     update, leads_to = await encoding
     assert turns >= 400
@@ -163,7 +163,7 @@ async def test_encoding_a_large_scene_yields_to_the_event_loop(monkeypatch: pyte
 
 
 async def test_dropping_all_ids_discards_the_update_in_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(encoder_module, "MAX_TURN_SECONDS", 0.0)
+    monkeypatch.setattr(encoder_module, "MAX_BLOCKING_SECONDS", 0.0)
     encoder = Encoder(Resources(), max_node_ids=200)
     encoder.advance(Snapshot(many_boxes(400), 1))
     flow = FlowControl(encoder)
@@ -181,7 +181,7 @@ async def test_dropping_all_ids_discards_the_update_in_progress(monkeypatch: pyt
 def test_ids_are_dropped_beyond_their_limit_only() -> None:
     encoder = Encoder(Resources(), max_node_ids=401)
     encoder.advance(Snapshot(many_boxes(399), 1))  # 401 paths with the root and the boxes' parent
-    asyncio.run(encoder.update(EMPTY))
+    asyncio.run(encoder.update(EMPTY_SNAPSHOT))
     encoder.advance(Snapshot(many_boxes(398), 2))
     assert encoder.epoch == 0
     encoder.node_id(("one more",))
@@ -196,7 +196,7 @@ def test_values_beyond_float32_become_infinite() -> None:
         edit.set_matrix(("matrix",), np.diag([1e300, 1, 1, 1]))
     encoder.advance(tree.snapshot)
     model = Model()
-    model.receive(asyncio.run(encoder.update(EMPTY))[0].frame)
+    model.receive(asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0].frame)
     tree_now = model.tree()
     assert tree_now["pose",][2][0] == np.inf
     assert tree_now["matrix",][2][0] == np.inf
@@ -243,7 +243,7 @@ def test_materials_and_channels_are_encoded() -> None:
     with tree.edit() as edit:
         edit.set_parts(("cloud",), (Part(PointCloud(points, channels), glass, source="scan.ply"),))
     encoder.advance(tree.snapshot)
-    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY))[0].frame)
+    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0].frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "cloud")["parts"]
     assert part["channels"] == {"intensity": 1, "rgb": 3}
     assert (part["points"], part["source"]) == (3, "scan.ply")
@@ -270,7 +270,7 @@ def test_alpha_mask_emission_and_texture_transform_are_encoded() -> None:
     with tree.edit() as edit:
         edit.set_parts(("leaf",), (Part(Surface(mesh), leaf),))
     encoder.advance(tree.snapshot)
-    update = asyncio.run(encoder.update(EMPTY))[0]
+    update = asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0]
     header, _ = parse_frame(update.frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "leaf")["parts"]
     material = part["draws"][0]["material"]
@@ -332,7 +332,7 @@ def test_nodes_are_written_with_what_they_have() -> None:
         edit.set_parts(("empty",), ())
         edit.set_visible(("hidden",), False)
     encoder.advance(tree.snapshot)
-    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY))[0].frame)
+    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0].frame)
     nodes = {node["name"]: set(node) - {"id", "name", "parent"} for node in header["nodes"]}
     assert nodes == {"a": set(), "b": {"parts"}, "empty": {"parts"}, "hidden": {"visible"}}
     before = tree.snapshot

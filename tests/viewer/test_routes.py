@@ -319,7 +319,7 @@ async def test_a_capture_is_used_until_it_is_too_old(world: World) -> None:
     stale = SensorImages(world.capture, 0.0)
     assert [(await fresh.capture()).number for _ in range(3)] == [1, 1, 1]
     assert [(await stale.capture()).number for _ in range(3)] == [1, 2, 3]
-    assert (await stale.last()).number == 3
+    assert (await stale.newest()).number == 3
     assert world.captures == 4
 
 

@@ -1,6 +1,10 @@
-"""Typed client of Director's tree viewer: geometry by path, over LCM (UDP multicast or TCPQ).
+"""Typed client of Director's tree viewer: publish geometry at paths over LCM (UDP multicast or TCPQ).
 
-``viewer`` is the client and ``aio`` its asyncio version; ``geometry`` and ``colors`` define what can be published,
-``published`` records it; ``wire`` encodes the messages and ``connection`` sends them. Needs lcm, numpy and msgspec,
-Pillow for colours given as text, and nothing of the server. ``gateway.client`` exports the public names.
+- ``viewer``: the client; ``aio``: the same for asyncio.
+- ``geometry``, ``colors``: geometry that can be published.
+- ``published``: changes of a request, and a record of published geometry.
+- ``wire``: encoding of requests and responses; ``connection``: LCM.
+
+The package needs lcm, numpy and msgspec, and Pillow for colours given as text. It imports no module of the server.
+``gateway.client`` exports the public names.
 """

@@ -1,4 +1,4 @@
-"""The client for asyncio: the same calls as coroutines, each run in a thread."""
+"""Asyncio version of the tree viewer client. Each coroutine runs a blocking call of ``viewer`` in a thread."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer
 
 
 class AsyncNode:
-    """A path of the viewer's tree, as ``Node``."""
+    """``Node`` whose methods are coroutines."""
 
     __slots__ = ("_node",)
 
@@ -39,10 +39,10 @@ class AsyncNode:
 
 
 class AsyncTreeViewer:
-    """``TreeViewer`` as an asynchronous context manager, which connects on entering."""
+    """``TreeViewer`` for asyncio. It is a context manager, and connects when the context is entered."""
 
     def __init__(self, url: str | None = None, timeout: float = 5.0, binary: bool | None = None) -> None:
-        """Take the arguments of ``TreeViewer``; connect later, on entering."""
+        """Accept the arguments of ``TreeViewer``."""
         self._arguments = (url, timeout, binary)
         self._viewer: TreeViewer | None = None
 
@@ -53,24 +53,25 @@ class AsyncTreeViewer:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await asyncio.to_thread(self._connected.close)
+        await asyncio.to_thread(self._connected_viewer.close)
 
     def __getitem__(self, key: str | int | tuple[str | int, ...]) -> AsyncNode:
-        return AsyncNode(Node(self._connected, path_of(key)))
+        return AsyncNode(Node(self._connected_viewer, path_of(key)))
 
     async def delete(self) -> Answer:
         """See ``TreeViewer.delete``."""
-        return await asyncio.to_thread(self._connected.delete)
+        return await asyncio.to_thread(self._connected_viewer.delete)
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:
-        """See ``TreeViewer.batch``. Calls on the batch itself are not awaited."""
+        """See ``TreeViewer.batch``. The methods of the batch's nodes are not coroutines: they send nothing."""
         batch = Batch()
         yield batch
-        batch.answer = await asyncio.to_thread(self._connected.send, batch.changes)
+        batch.answer = await asyncio.to_thread(self._connected_viewer.send, batch.changes)
 
     @property
-    def _connected(self) -> TreeViewer:
+    def _connected_viewer(self) -> TreeViewer:
+        """The viewer; raises RuntimeError before the context is entered."""
         if self._viewer is None:
             raise RuntimeError("enter the viewer first: async with AsyncTreeViewer() as viewer")
         return self._viewer

@@ -1,4 +1,4 @@
-"""Convert colours as users write them to the protocol's: red, green, blue and alpha from 0 to 1."""
+"""Convert colours from what users write (names, hexadecimal, uint8, floats) to the protocol's floats from 0 to 1."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-ROUNDING: Final = 1e-5
-"""Tolerance beyond 0 and 1 for floating-point numbers; the viewer clamps them."""
+RANGE_TOLERANCE: Final = 1e-5
+"""Accepted distance of a float below 0 or above 1, for rounding errors. The viewer clamps such values."""
 
 
 def rgba(value: ArrayLike) -> list[float]:
-    """Return three or four numbers from 0 to 1.
+    """Return red, green, blue and, if given, alpha, from 0 to 1.
 
     Args:
         value: three or four numbers from 0 to 1, a uint8 array (0 to 255), a CSS name, or ``#rgb``, ``#rgba``,
@@ -32,22 +32,28 @@ def rgba(value: ArrayLike) -> list[float]:
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
-    """Check that colours or intensities are uint8, or from 0 to 1. NaN is allowed; the viewer shows it as 0.
+    """Check colours or intensities, of any shape: uint8, or floats from 0 to 1.
 
+    NaN is allowed; the viewer shows it as 0.
+
+    Args:
+        name: name of the field, for the error text.
+        values: array of any shape.
     Raises:
-        ValueError: a value is outside of 0 to 1, so that the viewer would clamp it.
+        ValueError: a float is outside of 0 to 1.
     """
     if values.dtype == np.uint8 or not values.size:
         return
     low, high = values.min(), values.max()
-    if np.isnan(high):  # fmin and fmax ignore NaN, at a tenth of the speed
+    if np.isnan(high):  # fmin and fmax ignore NaN, but are ten times slower than min and max
         low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
-    if low < -ROUNDING or high > 1.0 + ROUNDING:
-        wrong = high if high > 1.0 + ROUNDING else low
-        raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {wrong:g}")
+    if low < -RANGE_TOLERANCE or high > 1.0 + RANGE_TOLERANCE:
+        invalid = high if high > 1.0 + RANGE_TOLERANCE else low
+        raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {invalid:g}")
 
 
 def _parse_color(text: str) -> tuple[int, ...]:
+    """Return the channels, 0 to 255, of a CSS name or of hexadecimal digits after ``#``."""
     from PIL import ImageColor  # slow to import, and most clients write numbers
 
     try:

@@ -1,4 +1,4 @@
-"""Geometry that clients publish: metres, radians, sRGB colours; NumPy arrays."""
+"""Geometry that clients publish with ``viewer``. Lengths are in metres, angles in radians, colours in sRGB."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from gateway.client.tree.colors import check_range, rgba
 from gateway.client.tree.wire import empty_with_header
 
 ROTATION_TOLERANCE: Final = 1e-4
-"""Maximum deviation of a matrix from a rotation; float32 rounding gives 1e-7, calibrated transforms more."""
+"""Maximum deviation of an element of R R^T from the identity. float32 rounding causes 1e-7, calibration more."""
 MAX_CHANNEL_COLUMNS: Final = 16
+"""Maximum number of values per point in one channel of a point cloud."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """Rotation (quaternion w, x, y, z of any length but zero), then translation, from the child to its parent."""
+    """Rigid transform from a child's frame to its parent's: rotation, then translation."""
 
     translation: Sequence[float] = (0.0, 0.0, 0.0)
+    """x, y, z in metres."""
     quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
+    """Rotation as w, x, y, z, of any length but zero."""
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:
-        """Return a transform from three numbers (a translation) or a (4, 4) rigid matrix.
+        """Return a transform from a transform, a translation (3,) or a rigid matrix (4, 4).
 
         Raises:
             ValueError: the value is none of these.
@@ -45,7 +48,7 @@ class Transform:
         return cls(tuple(matrix[:3, 3].tolist()), _quaternion(R))
 
     def body(self) -> dict[str, Any]:
-        """Return the protocol's object."""
+        """Return the transform as the protocol's JSON object."""
         return {
             "translation": _numbers("translation", self.translation, 3),
             "quaternion": _numbers("quaternion", self.quaternion, 4),
@@ -53,12 +56,16 @@ class Transform:
 
 
 def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Return (w, x, y, z) of a rotation matrix, by its largest component (Shepperd 1978)."""
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix R (3, 3), by Shepperd's method (1978).
+
+    The largest component, computed first, divides the others, so that no divisor is near zero. q is twice the result
+    until it is normalised.
+    """
     trace = float(np.trace(R))
-    diagonal = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    largest = int(np.argmax(diagonal))
+    magnitudes = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])  # in the order of |w|, |x|, |y|, |z|
+    largest = int(np.argmax(magnitudes))
     q = np.empty(4)
-    q[largest] = math.sqrt(max(0.0, 1.0 + 2.0 * diagonal[largest] - trace)) if largest else math.sqrt(1.0 + trace)
+    q[largest] = math.sqrt(max(0.0, 1.0 + 2.0 * magnitudes[largest] - trace)) if largest else math.sqrt(1.0 + trace)
     if largest == 0:
         q[1:] = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / q[0]
     else:
@@ -72,7 +79,7 @@ def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
 
 
 def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
-    """Return a list of floats; raise ValueError if their number is none of ``counts``."""
+    """Return a field's values as floats. Raises ValueError if their number is none of ``counts``."""
     array = np.asarray(values, np.float64)
     if array.ndim != 1 or len(array) not in counts:
         wanted = " or ".join(map(str, counts))
@@ -82,7 +89,11 @@ def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
 
 
 def _rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
-    """Return a copy, (N, columns) of ``dtype``, or (N,) if columns is 1."""
+    """Return a copy of a field's values: (N, one of ``columns``), or (N,) if ``columns`` is 1.
+
+    Raises:
+        ValueError: the values have another shape, or are not numbers (integers for an integer ``dtype``).
+    """
     array = np.ascontiguousarray(values)
     if array.size == 0:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
@@ -90,27 +101,27 @@ def _rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] =
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
         wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
         raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
-    integers = dtype in (np.int64, np.uint32)
-    if array.dtype.kind not in ("iub" if integers else "fiub"):
-        raise ValueError(f"{name} must have {'integers' if integers else 'numbers'}, not {array.dtype}")
-    copy = empty_with_header(array.shape, dtype)  # recorded, so independent of the caller's array
+    needs_integers = dtype in (np.int64, np.uint32)
+    if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
+        raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
+    copy = empty_with_header(array.shape, dtype)  # PublishedTree keeps it, so the caller's array may change
     copy[...] = array
     return copy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """Fields of all geometries."""
+    """Base class of geometries, with the fields that all of them have."""
 
     kind: ClassVar[str]
-    """Name of the type in the protocol."""
+    """``type`` in the protocol."""
     color: ArrayLike = (1.0, 1.0, 1.0, 1.0)
     """RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``."""
     transform: Transform | ArrayLike | None = None
-    """Transform to the path's frame; None: identity."""
+    """Transform from the geometry's frame to the frame of its path; None: identity."""
 
     def body(self) -> dict[str, Any]:
-        """Return the protocol's object, with NumPy arrays.
+        """Return the protocol's JSON object, with NumPy arrays in place of long lists.
 
         Raises:
             ValueError: a field is invalid.
@@ -121,16 +132,17 @@ class Geometry:
         return body | self._fields()
 
     def _fields(self) -> dict[str, Any]:
-        """Return the fields of this type."""
+        """Return the protocol's fields of this type of geometry."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
 class Box(Geometry):
-    """A box centred on the origin, lengths in metres."""
+    """A box centred on the origin."""
 
     kind = "box"
     lengths: Sequence[float]
+    """Edge lengths along x, y, z."""
 
     def _fields(self) -> dict[str, Any]:
         return {"lengths": _numbers("lengths", self.lengths, 3)}
@@ -138,6 +150,8 @@ class Box(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Sphere(Geometry):
+    """A sphere centred on the origin."""
+
     kind = "sphere"
     radius: float
 
@@ -147,8 +161,11 @@ class Sphere(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Ellipsoid(Geometry):
+    """An ellipsoid centred on the origin."""
+
     kind = "ellipsoid"
     radii: Sequence[float]
+    """Half axes along x, y, z."""
 
     def _fields(self) -> dict[str, Any]:
         return {"radii": _numbers("radii", self.radii, 3)}
@@ -168,18 +185,20 @@ class Cylinder(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Capsule(Cylinder):
-    """A cylinder along z, centred on the origin, with a hemisphere at each end."""
+    """A cylinder along z, centred on the origin, with a hemisphere at each end. ``length`` is without hemispheres."""
 
     kind = "capsule"
 
 
 @dataclass(frozen=True, slots=True)
 class Triad(Geometry):
-    """Axes of this length: x red, y green, z blue."""
+    """Coordinate axes: x red, y green, z blue."""
 
     kind = "triad"
     scale: float = 1.0
+    """Length of the axes."""
     tube: bool = False
+    """True: draw tubes in place of hairlines."""
 
     def _fields(self) -> dict[str, Any]:
         return {"scale": float(self.scale), "tube": bool(self.tube)}
@@ -187,19 +206,25 @@ class Triad(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Line(Geometry):
-    """Points (N, 3) joined by a tube, or by a hairline where ``radius`` is 0."""
+    """Straight segments from point to point, with optional arrow heads."""
 
     kind = "line"
     points: ArrayLike
+    """(N, 3)."""
     radius: float = 0.01
+    """Radius of the tube; 0: a hairline."""
     closed: bool = False
+    """True: join the last point to the first."""
     start_head: bool = False
+    """True: draw an arrow head at the first point."""
     end_head: bool = False
+    """True: draw an arrow head at the last point."""
     head_radius: float = 0.05
     head_length: float | None = None
+    """Length of the arrow heads; None: the viewer's default."""
 
     def _fields(self) -> dict[str, Any]:
-        length = {} if self.head_length is None else {"head_length": float(self.head_length)}
+        head_length = {} if self.head_length is None else {"head_length": float(self.head_length)}
         return {
             "points": _rows("points", self.points, 3),
             "radius": float(self.radius),
@@ -207,20 +232,22 @@ class Line(Geometry):
             "start_head": bool(self.start_head),
             "end_head": bool(self.end_head),
             "head_radius": float(self.head_radius),
-            **length,
+            **head_length,
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Mesh(Geometry):
-    """Vertices (N, 3) and faces (M, 3), indices of vertices."""
+    """Triangle mesh."""
 
     kind = "mesh_data"
     vertices: ArrayLike
+    """Positions, (N, 3)."""
     faces: ArrayLike
+    """Triangles, (M, 3) indices of vertices."""
 
     def _fields(self) -> dict[str, Any]:
-        is_uint32 = np.asarray(self.faces).dtype == np.uint32  # other types are checked before the conversion
+        is_uint32 = np.asarray(self.faces).dtype == np.uint32  # negative indices of other types must not wrap
         vertices = _rows("vertices", self.vertices, 3)
         faces = _rows("faces", self.faces, 3, dtype=np.uint32 if is_uint32 else np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
@@ -230,11 +257,13 @@ class Mesh(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class MeshFile(Geometry):
-    """A file on the viewer's machine, below a folder that its operator opened, or ``package://``."""
+    """Mesh in a file that the viewer reads."""
 
     kind = "mesh_file"
     filename: str
+    """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL."""
     scale: float | Sequence[float] = 1.0
+    """Scale factor, or one each for x, y, z."""
 
     def _fields(self) -> dict[str, Any]:
         scale = [float(self.scale)] * 3 if isinstance(self.scale, (int, float)) else self.scale
@@ -243,14 +272,17 @@ class MeshFile(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class PointCloud(Geometry):
-    """Points (N, 3); ``rgb`` (N, 3 or 4) beats ``intensity`` (N). Both are floating point 0 to 1 or uint8 0 to 255."""
+    """Points with optional colours and other values."""
 
     kind = "pointcloud"
     points: ArrayLike
+    """Positions, (N, 3)."""
     rgb: ArrayLike | None = None
+    """Colours, (N, 3) or (N, 4): floats from 0 to 1, or uint8. They take precedence over ``intensity``."""
     intensity: ArrayLike | None = None
+    """Grey values, (N,): floats from 0 to 1, or uint8."""
     channels: Mapping[str, ArrayLike] = field(default_factory=dict)
-    """Further channels, (N) or (N, k), k up to 16."""
+    """Other values by name, (N,) or (N, k) with k up to 16."""
 
     def _fields(self) -> dict[str, Any]:
         points = _rows("points", self.points, 3)
@@ -259,10 +291,11 @@ class PointCloud(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class PlanarLidar(Geometry):
-    """Ranges (N) at angles ``angle_start + i * angle_step`` about z from x; channels as in ``PointCloud``."""
+    """Scan of a lidar that turns about z. ``rgb``, ``intensity`` and ``channels`` are as in ``PointCloud``."""
 
     kind = "planar_lidar"
     ranges: ArrayLike
+    """Distances, (N,). Range i is measured at the angle ``angle_start + i * angle_step``, from x towards y."""
     angle_start: float
     angle_step: float
     rgb: ArrayLike | None = None
@@ -282,14 +315,15 @@ class PlanarLidar(Geometry):
 def _channels(
     count: int, rgb: ArrayLike | None, intensity: ArrayLike | None, others: Mapping[str, ArrayLike]
 ) -> dict[str, Any]:
+    """Return the protocol's field ``channels`` for ``count`` points; no field if there are no channels."""
     channels: dict[str, NDArray[Any]] = {}
     for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
         if values is not None:
             is_uint8 = np.asarray(values).dtype == np.uint8
             channels[name] = _rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
     for name, values in others.items():
-        flat = np.ndim(values) == 1
-        channels[name] = _rows(name, values, *((1,) if flat else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))))
+        allowed_columns = (1,) if np.ndim(values) == 1 else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
+        channels[name] = _rows(name, values, *allowed_columns)
     for name, array in channels.items():
         if len(array) != count:
             raise ValueError(f"{name} has {len(array)} values for {count} points")

@@ -1,4 +1,4 @@
-"""The changes of one request, and a record of everything published, to publish it again to a viewer that lost it."""
+"""Changes of one request, and the record of everything published, from which ``viewer`` publishes it again."""
 
 from __future__ import annotations
 
@@ -10,30 +10,36 @@ Path = tuple[str | int, ...]
 
 
 def path_of(value: str | int | tuple[str | int, ...]) -> Path:
-    """Return a path from one element, from a tuple of elements, or from ``a/b`` in one string."""
+    """Return the path for an index of a node: one element, a tuple of elements, or a string ``a/b``."""
     if isinstance(value, str):
         return tuple(name for name in value.split("/") if name)
     return tuple(value) if isinstance(value, tuple) else (value,)
 
 
-def is_below(path: Path, top: Path) -> bool:
-    """Return True if ``path`` is ``top`` or under it."""
+def is_at_or_below(path: Path, top: Path) -> bool:
+    """Return True if ``path`` is ``top`` or a path below it."""
     return path[: len(top)] == top
 
 
 @dataclass(slots=True)
 class Entry:
-    """Geometries and transform of one path, as sent."""
+    """Geometries and transform of one path, as the protocol's objects."""
 
     geometries: list[dict[str, Any]] | None = None
+    """None: not set."""
     transform: dict[str, Any] | None = None
+    """None: not set."""
 
 
 class Changes:
-    """Changes of one request. A viewer applies deletes first, so a delete discards what was set before."""
+    """Changes of one request.
+
+    A viewer executes the deletions of a request before all else. Changes made before a deletion are therefore dropped.
+    """
 
     def __init__(self) -> None:
         self.deleted: dict[Path, None] = {}
+        """Paths to delete, in order and without duplicates."""
         self.entries: dict[Path, Entry] = {}
 
     def set(self, path: Path, geometries: list[dict[str, Any]]) -> None:
@@ -46,14 +52,13 @@ class Changes:
 
     def delete(self, path: Path) -> None:
         """Delete a path and everything below it."""
-        self.entries = {other: entry for other, entry in self.entries.items() if not is_below(other, path)}
+        self.entries = {other: entry for other, entry in self.entries.items() if not is_at_or_below(other, path)}
         self.deleted[path] = None
 
-    def body(self, timestamp: int) -> dict[str, Any]:
-        """Return the data of a request."""
+    def body(self) -> dict[str, Any]:
+        """Return the request as the protocol's JSON object, without its timestamp."""
         entries = self.entries.items()
         return {
-            "timestamp": timestamp,
             "delete": [{"path": path} for path in self.deleted],
             "setgeometry": [
                 {"path": path, "geometries": entry.geometries}
@@ -67,7 +72,7 @@ class Changes:
 
 
 class PublishedTree:
-    """Record of everything that is published now."""
+    """Geometries and transforms that a viewer has if it executed all requests."""
 
     def __init__(self) -> None:
         self._entries: dict[Path, Entry] = {}
@@ -75,7 +80,7 @@ class PublishedTree:
     def update(self, changes: Changes) -> None:
         """Record the changes of a request."""
         for path in changes.deleted:
-            self._entries = {other: entry for other, entry in self._entries.items() if not is_below(other, path)}
+            self._entries = {other: entry for other, entry in self._entries.items() if not is_at_or_below(other, path)}
         for path, change in changes.entries.items():
             entry = self._entries.setdefault(path, Entry())
             if change.geometries is not None:
@@ -84,23 +89,23 @@ class PublishedTree:
                 entry.transform = change.transform
 
     def missing(self, paths: list[Path]) -> Changes:
-        """Return the changes to publish again to a viewer without geometry at ``paths``.
+        """Return changes that restore ``paths`` in a viewer that has no geometry there.
 
-        They are the entries at and below the paths, and the transforms of their parents; none if no geometry was
-        published there.
+        These are the entries at and below the paths, and the transforms above them. There are no changes if no
+        geometry was published at or below the paths.
         """
         changes = Changes()
         for path, entry in self._entries.items():
-            if any(is_below(path, top) for top in paths):
+            if any(is_at_or_below(path, top) for top in paths):
                 changes.entries[path] = entry
-            elif entry.transform is not None and any(is_below(top, path) for top in paths):
+            elif entry.transform is not None and any(is_at_or_below(top, path) for top in paths):
                 changes.entries[path] = Entry(None, entry.transform)
         if all(entry.geometries is None for entry in changes.entries.values()):
             changes.entries.clear()
         return changes
 
     def all(self) -> Changes:
-        """Return everything, for a viewer that has just started."""
+        """Return changes that restore everything in a viewer that has just started."""
         changes = Changes()
         changes.entries = dict(self._entries)
         return changes

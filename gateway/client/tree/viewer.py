@@ -1,4 +1,4 @@
-"""The synchronous client: ``viewer["robot"]["base"].set(Box((1, 1, 1)))``."""
+"""Blocking client of the tree viewer: ``TreeViewer()["robot"]["base"].set(Box((1, 1, 1)))``."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import Changes, Path, PublishedTree, path_of
 
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
+"""Status codes of responses. All negative codes are failures."""
 
 
 class TreeViewerError(RuntimeError):
-    """The viewer refused a command; it has executed the others."""
+    """The viewer refused at least one command of a request. It executed the other commands."""
 
     def __init__(self, answer: Answer) -> None:
         super().__init__(answer.error or f"the viewer answered with status {answer.status}")
@@ -38,18 +39,23 @@ class Answer:
     """Result of a request."""
 
     status: int
+    """Status code of the protocol."""
     deleted: tuple[Path, ...] = ()
+    """Deleted paths."""
     added: tuple[Path, ...] = ()
+    """Paths with new geometry."""
     transformed: tuple[Path, ...] = ()
+    """Paths with a new transform."""
     missing: tuple[Path, ...] = ()
-    """Paths with a new transform that have no geometry at or below them, neither in the viewer nor published here."""
+    """Paths with a new transform but without geometry at or below them, which this client cannot restore."""
     warnings: tuple[str, ...] = ()
-    """One sentence for each tolerated oddity and each geometry that cannot be drawn."""
+    """One sentence for each irregularity that the viewer tolerated and each geometry that it cannot draw."""
     error: str = ""
+    """Reason of the first failure; empty if no command failed."""
 
 
 class Node:
-    """A path of the tree. Index it for paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
+    """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
     __slots__ = ("_target", "path")
 
@@ -61,7 +67,7 @@ class Node:
         return Node(self._target, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
-        """Replace the geometry here (none: no geometry), and the transform if one is given. Children stay."""
+        """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
                 raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
@@ -96,7 +102,7 @@ class Batch:
         return Node(self, path_of(key))
 
     def send(self, changes: Changes) -> Answer:
-        """Add changes to the batch."""
+        """Add changes to the batch. The result says nothing, since the viewer has not received them yet."""
         for path in changes.deleted:
             self.changes.delete(path)
         for path, entry in changes.entries.items():
@@ -108,21 +114,24 @@ class Batch:
 
 
 class TreeViewer:
-    """A client of Scenegate or of any other viewer of Director's protocol. Several threads may use it.
+    """Client of Scenegate or any other viewer with Director's protocol. Thread-safe.
 
-    It records what it published: a viewer that misses something, or has restarted, gets it again.
+    The client records what it published, and publishes it again when the viewer has lost it or was restarted.
     """
 
-    _numbers = itertools.count()
+    _instance_numbers = itertools.count()
 
     def __init__(self, url: str | None = None, timeout: float = 5.0, binary: bool | None = None) -> None:
-        """
+        """Connect to the LCM network.
+
         Args:
-            url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: LCM_DEFAULT_URL, or LCM's default.
+            url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: the environment variable LCM_DEFAULT_URL, or
+                else LCM's default.
             timeout: seconds to wait for a response, or for a hub.
-            binary: True: requests in MessagePack; False: in JSON; None: in MessagePack if the viewer supports it.
+            binary: format of requests. True: MessagePack; False: JSON; None: MessagePack if the viewer supports it.
         Raises:
-            ConnectionError, ImportError: LCM does not work here; the message is the reason.
+            ConnectionError: no hub listens, or there is no route for multicast.
+            ImportError: the package lcm cannot be loaded.
         """
         self.timeout = timeout
         self._negotiate = binary is None
@@ -130,10 +139,11 @@ class TreeViewer:
         """Format of requests; None: not negotiated yet."""
         self._published = PublishedTree()
         self._lock = threading.Lock()
-        self._utime = 0
+        self._last_utime = 0
+        """``utime`` of the last request: microseconds since 1970, made unique."""
         self.pending: dict[int, Future[wire.Response]] = {}
         """Requests without a response, by ``utime``."""
-        self.client_id = f"sg{os.getpid()}_{next(self._numbers)}_{secrets.token_hex(4)}"
+        self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
         self._connection = LcmConnection(url, handlers, timeout)
 
@@ -154,27 +164,27 @@ class TreeViewer:
         self.close()
 
     def close(self) -> None:
-        """Close the connection; what was published stays in the viewer."""
+        """Close the connection. The published geometry stays in the viewer."""
         self._connection.close()
 
     def delete(self) -> Answer:
-        """Delete everything in the viewer, also what other clients published."""
+        """Delete everything in the viewer, including the geometry of other clients."""
         return Node(self, ()).delete()
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
-        """Send all changes of the batch in one request when the block ends; send nothing if the block raises."""
+        """Collect changes inside the context and send them in one request when it ends. An exception sends nothing."""
         batch = Batch()
         yield batch
         batch.answer = self.send(batch.changes)
 
     def send(self, changes: Changes) -> Answer:
-        """Publish changes, wait for the response, and publish again what the viewer misses.
+        """Send changes and wait for the response. If the viewer reports missing paths, publish them again.
 
         Raises:
             TreeViewerError: the viewer refused a command.
             TimeoutError: there was no response in time.
-            ConnectionError: the connection is lost.
+            ConnectionError: the connection is closed, or lost for longer than the timeout.
         """
         with self._lock:
             self._published.update(changes)
@@ -196,17 +206,19 @@ class TreeViewer:
         return answer
 
     def _request(self, changes: Changes) -> wire.Response:
+        """Send changes in the negotiated format, and return the response. An empty request negotiates the format."""
         if self.message_format is None:
             status = self._exchange({}, wire.BINARY).status
             self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
-        response = self._exchange(changes.body(0), self.message_format)
+        response = self._exchange(changes.body(), self.message_format)
         refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
         if refused and self.message_format == wire.BINARY and self._negotiate:
-            self.message_format = wire.JSON  # a viewer without MessagePack has replaced the first one
-            response = self._exchange(changes.body(0), self.message_format)
+            self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
+            response = self._exchange(changes.body(), self.message_format)
         return response
 
     def _exchange(self, body: dict[str, Any], message_format: str) -> wire.Response:
+        """Send one request and wait for its response."""
         utime, future = self._post(body, message_format)
         try:
             return future.result(self.timeout)
@@ -217,11 +229,12 @@ class TreeViewer:
             self.pending.pop(utime, None)
 
     def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[wire.Response]]:
+        """Send one request, and return its ``utime`` and the future of its response."""
         with self._lock:
-            utime = self._utime = max(self._utime + 1, time.time_ns() // 1000)
+            utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
             future = self.pending[utime] = Future()
         try:
-            message = wire.encode({**body, "timestamp": utime}, utime, message_format)
+            message = wire.encode({"timestamp": utime, **body}, utime, message_format)
             self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message)
         except BaseException:
             self.pending.pop(utime, None)
@@ -229,7 +242,7 @@ class TreeViewer:
         return utime, future
 
     def _on_response(self, message: bytes) -> None:
-        """Complete the request of a response. Runs in the receiving thread."""
+        """Complete the future of the request that a response belongs to. Runs in the receiving thread."""
         response = wire.decode(message)
         future = self.pending.pop(response.timestamp, None) if response is not None else None
         if future is not None and response is not None:
@@ -243,18 +256,19 @@ class TreeViewer:
         with self._lock:
             everything = self._published.all()
         if everything.entries:
-            with contextlib.suppress(ConnectionError):  # the viewer announces its next start, too
-                utime, _ = self._post(everything.body(0), self.message_format or wire.JSON)
+            with contextlib.suppress(ConnectionError):  # there is no caller to tell; the next request may restore it
+                utime, _ = self._post(everything.body(), self.message_format or wire.JSON)
                 self.pending.pop(utime, None)
 
 
 def _describe(value: object) -> str:
-    """Return a short text of any value for a message."""
+    """Return at most about 40 characters on any value, for an error text."""
     text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
     return text if len(text) <= 40 else f"{text[:40]}…"
 
 
 def _answer(response: wire.Response, missing: list[Path]) -> Answer:
+    """Return the result of a request, given the paths that are missing after publishing again."""
     body = response.body
 
     def paths(name: str) -> tuple[Path, ...]:

@@ -1,4 +1,7 @@
-"""Requests and responses as bytes: ``viewer2_comms_t`` around JSON or MessagePack (docs/tree-viewer-binary.md)."""
+"""Encode requests and decode responses: the LCM type ``viewer2_comms_t`` with JSON or MessagePack as its data.
+
+docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both functions.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,21 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 FINGERPRINT: Final = 0xD368E03F33C568BE
+"""LCM's hash of the type ``viewer2_comms_t``."""
 JSON: Final = "treeviewer_json"
 BINARY: Final = "treeviewer_msgpack"
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
+"""Channel of requests, before the client's id."""
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
+"""Channel of announcements and, before the client's id, of responses."""
 HEADER_BYTES: Final = 16
 """Reserved before an array's numbers for its header (at most 12 bytes), padded to 16 for alignment."""
 _ARRAY_EXTENSION: Final = 1
+"""MessagePack type code of number arrays."""
 _HEADER: Final = struct.Struct(">QqI")
+"""Fields before the format's name: fingerprint, utime, bytes of the name with its final zero."""
 _TRAILER: Final = struct.Struct(">iii")
+"""Fields after the format's name: major and minor version, bytes of data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +37,22 @@ class Response:
     """A viewer's response."""
 
     timestamp: int
+    """``utime`` of the request."""
     status: int
     body: dict[str, Any]
+    """All fields of the response."""
 
 
 def encode(body: dict[str, Any], utime: int, message_format: str) -> NDArray[np.uint8]:
-    """Return a request, (N,) uint8, in the format ``JSON`` or ``BINARY``.
+    """Return a request as LCM message, (N,) uint8.
 
-    The body is encoded in place behind the header, since copying a large body costs more than encoding it. The result
-    is an array because liblcm accepts arrays and no bytearray.
+    The body is encoded directly behind the header, because copying a large body takes longer than encoding it. The
+    result is an array because liblcm accepts no bytearray.
+
+    Args:
+        body: request as the protocol's JSON object, with NumPy arrays in place of long lists.
+        utime: time of the request in microseconds since 1970.
+        message_format: ``JSON`` or ``BINARY``.
     """
     format_name = message_format.encode() + b"\0"
     body_start = _HEADER.size + len(format_name) + _TRAILER.size
@@ -51,7 +67,7 @@ def encode(body: dict[str, Any], utime: int, message_format: str) -> NDArray[np.
 
 
 def decode(message: bytes) -> Response | None:
-    """Return the response in a message, or None if it is no response."""
+    """Return the response in an LCM message, or None if the message is not a response."""
     try:
         fingerprint, _, length = _HEADER.unpack_from(message)
         trailer_start = _HEADER.size + length
@@ -67,14 +83,17 @@ def decode(message: bytes) -> Response | None:
 
 
 def empty_with_header(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return an uninitialised array with ``HEADER_BYTES`` before it, so that it is sent without another copy."""
+    """Return an uninitialised array with ``HEADER_BYTES`` of memory before it.
+
+    ``pack`` writes the array's header there, so that the header and the numbers are sent without a copy.
+    """
     dtype = np.dtype(dtype)
     memory = np.empty(HEADER_BYTES + math.prod(shape) * dtype.itemsize, np.uint8)
     return memory[HEADER_BYTES:].view(dtype).reshape(shape)
 
 
 def pack(value: Any) -> Any:
-    """Return an array as a MessagePack extension, and other NumPy values as Python's (msgspec's ``enc_hook``)."""
+    """Return a NumPy array as a MessagePack extension, a NumPy number as a Python number (msgspec's ``enc_hook``)."""
     if not isinstance(value, np.ndarray):
         return _to_python(value)
     dtype = value.dtype.newbyteorder("<")
@@ -102,13 +121,14 @@ def _has_header(array: NDArray[Any]) -> bool:
 
 
 def _to_python(value: Any) -> Any:
+    """Return a NumPy array as lists, a NumPy number as a Python number (msgspec's ``enc_hook``)."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
 def _with_float_colors(body: dict[str, Any]) -> dict[str, Any]:
-    """Return a copy of a body for JSON, which has no types: uint8 colours become floats from 0 to 1."""
+    """Return a body for JSON, in which uint8 colours are floats from 0 to 1: JSON does not tell 0-255 from 0-1."""
     commands = [
         {**command, "geometries": [_with_floats(geometry) for geometry in command["geometries"]]}
         for command in body.get("setgeometry", ())
@@ -117,6 +137,7 @@ def _with_float_colors(body: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_floats(geometry: Any) -> Any:
+    """Return a geometry whose uint8 colours and intensities are floats from 0 to 1."""
     channels = geometry.get("channels") if isinstance(geometry, dict) else None
     if not isinstance(channels, dict):
         return geometry
