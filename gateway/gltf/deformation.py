@@ -44,7 +44,8 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
     targets: list[tuple[float, dict[str, Accessor]]]
     """Morph targets with a weight other than zero: the weight, and the differences by attribute."""
     influences: list[tuple[Accessor, Accessor]]
-    """``JOINTS_n`` and ``WEIGHTS_n``: each vertex follows four joints per pair. Empty without a skin."""
+    """``JOINTS_n`` and ``WEIGHTS_n``: each vertex follows four joints per pair. With a skin and no pair, all vertices
+    follow the first joint."""
     joint_matrices: NDArray[np.float32] | None
     """As in ``Pose``."""
 
@@ -78,10 +79,11 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
                     check_stop()
                     values = attributes[attribute]
                     values[:, : accessor.components] += np.float32(weight) * accessor.floats(begin, end)
-        if self.joint_matrices is None or not self.influences:
+        if self.joint_matrices is None:
             return
-        joints = np.hstack([accessor.values(begin, end) for accessor, _ in self.influences]).astype(np.uint16)
-        weights = np.hstack([accessor.floats(begin, end) for _, accessor in self.influences])
+        no_joints, no_weights = np.zeros((end - begin, 1), np.uint16), np.zeros((end - begin, 1), np.float32)
+        joints = np.hstack([accessor.values(begin, end) for accessor, _ in self.influences] or [no_joints])
+        weights = np.hstack([accessor.floats(begin, end) for _, accessor in self.influences] or [no_weights])
         joint_count = len(self.joint_matrices)
         if joints.size and (largest := int(joints.max())) >= joint_count:
             raise GltfError(f"{name}: a vertex follows joint {largest} of a skin with {joint_count} joints")
@@ -89,7 +91,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
             attributes["POSITION"],
             attributes.get("NORMAL"),
             attributes.get("TANGENT"),
-            np.ascontiguousarray(joints),
+            np.ascontiguousarray(joints, np.uint16),
             np.ascontiguousarray(weights),
             self.joint_matrices,
         )
@@ -122,7 +124,7 @@ def deformation_of(
             differences[attribute] = _checked(accessors.get(index, path), components, count, path)
         targets.append((weight, differences))
     influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
-    if not targets and not influences:
+    if not targets and pose.joint_matrices is None:
         return None
     return Deformation(targets, influences, pose.joint_matrices)
 

@@ -1,102 +1,144 @@
-"""Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy."""
+"""Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy in a process of its own."""
 
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
-import DracoPy
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import schema
+from gateway.gltf import draco_child, schema
 from gateway.gltf.accessors import Accessor
 from gateway.gltf.buffers import Buffer, Buffers
-from gateway.gltf.draco_header import DracoError, element_counts
+from gateway.gltf.draco_child import DecodedMesh
 from gateway.gltf.errors import GltfError
 from gateway.gltf.limits import GltfLimits
+from gateway.gltf.parser import extension_json
 from renderers.stop import check_stop
 
 EXTENSION: Final = "KHR_draco_mesh_compression"
+_SECONDS_BETWEEN_STOP_CHECKS: Final = 0.05
+
+_output_decoder: Final = msgspec.msgpack.Decoder(list[DecodedMesh | str])
 
 
-def decompress(
-    raw: msgspec.Raw,
-    attributes: Mapping[str, Accessor],
-    indices: Accessor | None,
-    buffers: Buffers,
-    limits: GltfLimits,
-    name: str,
-) -> tuple[dict[str, Accessor], Accessor]:
-    """Return the attributes and the vertex indices of a primitive, whose elements are separate triangles.
+class DracoMeshes:
+    """The compressed primitives of one document, decompressed together when the first of them is read."""
 
-    Args:
-        raw: JSON text of the extension.
-        attributes: Accessors by attribute. Their data is not read, except that of attributes that are not compressed.
-        indices: Accessor of the vertex indices.
-        name: Name of the extension in the document, for messages.
+    def __init__(self, document: schema.Document, buffers: Buffers, limits: GltfLimits) -> None:
+        self._document = document
+        self._buffers = buffers
+        self._limits = limits
+        self._decoded: dict[int, DecodedMesh | str] | None = None
+        """Meshes, or the reasons why there are none, by buffer view."""
 
-    Raises:
-        GltfError: The data cannot be decompressed, or does not have what the accessors say.
-    """
-    try:
-        source = msgspec.json.decode(raw, type=schema.DracoCompression)
-    except msgspec.MsgspecError as error:
-        raise GltfError(f"{name}: {error}") from error
-    if buffers.merged_by_drake:
-        raise GltfError(f"{name}: Drake's merge does not adapt the index of the buffer view")
-    if source.buffer_view is None:
-        raise GltfError(f"{name}.bufferView: missing")
-    if indices is None:
-        raise GltfError(f"{name}: the primitive has no indices")
-    view = buffers.view(source.buffer_view, f"{name}.bufferView")
-    data = bytes(memoryview(view.buffer.data)[view.offset : view.offset + view.length])
-    vertex_count = attributes["POSITION"].count
-    if vertex_count > limits.max_compressed_vertices:
-        limit = limits.max_compressed_vertices
-        raise GltfError(f"{name}: {vertex_count} vertices are more than max_compressed_vertices = {limit}")
-    mesh = _decode(data, vertex_count, indices.count // 3, name)
-    decompressed = dict(attributes)
-    for attribute, unique_id in (source.attributes or {}).items():
-        if attribute in attributes and unique_id is not None:
-            accessor = attributes[attribute]
-            values = _values(mesh, unique_id, (vertex_count, accessor.components), f"{name}.attributes.{attribute}")
-            decompressed[attribute] = _accessor(accessor, values.astype(accessor.dtype))
-    if decompressed["POSITION"] is attributes["POSITION"]:
-        raise GltfError(f"{name}.attributes.POSITION: missing")
-    return decompressed, _accessor(indices, mesh.faces.astype(np.uint32).reshape(-1, 1))
+    def read(
+        self, raw: msgspec.Raw, attributes: Mapping[str, Accessor], indices: Accessor | None, name: str
+    ) -> tuple[dict[str, Accessor], Accessor]:
+        """Return the attributes and the vertex indices of a primitive, whose elements are separate triangles.
+
+        Args:
+            raw: JSON text of the extension.
+            attributes: Accessors by attribute. Only attributes that are not compressed are read from them.
+            indices: Accessor of the vertex indices.
+            name: Name of the extension in the document, for messages.
+
+        Raises:
+            GltfError: The data cannot be decompressed, or does not have what the accessors say.
+        """
+        try:
+            source = msgspec.json.decode(raw, type=schema.DracoCompression)
+        except msgspec.MsgspecError as error:
+            raise GltfError(f"{name}: {error}") from error
+        if self._document.merged_by_drake:
+            raise GltfError(f"{name}: Drake's merge does not adapt the index of the buffer view")
+        if source.buffer_view is None:
+            raise GltfError(f"{name}.bufferView: missing")
+        if indices is None:
+            raise GltfError(f"{name}: the primitive has no indices")
+        self._buffers.view(source.buffer_view, f"{name}.bufferView")  # raises if there is none
+        if self._decoded is None:
+            self._decoded = self._decode_all()
+        mesh = self._decoded[source.buffer_view]
+        if isinstance(mesh, str):
+            raise GltfError(f"{name}: {mesh}")
+        vertex_count, triangles = attributes["POSITION"].count, np.frombuffer(mesh.triangles, "<u4")
+        if len(triangles) != indices.count:
+            raise GltfError(f"{name}: {len(triangles)} vertex indices, but {indices.name} has {indices.count}")
+        decompressed = dict(attributes)
+        for attribute, unique_id in (source.attributes or {}).items():
+            if attribute in attributes and unique_id is not None:
+                accessor = attributes[attribute]
+                values = _values(mesh, unique_id, (vertex_count, accessor.components), f"{name}.attributes.{attribute}")
+                decompressed[attribute] = _accessor(accessor, values.astype(accessor.dtype))
+        if decompressed["POSITION"] is attributes["POSITION"]:
+            raise GltfError(f"{name}.attributes.POSITION: missing")
+        return decompressed, _accessor(indices, triangles.reshape(-1, 1))
+
+    def _decode_all(self) -> dict[int, DecodedMesh | str]:
+        """Decompress all primitives of the document."""
+        data_of_view: dict[int, bytes] = {}
+        for mesh in self._document.meshes or ():
+            for primitive in (mesh.primitives or ()) if mesh is not None else ():
+                raw = None if primitive is None else extension_json(primitive.extensions, EXTENSION)
+                if raw is None:
+                    continue
+                try:
+                    index = msgspec.json.decode(raw, type=schema.DracoCompression).buffer_view
+                    if index is not None and index not in data_of_view:
+                        view = self._buffers.view(index, "")
+                        data_of_view[index] = bytes(memoryview(view.buffer.data)[view.offset :][: view.length])
+                except (msgspec.MsgspecError, GltfError):
+                    continue  # the primitive is not used, or the error is raised when it is read
+        results = decode_in_child(list(data_of_view.values()), self._limits)
+        return dict(zip(data_of_view, results, strict=True))
 
 
-def _decode(data: bytes, vertex_count: int, triangle_count: int, name: str) -> Any:
-    """Return the ``DracoPy.DracoMesh`` in ``data``, if it has no more vertices and triangles than the accessors."""
-    check_stop()
-    try:
-        vertices, triangles = element_counts(data)
-        if vertices > vertex_count or triangles > triangle_count:
-            raise DracoError(
-                f"{vertices} vertices and {triangles} triangles, but the accessors have {vertex_count} and "
-                f"{triangle_count}"
-            )
-        if triangles == 0:
-            raise DracoError("there are no triangles")
-        mesh = DracoPy.decode(data)
-    except (ValueError, DracoPy.FileTypeException) as error:
-        raise GltfError(f"{name}: {error}") from error
-    check_stop()
-    return mesh
+def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
+    """Run ``draco_child`` for some meshes; return a mesh or the reason of a failure for each."""
+    command = [sys.executable, "-P", str(Path(draco_child.__file__)), str(limits.max_draco_bytes)]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # its threads reserve gigabytes of address space
+    with subprocess.Popen(  # noqa: S603 - our own program
+        [*command, str(limits.max_mesh_bytes)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    ) as process:
+        stdin: bytes | None = msgspec.msgpack.encode(meshes)
+        try:
+            while True:
+                try:
+                    output, _ = process.communicate(stdin, timeout=_SECONDS_BETWEEN_STOP_CHECKS)
+                    break
+                except subprocess.TimeoutExpired:
+                    stdin = None  # it has been passed
+                    check_stop()
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode != 0:
+        reason = f"Draco's decoder failed, or needs more than max_draco_bytes = {limits.max_draco_bytes} of memory"
+        return [reason] * len(meshes)
+    return _output_decoder.decode(output)
 
 
-def _values(mesh: Any, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:
+def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:
     """Return an attribute of a decoded mesh, an array of ``shape``."""
-    attribute = mesh.get_attribute_by_unique_id(unique_id)
-    if attribute is None:
-        raise GltfError(f"{path}: the mesh has no attribute with the id {unique_id}")
-    values: NDArray[Any] = attribute["data"]
-    if values.shape != shape:
-        raise GltfError(f"{path}: {' x '.join(map(str, values.shape))} values instead of {shape[0]} x {shape[1]}")
-    return values
+    for attribute in mesh.attributes:
+        if attribute.unique_id == unique_id:
+            values: NDArray[Any] = np.frombuffer(attribute.data, attribute.dtype).reshape(-1, attribute.components)
+            if values.shape != shape:
+                raise GltfError(f"{path}: {' x '.join(map(str, values.shape))} values, not {shape[0]} x {shape[1]}")
+            return values
+    raise GltfError(f"{path}: the mesh has no attribute with the id {unique_id}")
 
 
 def _accessor(described: Accessor, values: NDArray[Any]) -> Accessor:

@@ -25,9 +25,9 @@ class GltfLimits:
     """Primitives of all nodes together; many nodes may share one mesh."""
     max_vertices: int = 20_000_000
     """Vertices of the meshes in use, each mesh counted once: a vertex takes up to 72 bytes."""
-    max_compressed_vertices: int = 1_000_000
-    """Vertices of one Draco primitive. Damaged data can make its decoder allocate 2 KB per vertex, so that the default
-    allows 2 GB."""
+    max_draco_bytes: int = 2 << 30
+    """Memory of the process that decompresses a document's Draco meshes, where the system can limit it. It takes 0.3 GB
+    by itself, and some hundred bytes for each vertex."""
     max_elements: int = 20_000_000
     """Triangles, lines and points of the meshes in use, each mesh counted once: 12 bytes each."""
     max_drawn_elements: int = 10_000_000

@@ -35,12 +35,15 @@ def is_posed(node: schema.Node) -> bool:
 
 
 def pose_meshes(
-    document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits
+    document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits, warnings: list[str]
 ) -> tuple[SceneNodes, dict[int, Pose]]:
     """Return the nodes with instances and skinned meshes as further nodes, and the poses of deformed meshes.
 
     An instance becomes a child of its node. A mesh with a skin becomes a root: the transform of its own node does not
     apply to it (glTF 2.0, 3.7.3.3).
+
+    Args:
+        warnings: Warnings are appended to this list.
 
     Returns:
         The nodes, and poses by position in them. Meshes without an entry have the morph weights of the document's mesh.
@@ -68,6 +71,8 @@ def pose_meshes(
         if source.skin is not None:
             X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
             positions = added.add(position, -1, X_world_mesh[None])
+            if INSTANCING in (source.extensions or {}):
+                warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
         elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
             matrices = _instance_matrices(raw, accessors, limits, f"{name}.extensions.{INSTANCING}")
             positions = added.add(position, position, matrices)

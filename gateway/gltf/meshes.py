@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import draco
 from gateway.gltf.accessors import Accessor, Accessors
-from gateway.gltf.buffers import Buffers
 from gateway.gltf.deformation import INFLUENCES, REST, Deformation, Pose, deformation_of
+from gateway.gltf.draco import EXTENSION as DRACO
+from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError
 from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
@@ -83,13 +83,13 @@ class Meshes:
     def __init__(
         self,
         accessors: Accessors,
-        buffers: Buffers,
+        draco_meshes: DracoMeshes,
         content: Cache[ContentKey, Mesh | Image],
         limits: GltfLimits,
         warnings: list[str],
     ) -> None:
         self._accessors = accessors
-        self._buffers = buffers
+        self._draco_meshes = draco_meshes
         self._content = content
         self._limits = limits
         self._warnings = warnings
@@ -175,13 +175,13 @@ class Meshes:
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         # Where an exporter has also stored the primitive without compression, that is read.
-        raw = extension_json(primitive.extensions, draco.EXTENSION) if position.buffer is None else None
+        raw = extension_json(primitive.extensions, DRACO) if position.buffer is None else None
         if raw is not None:
-            attributes, indices = draco.decompress(
-                raw, attributes, indices, self._buffers, self._limits, f"{name}.extensions.{draco.EXTENSION}"
-            )
+            attributes, indices = self._draco_meshes.read(raw, attributes, indices, f"{name}.extensions.{DRACO}")
             mode = TRIANGLES
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name)
+        if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
+            self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
         return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation)
 
     def _count(self, new_vertices: int, new_elements: int, name: str) -> None:

@@ -87,7 +87,8 @@ def _apply_filter(elements: Bytes, name: str | None, path: str) -> None:
     for begin in range(0, len(values), _ELEMENTS_PER_STOP_CHECK):
         check_stop()
         block = values[begin : begin + _ELEMENTS_PER_STOP_CHECK]
-        block[:] = decode(block).view(values.dtype)
+        with np.errstate(all="ignore"):
+            block[:] = decode(block).view(values.dtype)
 
 
 def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
@@ -136,8 +137,7 @@ def _quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
 
 def _exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return floats from integers: a signed exponent of base 2 in the upper 8 bits, a signed factor in the others."""
-    with np.errstate(over="ignore", under="ignore"):
-        result: NDArray[np.float32] = np.ldexp((values << 8 >> 8).astype(np.float32), values >> 24)
+    result: NDArray[np.float32] = np.ldexp((values << 8 >> 8).astype(np.float32), values >> 24)
     return result
 
 

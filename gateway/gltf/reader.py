@@ -20,13 +20,14 @@ from gateway.gltf.cameras import read_cameras
 from gateway.gltf.container import open_container
 from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
+from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
-from gateway.gltf.mesh_nodes import is_posed, pose_meshes
+from gateway.gltf.mesh_nodes import INSTANCING, is_posed, pose_meshes
 from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import parse_document
@@ -37,7 +38,6 @@ from gateway.scene.geometry import Part, Surface
 from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
-_NO_POSES: Final[Mapping[int, Pose]] = {}
 _MAX_WARNINGS: Final = 100
 """Maximum number of warnings in a result: a document with one fault often has it in every mesh."""
 
@@ -81,19 +81,22 @@ def read_gltf(
     container = open_container(data)
     document = parse_document(container.json, limits)
     check_stop()
-    nodes, poses = read_nodes(document, limits), _NO_POSES
+    nodes = read_nodes(document, limits)
+    posed = not document.merged_by_drake and any(map(is_posed, nodes.sources))
+    poses: Mapping[int, Pose] = {}
     warnings: list[str] = []
     check_extensions(document, warnings)
     buffers = Buffers(document, container, limits, resolve)
     accessors = Accessors(document, buffers, limits, warnings)
-    if not document.merged_by_drake:
-        nodes, poses = pose_meshes(document, nodes, accessors, limits)
-    meshes = Meshes(accessors, buffers, cache.content, limits, warnings)
+    if posed:
+        nodes, poses = pose_meshes(document, nodes, accessors, limits, warnings)
+    draco_meshes = DracoMeshes(document, buffers, limits)
+    meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
     materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    if hashed is not None and not content.posed_parts and len(content.warnings) <= _MAX_WARNINGS:
+    if hashed is not None and not posed and len(content.warnings) <= _MAX_WARNINGS:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
 
@@ -115,10 +118,14 @@ def _read_content(
     lights = read_lights(document, warnings)
     parts: dict[int, tuple[Part, ...]] = {}
     posed_parts: dict[int, tuple[Part, ...]] = {}
+    parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
     primitive_count = 0
     for position, mesh_index in enumerate(nodes.meshes):
         pose = poses.get(position)
         if mesh_index is None or (pose is None and mesh_index in parts):
+            continue
+        if pose is not None and (mesh_index, pose) in parts_in_pose:
+            posed_parts[position] = parts_in_pose[mesh_index, pose]
             continue
         mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
         primitives = mesh.primitives or []
@@ -133,7 +140,7 @@ def _read_content(
             if primitive is not None and (surface := meshes.read(primitive, name, pose)) is not None:
                 mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
         if position in poses:
-            posed_parts[position] = tuple(mesh_parts)
+            posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
         else:
             parts[mesh_index] = tuple(mesh_parts)
     if meshes.first_without_positions and not meshes.any_positions:
@@ -203,4 +210,6 @@ def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[s
         warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")
     if morph_count := content.morphed_mesh_count + sum(1 for node in mesh_nodes if node.weights and any(node.weights)):
         warnings.append(f"weights: morph targets are ignored, {morph_count} meshes are drawn as they are stored")
+    if instanced_count := sum(1 for node in mesh_nodes if INSTANCING in (node.extensions or {})):
+        warnings.append(f"nodes: {INSTANCING} is ignored, {instanced_count} meshes are drawn once")
     return warnings

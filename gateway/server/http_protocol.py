@@ -39,7 +39,11 @@ _WHOLE_READ: Final = 1 << 20
 
 
 class State(Enum):
-    """What a connection expects to receive next."""
+    """What a connection expects to receive next.
+
+    Each request takes a connection from HEAD through BODY to IDLE. DISCARD and REFUSED are the last state of a
+    connection, except that a body may still end in DISCARD. ``_enter`` makes all changes.
+    """
 
     IDLE = auto()
     """A new request; the previous one is complete."""

@@ -204,9 +204,9 @@ class Dispatcher:
         """Read a request in a worker thread, apply it in steps on the event loop, and respond."""
         response: AnyResponse
         try:
-            comms = self._protocol.header(message)
+            comms = self._protocol.decode(message)
             loop = asyncio.get_running_loop()
-            applier = await loop.run_in_executor(self._executor, self._protocol.open, comms)
+            applier = await loop.run_in_executor(self._executor, self._protocol.read, comms)
             while applier.step(self._config.slice_commands):  # noqa: ASYNC110 - the event loop continues in between
                 await asyncio.sleep(0)
             response = applier.response(comms.utime)

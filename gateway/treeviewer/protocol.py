@@ -51,7 +51,8 @@ class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of th
 class TreeViewerProtocol:
     """Reads requests and applies them to the live tree.
 
-    ``header`` and ``open`` are thread-safe. Appliers and ``handle`` edit the tree, and run in the event loop's thread.
+    A request takes three steps: ``decode`` the message, ``read`` the request in it, apply it. The first two are
+    thread-safe. Appliers edit the tree, and run in the event loop's thread. ``handle`` takes all three steps there.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class TreeViewerProtocol:
         }
         """Readers by the name of the format."""
 
-    def header(self, message: bytes | memoryview) -> wire.Comms:
+    def decode(self, message: bytes | memoryview) -> wire.Comms:
         """Return the decoded message after a check of its header. The data in it is not decoded.
 
         Raises:
@@ -93,7 +94,7 @@ class TreeViewerProtocol:
             raise RequestRefused(responses.failed(comms.utime, reason))
         return comms
 
-    def open(self, comms: wire.Comms) -> RequestApplier:
+    def read(self, comms: wire.Comms) -> RequestApplier:
         """Read a request, and return the applier that executes it.
 
         Raises:
@@ -112,8 +113,8 @@ class TreeViewerProtocol:
             wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
         """
         try:
-            comms = self.header(message)
-            applier = self.open(comms)
+            comms = self.decode(message)
+            applier = self.read(comms)
         except RequestRefused as refused:
             return refused.response
         applier.step(ALL_COMMANDS)

@@ -75,14 +75,14 @@ async def test_relays_once_to_every_subscriber() -> None:
 
 async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytest.MonkeyPatch) -> None:
     quick_was_answered = threading.Event()
-    read = TreeViewerProtocol.open
+    read = TreeViewerProtocol.read
 
     def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
         if threading.current_thread() is not threading.main_thread():
             assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
         return read(self, comms)
 
-    monkeypatch.setattr(TreeViewerProtocol, "open", read_late)
+    monkeypatch.setattr(TreeViewerProtocol, "read", read_late)
     rows = ", ".join(["[0.123456, 1.5, 2.25]"] * 200_000)
     big = message(
         f'{{"setgeometry": [{{"path": ["cloud"], "geometry": {{"type": "pointcloud", "points": [{rows}]}}}}]}}', 1

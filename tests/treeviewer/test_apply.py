@@ -89,7 +89,7 @@ def test_many_steps_give_the_same_result() -> None:
         viewer = Viewer()
         for i in range(3):
             viewer.publish(BOX, path=["it", i])
-        applier = viewer.protocol.open(viewer.protocol.header(message(request)))
+        applier = viewer.protocol.read(viewer.protocol.decode(message(request)))
         steps = 1
         while applier.step(most):
             steps += 1

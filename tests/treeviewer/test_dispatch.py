@@ -178,7 +178,7 @@ async def test_messages_of_other_types_are_not_answered_when_full() -> None:
     assert (world.dispatcher.counters.undecodable, world.published) == (1, [])
 
 
-@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "handle"), (0, "header"), (0, "open")])
+@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "handle"), (0, "decode"), (0, "read")])
 async def test_unexpected_errors_are_answered(offload_bytes: int, step: str, monkeypatch: pytest.MonkeyPatch) -> None:
     world = World(offload_bytes=offload_bytes)
 
@@ -304,7 +304,7 @@ async def test_only_the_first_undecodable_messages_are_logged(world: World) -> N
 def test_commands_are_executed_in_slices(commands: int, slice_: int, steps: int) -> None:
     viewer = Viewer()
     entries = [{"path": [str(number)], "geometry": BOX} for number in range(commands)]
-    applier = viewer.protocol.open(viewer.protocol.header(message({"setgeometry": entries})))
+    applier = viewer.protocol.read(viewer.protocol.decode(message({"setgeometry": entries})))
     done = [len(viewer.live.snapshot.root.children)]
     while applier.step(slice_):
         done.append(len(viewer.live.snapshot.root.children))
