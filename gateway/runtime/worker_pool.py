@@ -13,6 +13,7 @@ import math
 import os
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -305,6 +306,7 @@ class WorkerPool:
                 error = RuntimeError(f"StopIteration escaped: {raised}")
             except BaseException as raised:  # noqa: BLE001 - the caller gets it
                 error = raised
+                traceback.clear_frames(raised.__traceback__)  # their arrays would live as long as the exception
             seconds = time.monotonic() - call.started
             with self._lock:
                 self._running.remove(call)
@@ -343,14 +345,18 @@ class WorkerPool:
         assert self.seconds is not None
         pause = self.seconds
         while not self._all_ended.wait(pause):
-            now = time.monotonic()
-            pause = self.seconds
-            with self._lock:
-                for call in self._running:
-                    left = call.started + self.seconds - now
-                    if left > 0.0:
-                        pause = min(pause, left)
-                    elif not call.stop.is_set:
-                        self._timed_out += 1
-                        error = DeadlineExceeded(f"it took longer than {self._limit_name} = {self.seconds:g} s")
-                        call.stop.set(error)
+            pause = self._stop_late_calls(self.seconds)
+
+    def _stop_late_calls(self, seconds: float) -> float:
+        """Set the stop flags of calls that have run for ``seconds``; return the time until the next one is due."""
+        now, pause = time.monotonic(), seconds
+        with self._lock:
+            for call in self._running:
+                left = call.started + seconds - now
+                if left > 0.0:
+                    pause = min(pause, left)
+                elif not call.stop.is_set:
+                    self._timed_out += 1
+                    error = DeadlineExceeded(f"it took longer than {self._limit_name} = {seconds:g} s")
+                    call.stop.set(error)
+        return pause

@@ -15,6 +15,7 @@ from gateway.runtime import kernel_cache
 def test_types_are_in_a_fixed_order() -> None:
     assert _parse_types("label, color") == ("color", "label")
     assert _parse_types("depth,depth,") == ("depth",)
+    assert _parse_types("label,depth,color") == ("color", "depth", "label")
 
 
 @pytest.mark.parametrize("text", ["", ",", "colour", "color,normals"])

@@ -185,6 +185,23 @@ async def test_truth_is_written_for_each_set(start: Start, tmp_path: Path) -> No
         await asyncio.to_thread(receive_all, replace(options, truth="camera:8000"))
 
 
+FLAGS = ("left", "right", "disparity", "error", "confidence", "mesh", "color", "watertight", "textured", "tls")
+
+
+@pytest.mark.parametrize("flags", [(), *((flag,) for flag in FLAGS), FLAGS])
+def test_flags_of_the_command(flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    received: list[StreamOptions] = []
+    monkeypatch.setattr("gateway.client.stream.receive_all", lambda options, report: received.append(options))
+    app = typer.Typer()
+    app.command()(stream)
+    CliRunner().invoke(app, ["camera:1", *(f"--{flag}" for flag in flags)])
+    (options,) = received
+    values = {flag: options.credentials.tls if flag == "tls" else getattr(options, flag) for flag in FLAGS}
+    assert values == {flag: flag in flags for flag in FLAGS}
+    assert (options.target, options.max_points, options.count, options.timeout) == ("camera:1", 0, 0, None)
+    assert (options.output, options.preview, options.truth, options.pipeline) == (None, None, None, 0)
+
+
 def test_options_for_files_need_a_folder() -> None:
     app = typer.Typer()
     app.command()(stream)

@@ -54,6 +54,15 @@ def test_fragments_are_those_of_liblcm() -> None:
     assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 6))) == 2
 
 
+def test_channels_end_with_a_zero_byte() -> None:
+    assert read(make_assembler(), b"LC02\0\0\1\2WANTED_x") is None
+    assembler = make_assembler()
+    assert read(assembler, fragment(1, 10, 0, 0, 2, b"WANTED")) is None
+    assert read(assembler, fragment(1, 10, 0, 1, 2, b"0123456789")) is None
+    whole = [fragment(2, 10, 0, 0, 2, b"WANTED\x0001234"), fragment(2, 10, 5, 1, 2, b"56789")]
+    assert [read(assembler, piece) for piece in whole] == [None, ("WANTED", b"0123456789")]
+
+
 def test_rejects_messages_that_lcm_cannot_carry() -> None:
     with pytest.raises(ValueError, match=r"at most 63 characters, 'x{64}' has 64"):
         cut("x" * 64, b"")

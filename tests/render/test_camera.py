@@ -41,6 +41,7 @@ def test_a_near_plane_of_zero_is_replaced_by_the_scenes(znear: float, near: floa
 def test_geometry_without_a_camera_is_an_error_and_an_empty_scene_is_not() -> None:
     empty = replace(scene(), camera=None, has_geometry=False)
     np.testing.assert_array_equal(camera_of(REQUEST, empty).X_world_camera, np.diag((1.0, -1.0, -1.0, 1.0)))
+    assert camera_of(replace(REQUEST, near=0.0), empty).near == pytest.approx(1e-5)  # a millionth of the far plane
     with pytest.raises(RequestError, match="geometry but no camera"):
         camera_of(REQUEST, replace(empty, has_geometry=True))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import sys
 from collections.abc import Iterator, MutableMapping
 from typing import Any
 
@@ -64,6 +65,15 @@ def test_auto_is_json_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> 
     logs.configure("auto", "info")
     structlog.get_logger().info("hello")
     assert json.loads(capsys.readouterr().err)["event"] == "hello"
+
+
+def test_auto_is_for_people_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    logs.configure("auto", "info")
+    structlog.get_logger().info("hello")
+    line = capsys.readouterr().err
+    assert "hello" in line
+    assert not line.startswith("{")
 
 
 @pytest.mark.parametrize(

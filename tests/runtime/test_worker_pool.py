@@ -329,3 +329,24 @@ async def test_niceness_of_workers_and_frame_threads() -> None:
     assert await workers.run(draw) == {min(19, own + 3)}
     assert niceness() == own
     assert await workers.close()
+
+
+async def test_what_a_failed_call_used_is_freed_while_its_error_is_kept() -> None:
+    """A stopped request may have gigabytes in its frames, and errors stay alive in tracebacks and futures."""
+
+    class Body:
+        pass
+
+    used: list[weakref.ref[Body]] = []
+
+    def fail() -> None:
+        body = Body()
+        used.append(weakref.ref(body))
+        raise ValueError("the body is wrong")
+
+    pool = WorkerPool(1)
+    with pytest.raises(ValueError, match="is wrong") as kept:
+        await pool.run(fail)
+    assert used[0]() is None
+    assert kept.value.__traceback__ is not None
+    await pool.close()

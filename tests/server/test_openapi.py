@@ -59,6 +59,11 @@ def test_every_body_is_described_and_names_are_enumerated(schema: dict[str, Any]
                 assert parameter["schema"]["enum"] == [*NODES, *NODE_ALIASES]
 
 
+def test_scenes_to_render_are_required_and_pages_are_not_described(schema: dict[str, Any]) -> None:
+    assert schema["paths"]["/render"]["post"]["requestBody"]["required"] is True
+    assert schema["paths"].keys() & {"/", "/view", "/docs", "/redoc", "/openapi.json"} == set()
+
+
 def test_common_errors_are_described(schema: dict[str, Any]) -> None:
     for name, operation in operations(schema):
         assert {"421", "500", "503"} <= operation["responses"].keys(), name

@@ -48,11 +48,13 @@ def test_the_environment_names_the_file_and_its_keys_may_have_hyphens(
     monkeypatch.setenv("SCENEGATE_CONFIG", str(toml(tmp_path, 'http-port = 7\nonly = ["render"]\n')))
     assert load().http_port == 7
     assert load().only == ("render",)
+    assert [load().is_enabled(name) for name in ("render", "scene")] == [True, False]
 
 
 def test_empty_variables_are_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_HTTP_PORT", "")
     assert load().http_port == 8000
+    assert load().is_enabled("render")
 
 
 def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from gateway.runtime.worker_pool import QueueFull
 from gateway.stereo.frame_publisher import FramePublisher, FramesInFlight
@@ -109,6 +110,15 @@ async def test_an_error_ends_the_streams_of_its_kind_until_the_next_frame_is_mad
     assert "could not be made" in publisher.counts.problem
     await make(publisher, FakeFrame({LEFT: b"left"}))
     assert publisher.counts.problem == ""
+
+
+async def test_only_unexpected_errors_are_logged_with_a_traceback(publisher: FramePublisher) -> None:
+    with capture_logs() as entries:
+        publisher.fail(LEFT, "no frame", RuntimeError("unexpected"))
+        publisher.fail(LEFT, "no frame", ValueError("expected"))
+    assert [entry["event"] for entry in entries] == ["no frame: unexpected", "no frame: expected"]
+    assert isinstance(entries[0]["exc_info"], RuntimeError)
+    assert entries[1]["exc_info"] is None
 
 
 async def test_cancelling_the_work_cancels_the_frame(publisher: FramePublisher, hub: FakeHub) -> None:
