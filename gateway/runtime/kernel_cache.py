@@ -78,10 +78,11 @@ def ensure_cached(
 
 
 async def compile_missing(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
-    """``compile_in_children`` for the parts that are not cached, after any other process of this machine that compiles.
+    """Compile the parts that are not cached, after any other process of this machine that compiles.
 
     Args:
-        on_cached: awaited with each part that is in the cache, or as soon as it is.
+        parts, progress: as for ``compile_in_children``.
+        on_cached: awaited with each part, at once for parts that are in the cache already.
 
     Raises:
         KernelError: the kernels could not be compiled, or the cache cannot be written.

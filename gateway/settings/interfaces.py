@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Color, InterfaceName, Interfaces, Paths, Port, PortOrOff, Samples
+from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples
 
 
 class InterfaceSettings(BaseSettings):
@@ -87,6 +87,6 @@ class InterfaceSettings(BaseSettings):
         "read.",
     )
 
-    def is_enabled(self, interface: InterfaceName) -> bool:
+    def is_enabled(self, interface: str) -> bool:
         """Return True if ``--only`` names the interface, or is not set."""
         return not self.only or interface in self.only

@@ -40,5 +40,5 @@ def enabled_interfaces(settings: Settings) -> dict[str, Setup]:
     return {
         name: setup
         for name, setup in INTERFACES.items()
-        if (settings.demo if name == "demo" else not settings.only or name in settings.only)
+        if (settings.demo if name == "demo" else settings.is_enabled(name))
     }
