@@ -30,7 +30,7 @@ class Pose:
     mesh has no skin."""
 
 
-INFLUENCES: Final = ("JOINTS_", "WEIGHTS_")
+SKIN_ATTRIBUTES: Final = ("JOINTS_", "WEIGHTS_")
 """Starts of the names of the attributes that bind vertices to joints."""
 _MAX_INFLUENCES: Final = 4
 """Maximum number of pairs ``JOINTS_n`` and ``WEIGHTS_n``; exporters write one or two."""
@@ -116,12 +116,12 @@ def deformation_of(
             continue
         differences = {}
         for attribute, index in (target or {}).items():
-            if index is None or attribute not in attributes or attribute.startswith(INFLUENCES):
+            if index is None or attribute not in attributes or attribute.startswith(SKIN_ATTRIBUTES):
                 continue
             path = f"{name}.targets[{k}].{attribute}"
             # The differences of tangents have no handedness.
             components = 3 if attribute == "TANGENT" else attributes[attribute].components
-            differences[attribute] = _checked(accessors.get(index, path), components, count, path)
+            differences[attribute] = _checked_difference(accessors.get(index, path), components, count, path)
         targets.append((weight, differences))
     influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
     if not targets and pose.joint_matrices is None:
@@ -144,7 +144,7 @@ def _influences(attributes: dict[str, Accessor], name: str) -> Iterator[tuple[Ac
         yield joints, weights
 
 
-def _checked(accessor: Accessor, components: int, count: int, path: str) -> Accessor:
+def _checked_difference(accessor: Accessor, components: int, count: int, path: str) -> Accessor:
     """Return the accessor if it has ``components`` components and at least ``count`` values."""
     if accessor.components != components or accessor.count < count:
         raise GltfError(

@@ -6,8 +6,8 @@ import hashlib
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -103,31 +103,29 @@ class DracoMeshes:
 
 def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
     """Run ``draco_child`` for some meshes; return a mesh or the reason of a failure for each."""
-    command = [sys.executable, "-P", str(Path(draco_child.__file__)), str(limits.max_draco_bytes)]
+    command = [sys.executable, "-P", draco_child.__file__, str(limits.max_draco_bytes), str(limits.max_mesh_bytes)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # its threads reserve gigabytes of address space
+    pipe = subprocess.PIPE
     with subprocess.Popen(  # noqa: S603 - our own program
-        [*command, str(limits.max_mesh_bytes)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=environment,
+        command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment
     ) as process:
-        stdin: bytes | None = msgspec.msgpack.encode(meshes)
+        outputs: list[bytes] = []
+        stdin = msgspec.msgpack.encode(meshes)
+        # With a timeout, Process.communicate would not pass the rest of a long input after it.
+        communication = threading.Thread(target=lambda: outputs.append(process.communicate(stdin)[0]), daemon=True)
+        communication.start()
         try:
-            while True:
-                try:
-                    output, _ = process.communicate(stdin, timeout=_SECONDS_BETWEEN_STOP_CHECKS)
-                    break
-                except subprocess.TimeoutExpired:
-                    stdin = None  # it has been passed
-                    check_stop()
-        except BaseException:
-            process.kill()
-            raise
+            while communication.is_alive():
+                communication.join(_SECONDS_BETWEEN_STOP_CHECKS)
+                check_stop()
+        finally:
+            if communication.is_alive():
+                process.kill()
+                communication.join()
     if process.returncode != 0:
         reason = f"Draco's decoder failed, or needs more than max_draco_bytes = {limits.max_draco_bytes} of memory"
         return [reason] * len(meshes)
-    return _output_decoder.decode(output)
+    return _output_decoder.decode(outputs[0])
 
 
 def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Nodes for meshes that are not drawn at their own node as they are stored: instances, skins, morph targets."""
+"""Adds nodes for instances and skinned meshes, and finds the poses of deformed meshes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
 """Default values by attribute. Rotations are quaternions (x, y, z, w)."""
 
 
-def is_posed(node: schema.Node) -> bool:
-    """Return True for a node whose mesh has a skin, morph weights or instances of its own."""
+def has_own_parts(node: schema.Node) -> bool:
+    """Return True for a node with a skin, morph weights or instances: it does not just draw its mesh as stored."""
     if node.mesh is None:
         return False
     return node.skin is not None or node.weights is not None or INSTANCING in (node.extensions or {})
 
 
-def pose_meshes(
+def expand_mesh_nodes(
     document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits, warnings: list[str]
 ) -> tuple[SceneNodes, dict[int, Pose]]:
     """Return the nodes with instances and skinned meshes as further nodes, and the poses of deformed meshes.
@@ -56,7 +56,7 @@ def pose_meshes(
     poses: dict[int, Pose] = {}
     added = _AddedNodes(nodes, limits)
     for position, source in enumerate(nodes.sources):
-        if source.mesh is None or not is_posed(source):
+        if source.mesh is None or not has_own_parts(source):
             continue
         check_stop()
         name = f"nodes[{nodes.indices[position]}]"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.accessors import Accessor, Accessors
-from gateway.gltf.deformation import INFLUENCES, REST, Deformation, Pose, deformation_of
+from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, Pose, deformation_of
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError
@@ -157,7 +157,7 @@ class Meshes:
         attributes = {"POSITION": position}
         for attribute, index in references.items():
             allowed = _COMPONENT_COUNTS.get(attribute, ())
-            if pose.joint_matrices is not None and attribute.startswith(INFLUENCES):
+            if pose.joint_matrices is not None and attribute.startswith(SKIN_ATTRIBUTES):
                 allowed = (4,)
             if index is None or not allowed or attribute == "POSITION":
                 continue

@@ -95,7 +95,7 @@ def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
     """Return unit vectors from octahedral coordinates.
 
     Args:
-        values: (N, 4) int8 or int16: x and y, the value that stands for 1 in them, and any fourth value.
+        values: (N, 4) int8 or int16: x, y, the integer that stands for 1 in both, and a value that stays as it is.
 
     Returns:
         (N, 4) of the same dtype: x, y and z as normalized integers, and the fourth value.

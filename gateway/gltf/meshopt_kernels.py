@@ -192,8 +192,9 @@ def _read_varint(stream, position, end):
 def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, fifo_at, stop_at):
     """Write the result of ``decode_triangles``; return ``_OK`` or an error.
 
-    Each triangle has a code byte. A high digit below 15 is an edge of an earlier triangle, and the low digit says what
-    the third vertex is. Otherwise all three vertices are new to the FIFOs or in that of the vertices.
+    Each triangle has a code byte of two hexadecimal digits. A high digit below 15 is one of the last 16 edges, and the
+    low digit is the third vertex. Otherwise, each of the three vertices has a digit. A digit of 0 is the next vertex
+    that was not used before, 15 a vertex that is stored explicitly; others are one of the last 16 vertices.
 
     Args:
         fifo_at: address of scratch memory: (3, 16) int64, all -1. The last edges' first and second vertices, and the
@@ -250,7 +251,7 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, fifo_a
         elif digit_c < 15:
             k = vertex_end - 1 - digit_c if shared_edge else vertex_end - digit_c
             c = vertices[k & (_FIFO - 1)]
-        # Digit 15 is an explicit vertex, stored as the zigzag-coded difference from the last one.
+        # An explicit vertex is stored as the zigzag-coded difference from the last explicit one.
         if digit_a == 15:
             difference, position = _read_varint(stream, position, end)
             last_vertex += (difference >> 1) ^ -(difference & 1)

@@ -27,7 +27,7 @@ from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
-from gateway.gltf.mesh_nodes import INSTANCING, is_posed, pose_meshes
+from gateway.gltf.mesh_nodes import INSTANCING, expand_mesh_nodes, has_own_parts
 from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import parse_document
@@ -74,7 +74,7 @@ def read_gltf(
     if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)
-        posed = content.generator != DRAKE_MERGER and any(map(is_posed, nodes.sources))
+        posed = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
         if not posed and list(nodes.first_node_by_mesh()) == list(content.parts):
             return _combine(content, nodes, limits)
     check_stop()
@@ -82,14 +82,14 @@ def read_gltf(
     document = parse_document(container.json, limits)
     check_stop()
     nodes = read_nodes(document, limits)
-    posed = not document.merged_by_drake and any(map(is_posed, nodes.sources))
+    posed = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
     warnings: list[str] = []
     check_extensions(document, warnings)
     buffers = Buffers(document, container, limits, resolve)
     accessors = Accessors(document, buffers, limits, warnings)
     if posed:
-        nodes, poses = pose_meshes(document, nodes, accessors, limits, warnings)
+        nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     draco_meshes = DracoMeshes(document, buffers, limits)
     meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
     materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))

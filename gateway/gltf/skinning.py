@@ -13,7 +13,7 @@ from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u16_at
 from renderers.stop import current_stop
 
-_MATRIX: Final = 12
+_MATRIX_NUMBERS: Final = 12
 """Numbers of a joint matrix, (3, 4)."""
 _VERTICES_PER_STOP_CHECK: Final = 1 << 14
 
@@ -77,7 +77,7 @@ def _skin_vertices(
             else:
                 weight = np.float32(1.0) if k == first else np.float32(0.0)
             if weight != 0.0:
-                m = _MATRIX * np.int64(joints[k])
+                m = _MATRIX_NUMBERS * np.int64(joints[k])
                 m00, m01, m02, m03 = (
                     m00 + weight * matrices[m],
                     m01 + weight * matrices[m + 1],

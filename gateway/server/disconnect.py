@@ -38,3 +38,4 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
     finally:
         work_task.cancel()
         disconnect_task.cancel()
+        del work_task  # a reference cycle otherwise: task, its exception, the traceback, this frame

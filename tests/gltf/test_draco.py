@@ -147,6 +147,17 @@ def test_the_deadline_ends_the_decoder() -> None:
         flag.run(lambda: decode_in_child([encoded()], GltfLimits()))
 
 
+def test_a_mesh_larger_than_a_pipe() -> None:
+    rng = np.random.default_rng(1)
+    positions, triangles = rng.random((60_000, 3)).astype(np.float32), np.arange(60_000, dtype=np.uint32).reshape(-1, 3)
+    data = DracoPy.encode(positions, triangles, preserve_order=True, quantization_bits=16)
+    assert len(data) > 200_000
+    b = document(data)
+    b.json["accessors"][0]["count"] = b.json["accessors"][1]["count"] = 60_000
+    (mesh,) = meshes(b.read())
+    assert np.abs(mesh.positions - positions).max() < 1e-4
+
+
 def test_a_primitive_is_not_affected_by_damage_to_another() -> None:
     b = document(encoded())
     damaged = b.view(encoded()[:-20])

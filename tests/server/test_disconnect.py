@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import weakref
 
 import pytest
 from starlette.requests import ClientDisconnect, Request
@@ -74,3 +76,29 @@ async def test_cancels_the_work_with_its_caller() -> None:
     with pytest.raises(asyncio.CancelledError):
         await waiting
     await cancelled.wait()
+
+
+async def test_an_error_is_freed_without_the_garbage_collector() -> None:
+    """A stopped render's error may keep gigabytes alive."""
+
+    class Failure(Exception):  # unlike built-in exceptions, it can be referred to weakly
+        pass
+
+    async def fail() -> None:
+        raise Failure
+
+    async def freed() -> weakref.ref[BaseException]:
+        try:
+            await while_connected(Client().request, fail())
+        except Failure as error:
+            return weakref.ref(error)
+        raise AssertionError
+
+    gc.collect()
+    gc.disable()
+    try:
+        error = await freed()
+        await asyncio.sleep(0)
+        assert error() is None
+    finally:
+        gc.enable()
