@@ -34,6 +34,7 @@ _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
 _MAX_OTHER_FOLDERS: Final = 4
 """Number of folders of other versions that are kept, the newest ones; each has about 8 MB."""
+_DEFINES_KERNELS: Final = re.compile(rb"^from renderers\.compiler\.(jit|device_function) import ", re.MULTILINE)
 _GATEWAY_IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
 
 
@@ -97,7 +98,7 @@ def sources_digest() -> str:
 def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
     """Return the names of the modules of ``gateway`` that define kernels, and of those they import, sorted."""
     reached: set[str] = set()
-    pending = [name for name, source in sources.items() if b"cached_njit" in source]
+    pending = [name for name, source in sources.items() if _DEFINES_KERNELS.search(source)]
     while pending:
         name = pending.pop()
         if name in reached:

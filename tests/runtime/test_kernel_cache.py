@@ -15,7 +15,9 @@ import pytest
 
 from gateway.runtime import kernel_cache as kernels
 from gateway.runtime.kernel_progress import Progress
+from gateway.wiring import warmup
 from renderers.compiler import cache_folder
+from renderers.compiler.jit import KERNELS
 from tests.support.waiting import until
 
 KERNEL = "renderers.fxaa.smooth_rows"
@@ -118,6 +120,9 @@ def test_complete_for_one_version_of_the_compiler(cache: Path, monkeypatch: pyte
     assert not kernels.are_cached()
 
 
+KERNEL_MODULE = "from gateway.scene.numbers import N\nfrom renderers.compiler.jit import kernel\n"
+
+
 def test_the_digest_depends_on_contents_and_not_on_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def digest(tree: Path) -> str:
         class Spec:
@@ -134,7 +139,7 @@ def test_the_digest_depends_on_contents_and_not_on_paths(tmp_path: Path, monkeyp
     trees = [tmp_path / "one", tmp_path / "two"]
     for tree in trees:
         write(tree, "renderers/a.py", "1")
-        write(tree, "gateway/scene/kernels.py", "from gateway.scene.numbers import N\n@cached_njit()\n")
+        write(tree, "gateway/scene/kernels.py", KERNEL_MODULE)
         write(tree, "gateway/scene/numbers.py", "N = 1")
         write(tree, "gateway/other.py", "")
     first, second = trees
@@ -144,8 +149,22 @@ def test_the_digest_depends_on_contents_and_not_on_paths(tmp_path: Path, monkeyp
     assert digest(second) == same
     for name in ("renderers/a.py", "renderers/b.py", "gateway/scene/kernels.py", "gateway/scene/numbers.py"):
         before = digest(second)
-        write(second, name, "# changed\nfrom gateway.scene.numbers import N\n@cached_njit()\n")
+        write(second, name, f"# changed\n{KERNEL_MODULE}")
         assert digest(second) != before
+
+
+def test_a_changed_kernel_of_the_gateway_changes_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a new version of Scenegate would run the machine code of an old one."""
+    warmup.BACKGROUND["formats"]()
+    files = {Path(k.py_func.__code__.co_filename) for k in KERNELS if k.py_func.__module__.startswith("gateway.")}
+    assert len(files) > 3
+    read_bytes = Path.read_bytes
+    same = cache_folder.sources_digest.__wrapped__()
+    for changed in files:
+        monkeypatch.setattr(
+            Path, "read_bytes", lambda path, changed=changed: read_bytes(path) + (b"#" if path == changed else b"")
+        )
+        assert cache_folder.sources_digest.__wrapped__() != same, changed
 
 
 def test_the_oldest_folders_are_removed(cache: Path) -> None:
