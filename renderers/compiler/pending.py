@@ -69,7 +69,7 @@ def wait_until_compiled(part: str) -> None:
     """Return once a part is compiled, at once if it is not pending.
 
     Raises:
-        Exception: the part could not be compiled, or the current ``StopFlag`` was set.
+        Exception: the part could not be compiled, or the current ``StopFlag`` was set. The message says so.
     """
     if not _pending or getattr(_thread, "is_loading", False):
         return
@@ -77,5 +77,8 @@ def wait_until_compiled(part: str) -> None:
         while part in _pending:
             if (error := _pending[part]) is not None:
                 raise type(error)(*error.args)
-            check_stop()
+            try:
+                check_stop()
+            except Exception as stopped:
+                raise type(stopped)(f"{stopped}, waiting for kernels that are being compiled") from None
             _changed.wait(_POLL_SECONDS)
