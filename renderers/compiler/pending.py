@@ -79,6 +79,6 @@ def wait_until_compiled(part: str) -> None:
                 raise type(error)(*error.args)
             try:
                 check_stop()
-            except Exception as stopped:
+            except Exception as stopped:  # noqa: BLE001 - raised again
                 raise type(stopped)(f"{stopped}, waiting for kernels that are being compiled") from None
             _changed.wait(_POLL_SECONDS)
