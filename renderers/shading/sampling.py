@@ -300,19 +300,6 @@ def _footprint(uv_transform, uv_gradient, x, width, height):
 
 
 @inlined
-def _prefetch_level(texture, sampler, footprint, uv):
-    """Prefetch the texels of the largest mip level that eight pixels read; ``uv``: from ``_transformed_uv``."""
-    level = np.int64(0)
-    if texture.mips != MIPS_NONE:
-        bits = vec.minimum_of(vec.float_bits(vec.maximum(footprint, vec.f32(1.0))))
-        level = min((np.int64(bits) - (127 << 23)) >> 24, texture.level_count - 1)
-    mip_level = _load_level(texture, level)
-    texels, _, _, stride = mip_level
-    i, j, _, _ = _locate(mip_level, sampler, uv[0], uv[1])
-    vec.prefetch_pair_rows(texels, j * vec.i32(stride) + i, stride)
-
-
-@inlined
 def _transformed_uv(uv_transform, uv, x):
     """Return (u, v) of eight pixels, transformed; ``uv``: pointer to the two rows of a set in PIXELS."""
     a, b, c, d, e, f = uv_transform
@@ -352,16 +339,12 @@ def sample(segment, index, count, rows, alpha):
             footprint = _footprint(uv_transform, uv_gradient, x, width, height)
             vec.store(rows, x, footprint)
             is_minified = is_minified or vec.movemask(footprint > vec.f32(1.0)) != 0
-    prefetches = width * height > _MIN_PREFETCHED_TEXELS
     if is_minified:
         integer_rows = as_i32(rows)
         for x in range(0, count, vec.LANES):
-            footprint = vec.load(rows, x)
-            levels, t = _mip_levels(texture, footprint)
+            levels, t = _mip_levels(texture, vec.load(rows, x))
             vec.store(integer_rows, x, levels)
             vec.store(rows, STRIDE + x, t)
-            if prefetches:
-                _prefetch_level(texture, sampler, footprint, _transformed_uv(uv_transform, uv, x))
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
             levels, t = vec.load(integer_rows, x), vec.load(rows, STRIDE + x)
@@ -371,7 +354,8 @@ def sample(segment, index, count, rows, alpha):
             u, v = _transformed_uv(uv_transform, uv, x)
             _store_texel(rows, x, _nearest(level, sampler, u, v), alpha)
     else:
-        # Two passes, so that texels are prefetched long before they are read.
+        # Two passes, so that texels are prefetched long before they are read. Mip levels are small enough without.
+        prefetches = width * height > _MIN_PREFETCHED_TEXELS
         integer_rows = as_i32(rows)
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
