@@ -27,6 +27,8 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
+TOO_MANY: Final = "too many messages are waiting; send slower"
+SHUTTING_DOWN: Final = "the viewer is shutting down"
 MAX_LOGGED: Final = 10
 """Number of undecodable messages that are all logged. Of later ones every thousandth is logged."""
 
@@ -95,6 +97,7 @@ class Dispatcher:
         self._queues: dict[object, ClientQueue] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._delayed = DelayedResponses(self._publish)
+        self._closing = False
         self.counters = Counters()
         self.waiting_bytes = 0
         """Bytes in all client queues."""
@@ -122,6 +125,9 @@ class Dispatcher:
         """
         self.counters.received += 1
         self.counters.received_bytes += len(message)
+        if self._closing:
+            self._refuse(channel, message, publish, SHUTTING_DOWN)
+            return 0
         key = (source, channel)
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
@@ -131,7 +137,7 @@ class Dispatcher:
         if storage_full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
             self.counters.dropped += 1
             self.counters.dropped_bytes += len(message)
-            self._refuse(channel, message, publish)
+            self._refuse(channel, message, publish, TOO_MANY)
             return queue.size if queue is not None else 0
         if queue is None:
             queue = self._queues[key] = ClientQueue(channel, publish, on_drained)
@@ -150,16 +156,19 @@ class Dispatcher:
             **({"last_undecodable": self._last_undecodable} if self._last_undecodable else {}),
         }
 
-    def flush(self) -> None:
-        """Send the delayed responses. Called before the transports close."""
-        self._delayed.flush()
-
     async def close(self) -> None:
-        """Cancel all requests in the queues."""
+        """Refuse the requests in the queues and later ones, and send all responses. Transports close afterwards."""
+        self._closing = True
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        for queue in self._queues.values():
+            while len(queue):  # some commands of the first request may have been executed
+                self._refuse(queue.channel, queue.first(), queue.publish, SHUTTING_DOWN)
+                self.waiting_bytes -= queue.pop()
+        self._queues.clear()
+        self._delayed.flush()
 
     def _is_big(self, message: Message) -> bool:
         """Return True if a request must be read in a worker thread, because reading it may take milliseconds or longer.
@@ -186,8 +195,9 @@ class Dispatcher:
                 if queue.on_drained is not None and queue.size < self._config.client_waiting_bytes // 2:
                     queue.on_drained()
         finally:
-            self.waiting_bytes -= queue.size
-            del self._queues[key]
+            if not self._closing:  # otherwise ``close`` refuses the rest
+                self.waiting_bytes -= queue.size
+                del self._queues[key]
 
     def _handle(self, channel: str, message: Message, publish: Publish) -> None:
         """Read and apply a request on the event loop, and respond."""
@@ -252,14 +262,14 @@ class Dispatcher:
         self.counters.missing += response.status == responses.MISSING_PATHS
         self.counters.failed += response.status < 0
 
-    def _refuse(self, channel: str, message: Message, publish: Publish) -> None:
-        """Respond to a request that is not handled because too many wait."""
+    def _refuse(self, channel: str, message: Message, publish: Publish, reason: str) -> None:
+        """Respond to a request that is not handled."""
         try:
             comms = wire.decode(message)
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
-        refusal = responses.failed(comms.utime, "too many messages are waiting; send slower")
+        refusal = responses.failed(comms.utime, reason)
         self._publish(PendingResponse(channel, refusal, publish, wire.is_binary(message)))
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:

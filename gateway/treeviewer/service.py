@@ -133,14 +133,13 @@ class TreeViewerService:
             self._add_problem("lcm", error)
 
     async def _stop(self) -> None:
-        self._dispatcher.flush()
+        await self._dispatcher.close()
         if self._transport is not None:
             await self._transport.close()
             self._transport = None
         if self.hub is not None:
             await self.hub.close()
             self.hub = None
-        await self._dispatcher.close()
         self._executor.shutdown(wait=False, cancel_futures=True)
 
     def _add_problem(self, transport: str, error: LcmUnavailableError) -> None:

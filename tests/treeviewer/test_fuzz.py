@@ -135,7 +135,6 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
         good()
         gc.collect()
         grown = resident_bytes() - early
-        dispatcher.flush()
         await dispatcher.close()
     counters = dispatcher.counters
     assert counters.internal_errors == 0

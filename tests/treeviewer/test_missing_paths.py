@@ -61,11 +61,11 @@ async def test_delayed_responses_keep_their_order() -> None:
     assert client.dispatcher.counters.missing == 3
 
 
-async def test_flush_sends_delayed_responses() -> None:
+async def test_closing_sends_delayed_responses() -> None:
     client = Client()
     client.send(MISSING)
     client.send(FOUND)
-    client.dispatcher.flush()
+    await client.dispatcher.close()
     assert client.answered == [("a", 2), ("a", 1)]
     ended = asyncio.get_running_loop().create_future()
     asyncio.get_running_loop().call_later(2 * DELAY_SECONDS, ended.set_result, None)
