@@ -34,6 +34,7 @@ SIZES = ((640, 480), (1280, 960))
 OURS = "ours"
 GOALS = {"moderngl": (4.0, 3.0), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
 """Geometric mean, and the least of any row."""
+MIPMAPPED = "20k mipmapped"
 EVERYTHING = Output.COLOR | Output.DEPTH | Output.LABEL
 
 
@@ -90,7 +91,7 @@ def scenes() -> dict[str, DrawList]:
         "50k": some(100, sphere(24, 10), 0.3, 2.0),
         "1M": DrawList((fine,)),
         "20k textured": DrawList((Instance(sphere(101, 100), painted, at((0, 0, 0), 1.3), 1, 1),)),
-        "20k mipmapped": DrawList((Instance(sphere(101, 100), mipmapped, at((0, 0, 0), 1.3), 1, 1),)),
+        MIPMAPPED: DrawList((Instance(sphere(101, 100), mipmapped, at((0, 0, 0), 1.3), 1, 1),)),
     }
 
 
@@ -223,15 +224,16 @@ def main() -> None:
                 print(f"{name:12} {width:4}x{height:<4}" + cells, flush=True)
                 for peer_name in peers:
                     wall, cpu = (theirs / our for theirs, our in zip(medians[peer_name], medians[OURS], strict=True))
-                    ratios[peer_name].append(wall)
-                    processor[peer_name].append(cpu)
+                    if name != MIPMAPPED:  # the goals of the means are older than this scene
+                        ratios[peer_name].append(wall)
+                        processor[peer_name].append(cpu)
                     what = f"frame, {name} triangles, {width}x{height}"
                     least = GOALS[peer_name][1]
                     shown = f"{peer_name} {medians[peer_name][0]:.2f} ms; by CPU time {cpu:.1f}×"
                     rows.append(at_least(what, f"{medians[OURS][0]:.2f} ms", shown, wall, least))
     for peer_name, values in ratios.items():
         cpu, least = geometric_mean(processor[peer_name]), min(processor[peer_name])
-        what = f"frames, geometric mean (least {min(values):.1f}×; by CPU time {cpu:.1f}×, least {least:.1f}×)"
+        what = f"frames without mip levels, geometric mean (least {min(values):.1f}×; by CPU time {cpu:.1f}×, least {least:.1f}×)"
         rows.append(at_least(what, "", peer_name, geometric_mean(values), GOALS[peer_name][0]))
     ratio = moved(renderer, everything["50k"], options.frames)
     rows.append(at_most("frame of moved meshes over that of the same scene", ratio, 1.5, "×"))
