@@ -233,8 +233,8 @@ def main() -> None:
                     rows.append(at_least(what, f"{medians[OURS][0]:.2f} ms", shown, wall, least))
     for peer_name, values in ratios.items():
         cpu, least_cpu = geometric_mean(processor[peer_name]), min(processor[peer_name])
-        least = f"least {min(values):.1f}×; by CPU time {cpu:.1f}×, least {least_cpu:.1f}×"
-        what = f"frames without mip levels, geometric mean ({least})"
+        least_text = f"least {min(values):.1f}×; by CPU time {cpu:.1f}×, least {least_cpu:.1f}×"
+        what = f"frames without mip levels, geometric mean ({least_text})"
         rows.append(at_least(what, "", peer_name, geometric_mean(values), GOALS[peer_name][0]))
     ratio = moved(renderer, everything["50k"], options.frames)
     rows.append(at_most("frame of moved meshes over that of the same scene", ratio, 1.5, "×"))

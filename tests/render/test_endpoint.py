@@ -38,6 +38,7 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
         assert response.headers["x-request-id"]
         stages = [stage.split(";")[0] for stage in response.headers["server-timing"].split(", ")]
         assert stages == ["queue", "parse", "render", "encode"]
+    assert all(0 <= record.queue_seconds <= record.seconds for record in server.records)
     assert decoded(color).shape == (48, 64, 3)
     assert (decoded(color) == (204, 229, 255)).all()
     assert decoded(depth).dtype == np.float32

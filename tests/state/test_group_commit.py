@@ -154,6 +154,7 @@ async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Ke
     kept.put("after")
     assert await kept.state.commits.wait_until_stored() == "the disk is full"
     assert problems == ["the disk is full"]
+    assert kept.state.commits.stats.failed == 2
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     kept.sql("PRAGMA max_page_count = 1000000")
     assert await kept.state.commits.wait_until_stored() == ""

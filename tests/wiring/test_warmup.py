@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
 from gateway.runtime import process_tuning
+from gateway.runtime.kernel_cache import KernelError
 from gateway.wiring import warmup
 from renderers.compiler.jit import KERNELS
 
@@ -21,6 +23,30 @@ def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyP
     warmup.compile_parts(queue, ("a", "b", "c"))
     os.close(queue)
     assert done == ["c", "a"]
+
+
+class Function:
+    """A compiled function, as Numba has it."""
+
+    def __init__(self, folder: Path, *, compiled: bool = True, kept: bool = True) -> None:
+        self.folder = folder
+        self.signatures = ["void(int64)"] if compiled else []
+        folder.mkdir()
+        if kept:
+            (folder / "index.nbi").touch()
+
+
+def test_the_folders_of_a_part_are_those_compiled_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    functions = [Function(tmp_path / "a"), Function(tmp_path / "b", compiled=False)]
+    monkeypatch.setattr("renderers.compiler.cache_locator.CACHED", functions)
+    monkeypatch.setattr("renderers.compiler.cache_locator.folder_of", lambda function: function.folder)
+    reported: set[int] = set()
+    assert warmup._take_new_folders(reported) == ["a"]  # noqa: SLF001
+    functions.append(Function(tmp_path / "c"))
+    assert warmup._take_new_folders(reported) == ["c"]  # noqa: SLF001
+    functions.append(Function(tmp_path / "d", kept=False))
+    with pytest.raises(KernelError, match="Numba has not kept d in the cache"):
+        warmup._take_new_folders(reported)  # noqa: SLF001
 
 
 def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:
