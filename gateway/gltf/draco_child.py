@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 
-import DracoPy
 import msgspec
 
 _CPU_SECONDS = 60
@@ -36,6 +35,8 @@ class DecodedMesh(msgspec.Struct):
 
 def decode(data: bytes) -> DecodedMesh | str:
     """Return a mesh, or the reason why there is none."""
+    import DracoPy  # the server, which imports this module for its structs, does without
+
     try:
         mesh = DracoPy.decode(data)
     except (DracoPy.FileTypeException, ValueError, MemoryError) as error:
