@@ -112,7 +112,6 @@ async def _health(port: int) -> Any:
 async def churn(running: Gateway, count: int) -> tuple[dict[str, float], Counter[str]]:
     """Clients of all kinds; what is left of them, by figure, and how their visits ended."""
     await _wave(running.ports, min(count, 200))  # what the first of their kind leave is made once: pools, caches
-    await clients.well_behaved("grpc", running.ports)  # alone: only then a picture has the rasterizer's second thread
     before = await _settled(running, None)
     begin = time.monotonic()
     outcomes = await _wave(running.ports, count)

@@ -25,8 +25,8 @@ from gateway.server import http_server
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
-WORKER = re.compile(r"[_-]\d+$")
-"""Suffix of a pool's thread names. A pool is counted once: it is bounded and grows with concurrent demand."""
+POOL_THREAD = re.compile(r"[_-]\d+$")
+"""Suffix of a pool's thread names. They are not counted: a pool is bounded and grows with concurrent demand."""
 
 
 async def tell() -> None:
@@ -45,7 +45,7 @@ async def tell() -> None:
             stalls.append(1e3 * (time.perf_counter() - begin - TICK))
         stalls.sort()
         turns.sort()
-        names = {WORKER.sub("", thread.name) for thread in threading.enumerate()}
+        names = [thread.name for thread in threading.enumerate() if not POOL_THREAD.search(thread.name)]
         figures: dict[str, Any] = {
             "tasks": len(asyncio.all_tasks()),
             "threads": len(names),
