@@ -191,6 +191,22 @@ async def test_early_response_is_readable_after_sending_the_whole_body_and_the_c
         await writer.wait_closed()
 
 
+async def test_early_response_on_a_connection_that_closes_is_readable_after_sending_the_whole_body() -> None:
+    """The body fills the buffers of both ends: closing with unread bytes would reset the connection."""
+    async with serving() as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /full HTTP/1.1\r\nhost: here\r\nconnection: close\r\ncontent-length: 30000000\r\n\r\n")
+        for _ in range(30):
+            writer.write(b"b" * 1_000_000)
+            await writer.drain()
+        answer = await reader.read()  # to the end of the connection
+        assert answer.startswith(b"HTTP/1.1 503 ")
+        assert b"\r\nconnection: close\r\n" in answer
+        assert answer.endswith(b"\r\n\r\nbusy")
+        writer.close()
+        await writer.wait_closed()
+
+
 @pytest.mark.parametrize("limit", ["DISCARD_SECONDS", "DISCARD_BYTES"])
 async def test_endless_body_after_an_early_response_closes_the_connection(
     monkeypatch: pytest.MonkeyPatch, limit: str
