@@ -306,7 +306,8 @@ class Gallery:
                     key = frame_key(1, 1, stream)
                     images.append(sensor_image(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
                     depths.append(frame.depth.copy())
-        matched = match_pair(images[0], images[1], model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0))
+        count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
+        matched = match_pair(images[0], images[1], count, noise_sigma, projector=True)
         ft = k.focal_length * model.baseline
         exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
         most = float(np.percentile(exact[exact > 0], 99.5))

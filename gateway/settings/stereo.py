@@ -68,12 +68,13 @@ class StereoSettings(BaseSettings):
     stereo_rate: Literal["device", "max"] = option(
         "device", "Stereo camera", "Frame rate: the device's, or as high as possible."
     )
-    depth_mode: Literal["ground_truth", "matched"] = option(
-        "ground_truth",
+    depth_mode: Literal["modelled", "matched", "ground_truth"] = option(
+        "modelled",
         "Stereo camera",
-        "Disparity computed from the exact depth and the device's error model, or matched from the rendered images.",
+        "Disparity computed from the exact depth with the errors of a matcher, matched from the rendered images, or "
+        "computed from the exact depth without errors.",
     )
-    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and disparity.")
+    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and errors to modelled depth.")
     stereo_mesh_rgb: bool = option(
         False,
         "Stereo camera",

@@ -10,7 +10,7 @@ from gateway.server.tokens import Tokens
 from renderers.interface import LookName
 from renderers.stereo.model import MODELS, StereoModel
 
-DepthMode = Literal["ground_truth", "matched"]
+DepthMode = Literal["modelled", "matched", "ground_truth"]
 Rate = Literal["device", "max"]
 
 
@@ -40,14 +40,14 @@ class StereoConfig:
     """Bearer tokens of the image stream; None: no token is needed, as on the device."""
     model: StereoModel = field(default_factory=lambda: MODELS["rc_visard 160-4"])
     """Geometry of the camera."""
-    depth_mode: DepthMode = "ground_truth"
-    """Source of depth images: rendered depth with modelled errors, or matching of rendered images."""
+    depth_mode: DepthMode = "modelled"
+    """Source of depth images: rendered depth with modelled errors, matching of rendered images, or rendered depth."""
     rate: Rate = "device"
     """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
     seed: int = 0
     """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """Add noise to images and disparity; False: disparity is exact up to its rounding, confidence is 1."""
+    """Add noise to images and errors to modelled depth; False: modelled depth is the ground truth."""
     image_noise: float = 1.0
     """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
@@ -99,3 +99,13 @@ class StereoConfig:
     def noise_factor(self) -> float:
         """``image_noise``, or 0 if noise is disabled."""
         return self.image_noise if self.noise else 0.0
+
+    @property
+    def models_errors(self) -> bool:
+        """True if rendered depth gets modelled errors."""
+        return self.depth_mode == "modelled" and self.noise
+
+    @property
+    def measures_images(self) -> bool:
+        """True if depth depends on the camera images."""
+        return self.depth_mode == "matched" or self.models_errors

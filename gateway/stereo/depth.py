@@ -1,6 +1,6 @@
 """Depth images of a frame, from rendered depth or by matching, with the device's parameters.
 
-One function per depth mode: ``ground_truth_depth`` and ``matched_depth``.
+One function per depth mode: ``ground_truth_depth``, ``modelled_depth`` and ``matched_depth``.
 """
 
 from __future__ import annotations
@@ -8,31 +8,32 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.settings import StreamSettings
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.errors import add_errors, choose_error_scale
+from renderers.stereo.downscale import block_means
+from renderers.stereo.errors import ErrorModel, choose_error_scale, exact_images, measured_images
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import apply_filters, fill_holes
-from renderers.stereo.matching import match_pair
+from renderers.stereo.matching import MIN_NOISE_SIGMA, match_pair
 from renderers.stereo.model import StereoModel
-from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.sensor import SensorImage
 from renderers.stereo.truth import DepthRange, true_disparity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MatcherPair:
-    """Grey images to match, at the depth images' resolution."""
+class ImagePair:
+    """Grey images at full resolution, from which depth is measured."""
 
     left: SensorImage
     right: SensorImage
     exposure: Exposure
     """Exposure of both images, which determines their noise."""
+    projector: bool
+    """The images show the projector's dots."""
 
 
 def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRange:
@@ -42,41 +43,95 @@ def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRang
     return DepthRange(nearest, filters.maxdepth)
 
 
+def depth_pair(pair: ImagePair, model: StereoModel, divisor: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the left and the right image at the depth images' resolution, (H, W) uint8: means of blocks of pixels."""
+    k = model.intrinsics(divisor)
+    left, right = (block_means(image.image, divisor, k.height, k.width) for image in (pair.left, pair.right))
+    return left, right
+
+
+def noise_of(pair: ImagePair, config: StereoConfig, settings: StreamSettings) -> float:
+    """Return the standard deviation of the noise in the images of ``depth_pair`` at mid grey, grey levels."""
+    images = settings.averaged_images * settings.quality.divisor**2
+    return pair.exposure.noise_sigma(128.0) * config.noise_factor / math.sqrt(images)
+
+
 def ground_truth_depth(
     config: StereoConfig,
     left_depth: NDArray[np.float32],
     right_depth: NDArray[np.float32],
     settings: StreamSettings,
-    frame_number: int,
 ) -> DepthImages:
-    """Return depth images from rendered depth, with modelled errors.
+    """Return depth images from rendered depth, without errors: all holes and segments are true, so they are kept.
 
     ``double_shot`` has no effect: it fills holes where matching fails, which rendered depth does not have.
+
+    Args:
+        config: model.
+        left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
+        right_depth: (H, W) float32 depth from the right camera.
+        settings: parameters of the frame.
+    """
+    images = exact_images(_true_disparity(config, left_depth, right_depth, settings))
+    filters = replace(settings.filters, minconf=0.0, seg=0, fill=0)
+    apply_filters(
+        images, filters, config.model.focal_times_baseline(settings.quality.divisor), settings.quality.divisor
+    )
+    return images
+
+
+def modelled_depth(
+    config: StereoConfig,
+    left_depth: NDArray[np.float32],
+    right_depth: NDArray[np.float32],
+    pair: ImagePair,
+    settings: StreamSettings,
+    frame_number: int,
+) -> DepthImages:
+    """Return depth images from rendered depth, with the errors of a window matcher (``renderers.stereo.errors``).
+
+    ``double_shot`` has no effect.
 
     Args:
         config: model, noise and seed.
         left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
         right_depth: (H, W) float32 depth from the right camera.
+        pair: images of the same exposure, which say where a matcher can measure.
         settings: parameters of the frame.
         frame_number: selects the random numbers.
     """
     model, divisor, filters = config.model, settings.quality.divisor, settings.filters
-    focal_times_baseline = model.focal_times_baseline(divisor)
-    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, measurable_depths(model, settings))
-    _clear_outside_region(disparity, settings)
-    sigma = config.disparity_error / divisor / settings.averaged_images**0.5 if config.noise else 0.0
-    error_scale = choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth))
-    key = frame_key(config.seed, frame_number, NoiseStream.DISPARITY)
-    images = add_errors(disparity, sigma, key, error_scale)
-    if not config.noise:
-        # Without noise all holes and segments are true, so they are kept.
-        filters = replace(filters, minconf=0.0, seg=0, fill=0)
-    apply_filters(images, filters, focal_times_baseline, divisor)
+    disparity = _true_disparity(config, left_depth, right_depth, settings)
+    sigma = config.disparity_error / divisor / settings.averaged_images**0.5
+    errors = ErrorModel(
+        sigma,
+        max(noise_of(pair, config, settings), MIN_NOISE_SIGMA),
+        config.seed,
+        pair.projector,
+        frame_number,
+        choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
+    )
+    images = measured_images(disparity, *depth_pair(pair, model, divisor), errors)
+    _clear_outside_region(images.disparity, settings)
+    apply_filters(images, filters, model.focal_times_baseline(divisor), divisor)
     return images
 
 
+def _true_disparity(
+    config: StereoConfig,
+    left_depth: NDArray[np.float32],
+    right_depth: NDArray[np.float32],
+    settings: StreamSettings,
+) -> NDArray[np.float32]:
+    """Return the exact disparity within the depth region, (H, W) float32, pixels; 0: not measurable."""
+    factor = config.model.focal_times_baseline(settings.quality.divisor)
+    disparity = true_disparity(left_depth, right_depth, factor, measurable_depths(config.model, settings))
+    _clear_outside_region(disparity, settings)
+    return disparity
+
+
 def matched_depth(
-    config: StereoConfig, pair: MatcherPair, settings: StreamSettings, dark_pair: MatcherPair | None
+    config: StereoConfig, pair: ImagePair, settings: StreamSettings, dark_pair: ImagePair | None
 ) -> DepthImages:
     """Return depth images by matching two images.
 
@@ -93,14 +148,18 @@ def matched_depth(
     disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
     focal_times_baseline = model.focal_times_baseline(divisor)
 
-    images = _match_region(pair, disparity_count, _noise_sigma(pair, config, settings), settings)
+    noise_sigma = noise_of(pair, config, settings)
+    scaled = depth_pair(pair, model, divisor)
+    images = _match_region(*scaled, disparity_count, noise_sigma, pair.projector, settings)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
-        second_images = _match_region(dark_pair, disparity_count, _noise_sigma(dark_pair, config, settings), settings)
+        dark = depth_pair(dark_pair, model, divisor)
+        dark_noise = noise_of(dark_pair, config, settings)
+        second_images = _match_region(*dark, disparity_count, dark_noise, dark_pair.projector, settings)
     else:
-        second_images = _match_half_resolution(pair, disparity_count, _noise_sigma(pair, config, settings))
+        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, pair.projector)
         _clear_outside_region(second_images.disparity, settings)
     for measured in (images, second_images):
         apply_filters(measured, replace(filters, fill=0), focal_times_baseline, divisor)
@@ -113,16 +172,18 @@ def matched_depth(
     return images
 
 
-def _noise_sigma(pair: MatcherPair, config: StereoConfig, settings: StreamSettings) -> float:
-    """Return the standard deviation of the images' noise at mid grey, grey levels."""
-    return pair.exposure.noise_sigma(128.0) * config.noise_factor / math.sqrt(settings.averaged_images)
-
-
-def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, settings: StreamSettings) -> DepthImages:
+def _match_region(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    disparity_count: int,
+    noise_sigma: float,
+    projector: bool,
+    settings: StreamSettings,
+) -> DepthImages:
     """Match a pair within the depth region only, to save time; return images of the full size."""
-    left, right, region = pair.left.image, pair.right.image, settings.depth_region
+    region = settings.depth_region
     if region is None:
-        return match_pair(left, right, disparity_count, noise_sigma)
+        return match_pair(left, right, disparity_count, noise_sigma, projector=projector)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     full_size = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
@@ -136,6 +197,7 @@ def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, s
         np.ascontiguousarray(right[search_window]),
         disparity_count,
         noise_sigma,
+        projector=projector,
     )
     region_columns = np.s_[:, columns.start - first_column :]
     full_size.disparity[rows, columns] = region_images.disparity[region_columns]
@@ -144,15 +206,13 @@ def _match_region(pair: MatcherPair, disparity_count: int, noise_sigma: float, s
     return full_size
 
 
-def _match_half_resolution(pair: MatcherPair, disparity_count: int, noise_sigma: float) -> DepthImages:
+def _match_half_resolution(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, projector: bool
+) -> DepthImages:
     """Match at half the resolution, where matching windows cover four times the area, and enlarge the result."""
-    height, width = pair.left.image.shape
-    half_size = (-(-width // 2), -(-height // 2))
-    left, right = (
-        np.asarray(cv2.resize(sensor_image.image, half_size, interpolation=cv2.INTER_AREA), np.uint8)
-        for sensor_image in (pair.left, pair.right)
-    )
-    half_images = match_pair(left, right, -(-disparity_count // 2), noise_sigma / 2)
+    height, width = left.shape
+    half_left, half_right = (block_means(image, 2, -(-height // 2), -(-width // 2)) for image in (left, right))
+    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, projector=projector)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         """Return the values times ``factor``, each repeated in 2 x 2 pixels."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
-from gateway.stereo.depth import MatcherPair, matched_depth
+from gateway.stereo.depth import ImagePair, matched_depth
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import SetKind
@@ -72,9 +72,16 @@ class Frame:
         """Exposure of the left image; None until the image is made."""
         self._imaging = imaging
         self._workers = workers
+        self._measures_streamed_images = (
+            imaging.config.measures_images
+            and camera_capture.timestamp == depth_capture.timestamp
+            and settings.averaged_images == 1
+        )
+        """True if depth is measured in the left and right images themselves."""
+        grey = [False] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
         self._colors = {
-            NoiseStream.LEFT: frozenset(kind.color for kind in kinds if kind.needs_left),
-            NoiseStream.RIGHT: frozenset(kind.color for kind in kinds if kind.right),
+            NoiseStream.LEFT: frozenset([*grey, *(kind.color for kind in kinds if kind.needs_left)]),
+            NoiseStream.RIGHT: frozenset([*grey, *(kind.color for kind in kinds if kind.right)]),
         }
         """Images to make of each camera: True for colour, False for grey."""
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
@@ -99,7 +106,7 @@ class Frame:
         colors = self._colors[stream]
         if color not in colors:  # requested by a client that subscribed after the capture
             colors = frozenset((color,))
-        images = await self._make_once((stream, colors), lambda: self._expose(self.camera_capture, stream, 1, colors))
+        images = await self._make_once((stream, colors), lambda: self._expose(self.camera_capture, stream, colors))
         return images[color]
 
     def cancel(self) -> None:
@@ -153,14 +160,16 @@ class Frame:
         return messages.image(pixels, k, self._metadata(self.depth_capture, metered, brightness))
 
     async def _depth_brightness(self, kind: SetKind) -> float:
-        """Return the mean brightness of the left image of the depth exposure; its resolution does not matter."""
+        """Return the mean brightness of the left image of the depth exposure."""
         colors = self._colors[NoiseStream.LEFT]
-        try:
-            if colors and self.depth_capture.timestamp == self.camera_capture.timestamp:
+        if colors and self.depth_capture.timestamp == self.camera_capture.timestamp:
+            try:
                 return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
+            except ImageError:  # a broken texture breaks the left image, but not the depth of all modes
+                return 0.0
+        if self._imaging.config.measures_images:
             return (await self._depth_image(self.depth_capture, NoiseStream.LEFT_DEPTH)).brightness
-        except ImageError:  # a broken texture breaks the left image, but not depth
-            return 0.0
+        return (await self.metered(self.depth_capture)).brightness
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         return await self._make_once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
@@ -182,46 +191,48 @@ class Frame:
         )
 
     async def _expose(
-        self, capture: Capture, stream: NoiseStream, divisor: int, colors: frozenset[bool], averaged_images: int = 1
+        self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         exposure = (await self.metered(capture)).exposure
-        request = ImageRequest(exposure, stream, divisor, colors, averaged_images)
+        request = ImageRequest(exposure, stream, colors, averaged_images)
         return await self._workers.run(self._imaging.expose, capture, request)
 
     async def _measure(self) -> DepthImages:
         """Return depth images from rendered depth."""
-        divisor, baseline = self.settings.quality.divisor, self._imaging.config.model.baseline
+        capture, config = self.depth_capture, self._imaging.config
+        pair = None
+        if config.models_errors:
+            pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         left, right = await _gather(
             [
-                self._workers.run(self._imaging.render, self.depth_capture, offset, divisor, Output.DEPTH)
-                for offset in (0.0, baseline)
+                self._workers.run(self._imaging.render, capture, offset, self.settings.quality.divisor, Output.DEPTH)
+                for offset in (0.0, config.model.baseline)
             ]
         )
-        return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number)
+        return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number, pair)
 
     async def _match(self) -> DepthImages:
         """Return depth images by matching."""
         settings, capture, config = self.settings, self.depth_capture, self._imaging.config
-        pair = await self._matcher_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+        pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         dark_pair = None
         dark_capture = replace(capture, gpio=settings.gpio(depth=False))
         if settings.double_shot and capture.has_projection(config) and not dark_capture.out1_high:
-            dark_pair = await self._matcher_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+            dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
         return await self._workers.run(matched_depth, config, pair, settings, dark_pair)
 
-    async def _matcher_pair(self, capture: Capture, *streams: NoiseStream) -> MatcherPair:
-        """Return the images of two streams, left and right, for the matcher."""
+    async def _image_pair(self, capture: Capture, *streams: NoiseStream) -> ImagePair:
+        """Return the grey images of two streams, left and right, from which depth is measured."""
         exposure = (await self.metered(capture)).exposure
         left, right = await _gather([self._depth_image(capture, stream) for stream in streams])
-        return MatcherPair(left, right, exposure)
+        return ImagePair(left, right, exposure, capture.has_projection(self._imaging.config))
 
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
-        """Return a grey image at the depth images' resolution, averaged if the settings say so."""
-        settings, grey = self.settings, frozenset((False,))
-        images = await self._make_once(
-            stream, lambda: self._expose(capture, stream, settings.quality.divisor, grey, settings.averaged_images)
-        )
-        return images[False]
+        """Return a grey image from which depth is measured: the streamed one, unless depth has its own exposure."""
+        if self._measures_streamed_images:
+            return await self.image(NoiseStream.RIGHT if stream.is_right else NoiseStream.LEFT, color=False)
+        averaged_images, grey = self.settings.averaged_images, frozenset((False,))
+        return (await self._make_once(stream, lambda: self._expose(capture, stream, grey, averaged_images)))[False]
 
     async def _make_once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Return the result of ``make``, called once per key. Cancelling one caller does not affect the others."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gateway.stereo import depth
 from gateway.stereo.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.depth import ImagePair
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import DrawList, ImageError
@@ -54,8 +55,6 @@ class ImageRequest:
     exposure: Exposure
     stream: NoiseStream
     """Random numbers of the noise; also selects the left or right camera."""
-    divisor: int
-    """Width of the camera images divided by that of these images."""
     colors: frozenset[bool]
     """Images to make: True for one in colour, False for one in grey."""
     averaged_images: int = 1
@@ -120,13 +119,13 @@ class Imaging:
         return MeteredExposure(exposure, float(brightness), out1_reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        """Return the requested images of one camera: in colour by the key True, in grey by the key False."""
+        """Return the requested images of one camera at full resolution: colour by the key True, grey by False."""
         config, exposure = self.config, request.exposure
         offset = config.model.baseline if request.stream.is_right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        with self.render(capture, offset, request.divisor, self._outputs(capture)) as frame:
-            dots = self._projected_dots(frame, capture, offset, request.divisor)
+        with self.render(capture, offset, 1, self._outputs(capture)) as frame:
+            dots = self._projected_dots(frame, capture, offset, 1)
             assert frame.color is not None
             return {
                 color: sensor_image(
@@ -141,12 +140,24 @@ class Imaging:
                 for color in request.colors
             }
 
-    def measure(self, left: Frame, right: Frame, settings: StreamSettings, frame_number: int) -> DepthImages:
-        """Return depth images with modelled errors from two frames with depth, and close the frames."""
+    def measure(
+        self, left: Frame, right: Frame, settings: StreamSettings, frame_number: int, pair: ImagePair | None
+    ) -> DepthImages:
+        """Return depth images from two frames with depth, and close the frames.
+
+        Args:
+            left: frame of the left camera.
+            right: frame of the right camera.
+            settings: parameters of the frame.
+            frame_number: selects the random numbers of the errors.
+            pair: images of the same exposure, for modelled errors; None: no errors.
+        """
         with left, right:
             assert left.depth is not None
             assert right.depth is not None
-            return depth.ground_truth_depth(self.config, left.depth, right.depth, settings, frame_number)
+            if pair is None:
+                return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
+            return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings, frame_number)
 
     def mesh(
         self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None

@@ -18,7 +18,6 @@ from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output
-from renderers.stereo.downscale import block_means
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor import SensorImage
 
@@ -112,8 +111,6 @@ class PairImaging(Imaging):
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
-        k = self.config.model.intrinsics(request.divisor)
-        rgb = block_means(rgb, request.divisor, k.height, k.width)
         images = {}
         for color in request.colors:
             image = rgb if color else np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)

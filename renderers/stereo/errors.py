@@ -1,38 +1,62 @@
-"""Error model of ground-truth depth: measured disparity, error and confidence from the exact disparity.
+"""Error model of the disparity: what a window matcher would have measured, from the exact disparity.
 
 The manual defines the disparity error (its d_eps) as the standard deviation of the measured disparity, and the
-confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Accordingly:
+confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Each pixel of
+the left image has a class: its texture, the agreement of both images at the exact disparity, and edges in its window
+(``pixel_classes``). For each class ``matcher_statistics`` has the shares of pixels that a matcher finds and gets right:
 
-* Every pixel gets Gaussian noise whose standard deviation is the disparity error.
-* A pixel becomes an outlier (beyond 3 disparity errors) with a probability that grows with the local slope of the
-  disparity, because matching windows fail on slanted surfaces and edges. The manual has no figures for this; the slopes
-  are our choice.
-* The confidence is the exact probability, for this noise and these outliers, that a pixel is within 3 disparity errors.
+* A pixel that is not found is a hole: surfaces without texture, highlights, translucent surfaces.
+* A right one has a Gaussian error that changes little from pixel to pixel. It is larger where there is little texture.
+* A wrong one at an edge gets the disparity of the other side, so that outlines are ragged. So do pixels beside a nearer
+  surface that the right camera does not see: foreground objects are too wide by a part of the matching window. Other
+  wrong pixels are off by more than 3 disparity errors.
+* Neighbours share their fate: holes and wrong pixels lie in blobs.
+* The confidence is the share of right pixels among those that look alike.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo import matcher_statistics as statistics
 from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.matcher_statistics import WRONG_SPREAD
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import NORMAL_TABLE, random64
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.pixel_classes import CLASSES, EDGE_STEP, classify, window_range
+from renderers.stereo.smooth_noise import smooth_noise
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-OUTLIER_FREE_SLOPE: Final = 0.08
-"""Disparity change between neighbouring pixels up to which no measurement is an outlier, pixels."""
-HALF_OUTLIERS_SLOPE: Final = 0.5
-"""Disparity change between neighbouring pixels at which half of the measurements are outliers, pixels."""
-_OUTLIERS_PER_SLOPE: Final = np.float32(0.5 / (HALF_OUTLIERS_SLOPE - OUTLIER_FREE_SLOPE))
-"""Increase of the outlier probability per pixel of slope."""
+FATE_BOX: Final = 6
+"""Box of the noise that decides about holes and wrong pixels (``smooth_noise``), pixels: our choice, a little more than
+a matching window."""
+_HIDDEN: Final = CLASSES
+"""Class of pixels that cannot be measured, next to a nearer surface."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """Parameters of the errors of one frame."""
+
+    sigma: float
+    """Standard deviation of the disparity on good texture, rounding included, pixels; above 0."""
+    noise_sigma: float
+    """Standard deviation of the image noise, grey levels, above 0."""
+    seed: int
+    projector: bool
+    """The images show the projector's dots."""
+    frame: int
+    """Number of the frame; with ``seed`` it selects the random numbers."""
+    error_scale: float = DISPARITY_SCALE
+    """Pixels per unit of the error image (``choose_error_scale``)."""
 
 
 def choose_error_scale(sigma: float, disparity_count: int) -> float:
@@ -52,148 +76,134 @@ def choose_error_scale(sigma: float, disparity_count: int) -> float:
     return scale
 
 
-def add_errors(
-    true_disparity: NDArray[np.float32], sigma: float, key: np.uint64, error_scale: float = DISPARITY_SCALE
+def exact_images(true_disparity: NDArray[np.float32], error_scale: float = DISPARITY_SCALE) -> DepthImages:
+    """Return depth images without errors but the rounding to 1/16 pixel: the error is 1 unit, the confidence 1.
+
+    Args:
+        true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
+        error_scale: pixels per unit of the error image.
+    """
+    disparity = _sixteenths(true_disparity)
+    valid = disparity > 0
+    return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)), error_scale)
+
+
+def measured_images(
+    true_disparity: NDArray[np.float32], left: NDArray[np.uint8], right: NDArray[np.uint8], model: ErrorModel
 ) -> DepthImages:
     """Return the depth images that a camera measures with the errors of this model.
 
     Args:
         true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
-        sigma: standard deviation of the measured disparity in pixels, rounding included; 0: no noise, no outliers.
-        key: random key of the frame (``noise.frame_key``).
-        error_scale: pixels per unit of the error image (``choose_error_scale``).
+        left: (H, W) uint8, left image.
+        right: (H, W) uint8, right image.
+        model: parameters of the errors.
     """
     wait_until_compiled("stereo")
-    # At least one unit: the error image holds 0 for invalid pixels.
-    error_units = min(max(round(sigma / error_scale), 1), 255)
-    if sigma > 0.0:
-        disparity, confidence = _add_noise(true_disparity, sigma, error_units * error_scale, key)
-    else:
-        valid = true_disparity > 0.0
-        units = np.floor(np.clip(true_disparity * 16.0, 1.0, 65535.0) + 0.5)
-        disparity = np.where(valid, units, 0.0).astype(np.uint16)
-        confidence = np.where(valid, np.uint8(255), np.uint8(0))
-    error = np.where(disparity != 0, np.uint8(error_units), np.uint8(0))
-    return DepthImages(disparity, error, confidence, error_scale)
-
-
-def _add_noise(
-    true_disparity: NDArray[np.float32], sigma: float, disparity_error: float, key: np.uint64
-) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Return the disparity image with noise and outliers, and the confidence image.
-
-    Args:
-        true_disparity: (H, W) float32, pixels.
-        sigma: standard deviation of the measured disparity, pixels.
-        disparity_error: ``sigma`` as the error image represents it, pixels.
-        key: random key of the frame.
-    """
-    disparity = np.empty(true_disparity.shape, np.uint16)
-    confidence = np.empty(true_disparity.shape, np.uint8)
-    # Rounding to 1/16 pixel is uniform noise of variance 1/16^2 / 12; the Gaussian part makes up the rest of sigma.
-    gaussian_sigma = max(sigma**2 - DISPARITY_SCALE**2 / 12.0, 1e-12) ** 0.5
-    inlier_confidence = _probability_within(3.0 * disparity_error, gaussian_sigma)
-    _add_noise_and_outliers(
-        true_disparity,
-        np.uint64(key),
-        gaussian_sigma,
-        disparity_error,
-        inlier_confidence,
-        NORMAL_TABLE,
-        disparity,
-        confidence,
+    height, width = true_disparity.shape
+    exact = _sixteenths(true_disparity)
+    nearest, farthest = window_range(exact)
+    classes = classify(left, right, exact, nearest, farthest, model.noise_sigma)
+    classes[exact == 0] = _HIDDEN
+    fields = [
+        smooth_noise(height, width, box, frame_key(model.seed, model.frame, stream))
+        for box, stream in (
+            (statistics.NEAR_BOX, NoiseStream.DISPARITY),
+            (statistics.WIDE_BOX, NoiseStream.DISPARITY_WIDE),
+            (FATE_BOX, NoiseStream.FATE),
+        )
+    ]
+    images = DepthImages(
+        np.empty((height, width), np.uint16),
+        np.empty((height, width), np.uint8),
+        np.empty((height, width), np.uint8),
+        model.error_scale,
     )
-    return disparity, confidence
+    _measure(
+        true_disparity, nearest, farthest, classes, *fields, _class_table(model), images.disparity, images.error,
+        images.confidence,
+    )  # fmt: skip
+    return images
 
 
-def _probability_within(limit: float, gaussian_sigma: float) -> float:
-    """Return P(|noise + rounding| <= limit) of a pixel that is no outlier; rounding is uniform over 1/16 pixel."""
-    normal = NormalDist(0.0, gaussian_sigma)
-    roundings = ((np.arange(64) + 0.5) / 64 - 0.5) * DISPARITY_SCALE
-    return float(np.mean([normal.cdf(limit + rounding) - normal.cdf(-limit + rounding) for rounding in roundings]))
+def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
+    units = np.floor(np.clip(disparity * np.float32(16.0), 1.0, 65535.0) + np.float32(0.5))
+    return np.where(disparity > 0.0, units, np.float32(0.0)).astype(np.uint16)
 
 
-@kernel("void(float32[:,::1], uint64, float64, float64, float64, float32[::1], uint16[:,::1], uint8[:,::1])")
-def _add_noise_and_outliers(
-    true_disparity, key, gaussian_sigma, disparity_error, inlier_confidence, normal_table, disparity, confidence
-):
-    """Write the measured disparity, in units of 1/16 pixel, and the confidence, in units of 1/255.
+def _class_table(model: ErrorModel) -> NDArray[np.float32]:
+    """Return (``CLASSES`` + 1, 8) float32 for ``_measure``, a row for each class.
+
+    Columns: values of the fate from which a pixel is wrong and from which it is a hole; standard deviations of the
+    near and of the wide part of the error, and the least error of a wrong pixel, units of 1/16 pixel; disparity error
+    in units of the error image; confidence of the pixel's own and of a neighbour's disparity, units of 1/255.
+    """
+    side = int(model.projector)
+    found = np.append(statistics.FOUND[side], statistics.HIDDEN_FOUND[side])
+    right = np.append(statistics.RIGHT[side], 0.0)
+    sigma = model.sigma * np.append(statistics.RELATIVE_ERROR[side], 1.0)
+    units = np.clip(np.rint(sigma / model.error_scale), 1, 255)
+    # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit; the Gaussian part makes up the rest.
+    gaussian = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
+    own = np.append(statistics.CONFIDENCE[side], 0.0)
+    neighbours = np.append(statistics.NEIGHBOUR_CONFIDENCE[side], statistics.HIDDEN_CONFIDENCE[side])
+    normal = NormalDist()
+    limits = [[normal.inv_cdf(min(max(p, 1e-6), 1 - 1e-6)) for p in shares] for shares in (found * right, found)]
+    near, wide = (1.0 - statistics.WIDE_SHARE) ** 0.5, statistics.WIDE_SHARE**0.5
+    wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # more than rounding can undo
+    confidences = np.floor(np.stack((own, neighbours)) * 255.0)
+    columns = (*limits, near * gaussian, wide * gaussian, wrong, units, *confidences)
+    return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+
+
+@kernel(
+    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
+    "float32[:,::1], float32[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+)
+def _measure(
+    true_disparity, nearest, farthest, classes, near_noise, wide_noise, fates, class_table, disparity, error, confidence
+):  # fmt: skip
+    """Write the measured disparity with its error and confidence.
 
     Args:
         true_disparity: (H, W) float32, pixels, 0: not measurable.
-        key: random key of the frame.
-        gaussian_sigma: standard deviation of the noise without rounding, pixels.
-        disparity_error: the disparity error of the error image, pixels.
-        inlier_confidence: confidence of a pixel that is certainly no outlier, 0 to 1.
-        normal_table: ``noise.NORMAL_TABLE``.
-        disparity: (H, W) uint16, output.
+        nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
+        farthest: (H, W) uint16, likewise.
+        classes: (H, W) uint8.
+        near_noise: (H, W) float32, of variance 1.
+        wide_noise: (H, W) float32, of variance 1.
+        fates: (H, W) float32, of variance 1; small values are right, large ones are holes.
+        class_table: ``_class_table``.
+        disparity: (H, W) uint16, output, units of 1/16 pixel.
+        error: (H, W) uint8, output.
         confidence: (H, W) uint8, output.
     """
     height, width = true_disparity.shape
-    zero, one = np.float32(0.0), np.float32(1.0)
-    outlier_free_slope = np.float32(OUTLIER_FREE_SLOPE)
-    error_limit = np.float32(3.0 * disparity_error)
-    max_confidence = np.float32(inlier_confidence)
-    gaussian_table = normal_table * np.float32(gaussian_sigma)
-    slope = np.empty(width, np.float32)
-    outlier_probability = np.empty(width, np.float32)
+    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for row in range(height):
-        true_row = true_disparity[row]
-        _steepest_slope(true_row, true_disparity[max(row - 1, 0)], true_disparity[min(row + 1, height - 1)], slope)
-        confidence_row = confidence[row]
         for column in range(width):
-            probability = min(max((slope[column] - outlier_free_slope) * _OUTLIERS_PER_SLOPE, zero), one)
-            outlier_probability[column] = probability
-            # Outliers are drawn below with the probability that this rounded confidence states.
-            confidence_units = np.floor((one - probability) * max_confidence * np.float32(255.0))
-            confidence_row[column] = np.uint8(np.int32(confidence_units)) if true_row[column] > zero else np.uint8(0)
-        disparity_row = disparity[row]
-        gaussian_bits = np.uint64(0)
-        for column in range(width):
-            if column & 3 == 0:
-                gaussian_bits = random64(key, row * width + column)
-            exact = true_row[column]
-            measured_units = 0
-            if exact > zero:
-                deviation = gaussian_table[gaussian_bits & np.uint64(4095)]
-                if outlier_probability[column] > zero:
-                    outlier_bits = random64(~key, row * width + column)
-                    uniform = np.float32(outlier_bits >> np.uint64(40)) * np.float32(2.0**-24)
-                    if uniform * max_confidence < max_confidence - np.float32(confidence_row[column]) / np.float32(
-                        255.0
-                    ):
-                        # 0.07 is more than rounding can undo. At the default error the sum is below
-                        # ``filters.SEGMENT_STEP``, so outliers are not removed as separate segments.
-                        excess = np.float32((outlier_bits >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024)
-                        deviation = error_limit + np.float32(0.07) + np.float32(0.75) * excess
-                        if (outlier_bits >> np.uint64(12)) & np.uint64(1):
+            entry = class_table[classes[row, column]]
+            fate, noise = fates[row, column], near_noise[row, column]
+            units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
+            if fate < entry[1]:
+                measured = true_disparity[row, column] * np.float32(16.0)
+                deviation = entry[2] * noise + entry[3] * wide_noise[row, column]
+                error_units, confidence_units = entry[5], entry[6]
+                if fate >= entry[0]:
+                    front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
+                    is_behind = front >= measured + np.float32(EDGE_STEP)
+                    if is_behind or measured >= back + np.float32(EDGE_STEP):
+                        measured = front if is_behind else back
+                        confidence_units = entry[7]
+                    else:
+                        deviation = entry[4] + np.float32(WRONG_SPREAD) * abs(noise)
+                        if noise < zero:
                             deviation = -deviation
-                # Below one unit the disparity means "infinitely far", which the device encodes as 1.
-                units = min(max((exact + deviation) * np.float32(16.0), one), np.float32(65535.0))
-                measured_units = int(units + np.float32(0.5))
-            disparity_row[column] = measured_units
-            gaussian_bits >>= np.uint64(16)
-
-
-@device_function
-def _steepest_slope(row, row_above, row_below, slope):
-    """Write the largest disparity difference of each pixel of a row to its four neighbours that are valid.
-
-    Args:
-        row: (W,) float32 disparities, pixels, 0: invalid.
-        row_above: (W,) float32.
-        row_below: (W,) float32.
-        slope: (W,) float32, output, pixels.
-    """
-    zero = np.float32(0.0)
-    width = len(row)
-    for i in range(width):
-        up = abs(row_above[i] - row[i]) if row_above[i] > zero else zero
-        down = abs(row_below[i] - row[i]) if row_below[i] > zero else zero
-        slope[i] = max(up, down)
-    for i in range(width - 1):
-        right = abs(row[i + 1] - row[i]) if row[i + 1] > zero else zero
-        slope[i] = max(slope[i], right)
-    for i in range(1, width):
-        left = abs(row[i - 1] - row[i]) if row[i - 1] > zero else zero
-        slope[i] = max(slope[i], left)
+                if measured > zero:
+                    units = int(min(max(measured + deviation, one), np.float32(65535.0)) + half)
+                if units > column * 16 + 8:
+                    units = 0  # left of the right image
+            disparity[row, column] = units
+            error[row, column] = int(error_units) if units > 0 else 0
+            confidence[row, column] = int(confidence_units) if units > 0 else 0

@@ -11,7 +11,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import MatcherPair, matched_depth, measurable_depths
+from gateway.stereo.depth import ImagePair, matched_depth, measurable_depths
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import read_settings
@@ -35,10 +35,10 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
     capture = Capture(0, scene, 1, parse_mount_pose(Settings(only=()).stereo_pose), 1, 1)
     exposure = imaging.meter(capture, settings).exposure
     left, right = (
-        imaging.expose(capture, ImageRequest(exposure, stream, divisor, frozenset((False,))))[False]
-        for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
+        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    images = matched_depth(imaging.config, MatcherPair(left, right, exposure), settings, None)
+    images = matched_depth(imaging.config, ImagePair(left, right, exposure, projector=True), settings, None)
     with (
         imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
         imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,

@@ -155,7 +155,7 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
         seen = {image_set.left.brightness, image_set.disparity.image.brightness, image_set.confidence.brightness}
         assert len(seen) == 1
         assert image_set.left.brightness == pytest.approx(pixels(image_set.left).mean() / 255, abs=0.006)
-    # Without a camera image of the same exposure it is one at the depth images' resolution; here that is the same.
+    # Without a camera image in the set it is that of the image from which depth is measured.
     set_("rc_stereomatching", [("quality", "Full")])
     set_("rc_camera", [("exp_control", "Manual")])
     alone = await capture_set(camera, disparity_enabled=True)
@@ -183,7 +183,7 @@ async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> Non
     assert two.left.exposure_time == pytest.approx(image_set.left.exposure_time)
 
 
-@pytest.mark.parametrize("mode", ["ground_truth", "matched"])
+@pytest.mark.parametrize("mode", ["modelled", "matched", "ground_truth"])
 async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
     camera = await start(rate="max", depth_mode=mode)
     set_ = camera.service.set_parameters
@@ -203,10 +203,10 @@ async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
     assert not pixels(none.disparity.image).any()
 
 
-@pytest.mark.parametrize(("out1", "gain"), [("High", 0.2), ("ExposureAlternateActive", 0.001)])
-async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> None:
+@pytest.mark.parametrize(("out1", "noise", "gain"), [("High", 40.0, 0.05), ("ExposureAlternateActive", 15.0, 0.001)])
+async def test_double_shot_fills_holes(start: Start, out1: str, noise: float, gain: float) -> None:
     """At half the resolution; in alternate exposure from images without dots, which have no texture on blank walls."""
-    camera = await start(rate="max", depth_mode="matched", image_noise=15.0)
+    camera = await start(rate="max", depth_mode="matched", image_noise=noise)
     set_ = camera.service.set_parameters
     set_("rc_stereomatching", [("fill", 0), ("seg", 0), ("quality", "Full")])
     set_("rc_iocontrol", [("out1_mode", out1)])
@@ -220,6 +220,7 @@ async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> 
 
 async def test_static_scenes_are_averaged(start: Start) -> None:
     camera = await start(disparity_error=0.5)
+    camera.service.set_parameters("rc_iocontrol", [("out1_mode", "High")])
     settings = camera.service.settings
     assert settings.averaged_images == 1
     camera.service.set_parameters("rc_stereomatching", [("static_scene", True)])
@@ -233,7 +234,7 @@ async def test_static_scenes_are_averaged(start: Start) -> None:
     for on in (False, True):
         camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
         image_set = await capture_set(camera, disparity_enabled=True, disparity_error_enabled=True)
-        errors.append(float(pixels(image_set.disparity_error).max()) * image_set.disparity.scale)
+        errors.append(float(np.median(pixels(image_set.disparity_error))) * image_set.disparity.scale)
     assert errors == pytest.approx([0.5, 0.5 / 8**0.5], rel=0.05)
 
 

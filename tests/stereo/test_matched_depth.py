@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo import depth
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import MatcherPair, matched_depth
+from gateway.stereo.depth import ImagePair, matched_depth
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.stereo.depth_images import DepthImages
@@ -32,7 +32,13 @@ class FakeMatcher:
         self.calls: list[tuple[tuple[int, ...], int, float]] = []
 
     def __call__(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        disparity_count: int,
+        noise_sigma: float,
+        *,
+        projector: bool,
     ) -> DepthImages:
         assert left.shape == right.shape
         self.calls.append((left.shape, disparity_count, noise_sigma))
@@ -51,9 +57,9 @@ def settings(**values: object) -> StreamSettings:
     return read_settings(parameters)
 
 
-def pair(gain: float = 0.0) -> MatcherPair:
-    image = SensorImage(np.zeros((HEIGHT, WIDTH), np.uint8), 0.0)
-    return MatcherPair(image, image, Exposure(0.005, gain))
+def pair(gain: float = 0.0) -> ImagePair:
+    image = SensorImage(np.zeros((MODEL.height, MODEL.width), np.uint8), 0.0)
+    return ImagePair(image, image, Exposure(0.005, gain), projector=False)
 
 
 def match(monkeypatch: pytest.MonkeyPatch, matcher: FakeMatcher, *given: Any, **config: Any) -> DepthImages:
@@ -72,10 +78,11 @@ def test_one_match_without_double_shot(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_matcher_gets_the_noise_of_the_images(
     averaged: int, noise: bool, image_noise: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Means of 2 x 2 pixels have half the noise of a pixel."""
     matcher = FakeMatcher()
     static = settings(static_scene=averaged > 1)
     match(monkeypatch, matcher, pair(6.0), static, None, noise=noise, image_noise=image_noise)
-    expected = Exposure(0.005, 6.0).noise_sigma(128.0) * (image_noise if noise else 0.0) / math.sqrt(averaged)
+    expected = Exposure(0.005, 6.0).noise_sigma(128.0) * (image_noise if noise else 0.0) / math.sqrt(averaged) / 2
     assert matcher.calls[0][2] == pytest.approx(expected)
 
 
@@ -97,7 +104,7 @@ def test_holes_are_filled_from_the_dark_images(monkeypatch: pytest.MonkeyPatch) 
     matcher = FakeMatcher(call2=(80, 3, 200))
     images = match(monkeypatch, matcher, pair(0.0), settings(double_shot=True), pair(12.0))
     assert [call[0] for call in matcher.calls] == [(HEIGHT, WIDTH)] * 2
-    assert matcher.calls[1][2] == pytest.approx(Exposure(0.005, 12.0).noise_sigma(128.0))
+    assert matcher.calls[1][2] == pytest.approx(Exposure(0.005, 12.0).noise_sigma(128.0) / 2)
     assert (images.disparity == 80).all()
 
 

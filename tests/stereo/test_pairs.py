@@ -84,7 +84,7 @@ async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camer
     assert image_set.mesh.data.startswith(b"ply")
     camera.service.show_pairs(None)
     back = await capture_set(camera, left_enabled=True, disparity_enabled=True)
-    assert camera.service.config.depth_mode == "ground_truth"
+    assert camera.service.config.depth_mode == "modelled"
     assert (pixels(back.left) != pixels(recorded.left)).any()
 
 
@@ -230,27 +230,19 @@ def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
         read_geometry(tmp_path)
 
 
-@pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 48), (64, 47), (65, 67)])
-def test_blocks_at_the_right_and_bottom_edge_repeat_the_last_pixels(width: int, height: int) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
-    padded = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge").astype(float)
-    half = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(exposed(image, 2).image, half, atol=0.75)
-
-
 def test_brightness_is_the_mean_of_the_recorded_image() -> None:
     image = np.zeros((64, 64, 3), np.uint8)
     image[:, :32] = 255
-    assert exposed(image, 1).brightness == 0.5
-    assert exposed(np.full_like(image, 255), 1).brightness == 1.0
+    assert exposed(image).brightness == 0.5
+    assert exposed(np.full_like(image, 255)).brightness == 1.0
 
 
-def exposed(image: np.ndarray, divisor: int) -> SensorImage:
+def exposed(image: np.ndarray) -> SensorImage:
     renderer: Any = None
     scene: Any = None
     pairs = Pairs([Pair((png(image), png(image)))], LIMIT)
     imaging = pair_imaging(Imaging(StereoConfig(model=SMALL), renderer), pairs, 0.8, 0.1)
-    request = ImageRequest(Exposure(), NoiseStream.LEFT, divisor, frozenset((True,)))
+    request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((True,)))
     return imaging.expose(Capture(0, scene, 1, np.eye(4), 0, 1), request)[True]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.demo import Demo
 from gateway.gltf import read_gltf
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Sphere
+from gateway.scene.geometry import Sphere
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.scene.tree import Node, TreeEdit
@@ -19,12 +19,10 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, Imaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import StreamSettings, read_settings
-from renderers.drawlist import DrawList
 from renderers.interface import LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import MODELS, Quality, StereoModel
 from tests.stereo.scenes import part
-from tests.stereo.test_depth import ACCURACY_MM
 from tests.support.corpus import drake_scene
 
 UP = (0.0, 0.0, 1.0)
@@ -49,12 +47,10 @@ def settings(quality: Quality) -> StreamSettings:
     return replace(read_settings(Parameters()), quality=quality)
 
 
-def measure(imaging: Imaging, capture: Capture, quality: Quality, maxdepth: float = 100.0) -> NDArray[np.uint16]:
+def measure(imaging: Imaging, capture: Capture, quality: Quality) -> NDArray[np.uint16]:
     divisor, t = quality.divisor, imaging.config.model.baseline
     left, right = (imaging.render(capture, x, divisor, Output.DEPTH) for x in (0.0, t))
-    wanted = settings(quality)
-    wanted = replace(wanted, filters=replace(wanted.filters, maxdepth=maxdepth))
-    return imaging.measure(left, right, wanted, 1).disparity
+    return imaging.measure(left, right, settings(quality), 1, None).disparity
 
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
@@ -73,28 +69,6 @@ def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene
         assert valid.mean() > (0.3 if scene is demo else 0.05)
         # The published formula: Pz = f t / d; so the disparity of the rasterizer's depth is f t / Pz.
         assert np.abs(k.focal_length * model.baseline / depth[valid] - disparity[valid]).max() <= 1 / 32 + 1e-4
-
-
-@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
-def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoModel) -> None:
-    imaging = Imaging(StereoConfig(model=model), renderer)
-    focal_times_baseline = model.intrinsics().focal_length * model.baseline
-    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
-        capture = Capture(0, wall(), 1, look_at((-depth, 0.0, 0.0), (0.0, 0.0, 0.0), UP), 0)
-        disparity = measure(imaging, capture, Quality.FULL, maxdepth=1.5 * depth)
-        z = focal_times_baseline / (disparity[disparity > 0] / 16)
-        assert len(z) > 200_000
-        millimetres = float(np.std(z)) * 1000
-        assert float(np.mean(z)) == pytest.approx(depth, abs=0.002 * depth)
-        assert millimetres == pytest.approx(0.25 * depth**2 / focal_times_baseline * 1000, rel=0.05)
-        assert millimetres == pytest.approx(published, abs=0.1)
-
-
-def wall() -> DrawList:
-    """Return a wall whose front is the plane x = 0."""
-    edit = TreeEdit(Node())
-    edit.set_parts(("wall",), (part(Box((0.2, 20.0, 20.0)), (0.7, 0.7, 0.7), 0.1, 0.0, 0.0),))
-    return flatten(edit.commit())
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])

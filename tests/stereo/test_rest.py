@@ -278,6 +278,7 @@ async def test_parameters_act_on_the_stream(rest_client: httpx.AsyncClient, came
     assert dark.left.exposure_time == pytest.approx(0.002)
     assert dark.left.gain == 6
     assert pixels(bright.left).mean() > 1.3 * pixels(dark.left).mean()
+    await put("rc_iocontrol", out1_mode="High")
     await put("rc_stereomatching", mindepth=1.2, maxdepth=1.6, fill=0)
     (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
     d = pixels(image_set.disparity.image)
@@ -285,10 +286,10 @@ async def test_parameters_act_on_the_stream(rest_client: httpx.AsyncClient, came
     assert z.size > 100
     assert z.min() >= 1.19
     assert z.max() <= 1.61
-    await put("rc_stereomatching", mindepth=0.1, maxdepth=100, minconf=0.99)
+    await put("rc_stereomatching", mindepth=0.1, maxdepth=100, minconf=0.9)
     (sure,) = await camera.take(confidence_enabled=True)
     c = pixels(sure.confidence)
-    assert c[c > 0].min() >= 0.99 * 255
+    assert c[c > 0].min() >= 0.9 * 255
     await put("rc_stereomatching", minconf=0.5, maxdeptherr=0.01)
     (near,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
     d, e = pixels(near.disparity.image).astype(float), pixels(near.disparity_error).astype(float)
@@ -322,7 +323,7 @@ async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start
         assert await range_at(mindepth=0.7) == (0.7, "0")
 
 
-@pytest.mark.parametrize("mode", ["ground_truth", "matched"])
+@pytest.mark.parametrize("mode", ["modelled", "matched", "ground_truth"])
 async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) -> None:
     model = StereoModel("small", 320, 240, 0.8449, 0.160, full_max_disparities=30)
     camera = await start(model=model, rate="max", depth_mode=mode, noise=False)
@@ -337,6 +338,7 @@ async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) ->
 
 async def test_truth_of_a_set(rest_client: httpx.AsyncClient, camera: Camera) -> None:
     assert (await rest_client.get("/stereo/truth.npz")).status_code == 404
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     (image_set,) = await camera.take(left_enabled=True, disparity_enabled=True)
     timestamp_ns = timestamp_text(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec)
     response = await rest_client.get("/stereo/truth.npz", params={"timestamp": timestamp_ns})
@@ -346,7 +348,7 @@ async def test_truth_of_a_set(rest_client: httpx.AsyncClient, camera: Camera) ->
     assert truth["revision"] == 1
     d = pixels(image_set.disparity.image)
     valid = (d > 0) & (truth["disparity"] > 0)
-    assert valid.mean() > 0.6
+    assert valid.mean() > 0.5
     error = d[valid] / 16 - truth["disparity"][valid]
     assert abs(float(np.median(error))) < 0.02
     f = image_set.disparity.image.focal_length

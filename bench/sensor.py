@@ -1,0 +1,181 @@
+"""Errors of the stereo camera's depth, by mode: ``python -m bench.sensor [--pictures FOLDER]``.
+
+On the ten scenes of ``sensor_scenes``, without and with the projector, at High quality unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.sensor_images import Sample, samples
+from gateway.stereo.depth import ground_truth_depth, matched_depth, modelled_depth
+from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.filters import Filters
+from renderers.stereo.model import DISPARITY_SCALE, Quality
+
+SEEDS: Final = (1, 2, 3, 4, 5)
+"""Seeds of the scenes; all are compared with the promised confidence, the first is shown scene by scene. The fit
+(``sensor_fit``) has others, and therefore other textures and places."""
+NO_FILTERS: Final = Filters(minconf=0.0, seg=0, fill=0)
+BINS: Final = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
+"""Borders of the confidences that are compared with the share of right pixels."""
+MODES: Final[dict[str, Callable[[Sample], DepthImages]]] = {
+    "modelled": lambda s: modelled_depth(s.imaging.config, *s.depth, s.pair, s.settings, SEEDS[0]),
+    "matched": lambda s: matched_depth(s.imaging.config, s.pair, s.settings, None),
+    "ground_truth": lambda s: ground_truth_depth(s.imaging.config, *s.depth, s.settings),
+}
+
+
+def deviation_of(sample: Sample, images: DepthImages) -> NDArray[np.float32]:
+    """Return measured minus exact disparity, (H, W) float32, pixels; NaN where either is missing."""
+    known = (images.disparity > 0) & (sample.exact > 0)
+    return np.where(known, images.disparity * np.float32(DISPARITY_SCALE) - sample.exact, np.float32(np.nan))
+
+
+def correlation(deviation: NDArray[np.float32], lag: int = 1) -> float:
+    """Return the correlation of the errors of pixels ``lag`` apart in a row, of those below a pixel."""
+    small = np.where(np.abs(deviation) < 1.0, deviation, np.nan)
+    left, right = small[:, :-lag].reshape(-1), small[:, lag:].reshape(-1)
+    both = np.isfinite(left) & np.isfinite(right)
+    return float(np.corrcoef(left[both], right[both])[0, 1]) if both.sum() > 100 and left[both].std() > 0 else 0.0
+
+
+def high_frequency(deviation: NDArray[np.float32]) -> float:
+    """Return the standard deviation of the errors from their mean over 3 x 3 pixels, pixels."""
+    small = np.abs(deviation) < 1.0
+    mean = cv2.blur(np.where(small, deviation, np.float32(0.0)), (3, 3))
+    whole = cv2.erode(small.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return float((deviation - mean)[whole].std()) if whole.any() else float("nan")
+
+
+def second_difference(sample: Sample, images: DepthImages) -> float:
+    """Return the median of |z(x-1) - 2 z(x) + z(x+1)|, millimetres."""
+    factor = sample.imaging.config.model.focal_times_baseline(sample.settings.quality.divisor)
+    with np.errstate(divide="ignore"):
+        z = np.where(images.disparity > 0, factor / (images.disparity * DISPARITY_SCALE), np.nan)
+    return float(np.nanmedian(np.abs(z[:, :-2] - 2 * z[:, 1:-1] + z[:, 2:]))) * 1e3
+
+
+def points_of(sample: Sample, disparity: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the points of a disparity image in the left optical frame, (H, W, 3) float64, metres; NaN: none."""
+    model, divisor = sample.imaging.config.model, sample.settings.quality.divisor
+    k = model.intrinsics(divisor)
+    rows, columns = np.mgrid[0 : k.height, 0 : k.width] + 0.5
+    scale = np.where(disparity > 0, model.baseline / np.where(disparity > 0, disparity, 1.0), np.nan)
+    return np.stack(((columns - k.cx) * scale, (rows - k.cy) * scale, k.focal_length * scale), axis=2)
+
+
+def normals_of(points: NDArray[np.float64], reach: int = 4) -> NDArray[np.float64]:
+    """Return unit normals from the differences over ``2 * reach`` pixels, (H - 2 reach, W - 2 reach, 3)."""
+    across = points[reach:-reach, 2 * reach :] - points[reach:-reach, : -2 * reach]
+    down = points[2 * reach :, reach:-reach] - points[: -2 * reach, reach:-reach]
+    normal: NDArray[np.float64] = np.cross(across, down)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    return normal
+
+
+def normal_error(sample: Sample, images: DepthImages) -> float:
+    """Return the median angle between the measured and the exact normals, degrees, where surfaces are smooth."""
+    measured = normals_of(points_of(sample, images.disparity * DISPARITY_SCALE))
+    exact = normals_of(points_of(sample, sample.exact))
+    angle = np.degrees(np.arccos(np.clip((measured * exact).sum(axis=2), -1.0, 1.0)))
+    return float(np.nanmedian(angle))
+
+
+def reliability(all_images: list[tuple[Sample, DepthImages]]) -> list[tuple[float, float, int]]:
+    """Return mean confidence, share of right pixels and number of pixels, for each of ``BINS``."""
+    confidence, is_right = [], []
+    for sample, images in all_images:
+        deviation = deviation_of(sample, images)
+        known = np.isfinite(deviation)
+        confidence.append(images.confidence[known] / 255.0)
+        is_right.append(np.abs(deviation[known]) <= 3.0 * images.error[known] * images.error_scale + 1e-6)
+    values, right = np.concatenate(confidence), np.concatenate(is_right)
+    rows = []
+    for low, high in itertools.pairwise(BINS):
+        inside = (values >= low) & (values < high)
+        count = int(inside.sum())
+        rows.append((float(values[inside].mean()), float(right[inside].mean()), count) if count else (0.0, 0.0, 0))
+    return rows
+
+
+def report_scenes(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
+    print(f"\n{mode}: scene, projector, valid, off by > 1 px, correlation of neighbours, high-frequency part px,")
+    print("  standard deviation px, second difference mm, normals degrees")
+    for sample, images in pairs:
+        deviation = deviation_of(sample, images)
+        known = deviation[np.isfinite(deviation)]
+        small = known[np.abs(known) < 1.0]
+        print(
+            f"  {sample.name:15} {'on' if sample.projector else 'off':3} {(images.disparity > 0).mean():5.2f} "
+            f"{(np.abs(known) > 1.0).mean() if known.size else 0:6.3f} {correlation(deviation):6.2f} "
+            f"{high_frequency(deviation):6.3f} {small.std() if small.size else 0:6.3f} "
+            f"{second_difference(sample, images):7.2f} {normal_error(sample, images):6.2f}"
+        )
+
+
+def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
+    for projector in (False, True):
+        rows = reliability([pair for pair in pairs if pair[0].projector == projector])
+        print(f"\n{mode}, projector {'on' if projector else 'off'}: confidence promised, share right, pixels")
+        for promised, right, count in rows:
+            if count:
+                print(f"  {promised:.3f} {right:.3f} {right - promised:+.3f} {count:9d}")
+
+
+def report_density() -> None:
+    print("\nmatched, share of valid pixels of all, projector on: Low, Medium, High")
+    by_quality = [
+        [(MODES["matched"](s).disparity > 0).mean() for s in samples(quality, SEEDS[0]) if s.projector]
+        for quality in (Quality.LOW, Quality.MEDIUM, Quality.HIGH)
+    ]
+    print("  " + " ".join(f"{np.mean(values):.2f}" for values in by_quality))
+
+
+def picture(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
+    """Return left image, disparity and error side by side, (H, 3 W, 3) uint8 BGR; the error from -1 to 1 pixel."""
+    disparity = np.clip(images.disparity / 16.0 * 2.0, 0, 255).astype(np.uint8)
+    coloured = cv2.applyColorMap(disparity, cv2.COLORMAP_TURBO)
+    coloured[images.disparity == 0] = 0
+    deviation = deviation_of(sample, images)
+    error = cv2.applyColorMap(
+        np.clip(np.nan_to_num(deviation) * 127.0 + 128.0, 0, 255).astype(np.uint8), cv2.COLORMAP_TWILIGHT_SHIFTED
+    )
+    error[~np.isfinite(deviation)] = 0
+    return np.hstack((cv2.cvtColor(sample.left, cv2.COLOR_GRAY2BGR), coloured, error)).astype(np.uint8)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--pictures", type=Path, help="a folder for pictures: left image, disparity, error")
+    options = parser.parse_args()
+    first_samples = list(samples(Quality.HIGH, SEEDS[0]))
+    for mode, measure in MODES.items():
+        pairs = [(sample, measure(sample)) for sample in first_samples]
+        report_scenes(mode, pairs)
+        if options.pictures:
+            options.pictures.mkdir(parents=True, exist_ok=True)
+            for sample, images in pairs:
+                name = f"{sample.name}-{'on' if sample.projector else 'off'}-{mode}.png"
+                cv2.imwrite(str(options.pictures / name), picture(sample, images))
+    unfiltered = [
+        replace(sample, settings=replace(sample.settings, filters=NO_FILTERS))
+        for seed in SEEDS
+        for sample in samples(Quality.HIGH, seed)
+    ]
+    for mode in ("modelled", "matched"):
+        report_confidence(mode, [(sample, MODES[mode](sample)) for sample in unfiltered])
+    report_density()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""Images of the scenes of ``sensor_scenes`` as the stereo camera takes them, with their exact disparity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.sensor_scenes import POSE, SCENES, make_scene
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.depth import ImagePair, depth_pair, measurable_depths, noise_of
+from gateway.stereo.images import Capture, ImageRequest, Imaging
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.settings import StreamSettings, read_settings
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
+from renderers.stereo.model import Quality
+from renderers.stereo.noise import NoiseStream
+from renderers.stereo.truth import true_disparity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """A pair at the resolution of the depth images."""
+
+    name: str
+    projector: bool
+    left: NDArray[np.uint8]
+    """(H, W) uint8."""
+    right: NDArray[np.uint8]
+    """(H, W) uint8."""
+    noise_sigma: float
+    """Standard deviation of the noise, grey levels."""
+    exact: NDArray[np.float32]
+    """(H, W) float32, disparity of every surface in the left image, pixels, 0: background."""
+    visible: NDArray[np.float32]
+    """(H, W) float32, the same where both cameras see the surface within the measurable range, 0 elsewhere."""
+    disparity_count: int
+    """Number of disparities to search."""
+    imaging: Imaging
+    settings: StreamSettings
+    pair: ImagePair
+    """Images at full resolution."""
+    depth: tuple[NDArray[np.float32], NDArray[np.float32]]
+    """(H, W) float32 each, depth from both cameras, metres."""
+
+
+@cache
+def _renderer() -> CpuRenderer:
+    return CpuRenderer()
+
+
+def samples(quality: Quality, seed: int) -> Iterator[Sample]:
+    """Yield every scene without and with the projector.
+
+    Args:
+        quality: resolution of the depth images.
+        seed: seed of the scenes and of the noise.
+    """
+    config = StereoConfig(seed=seed)
+    imaging, settings = Imaging(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
+    for scene in SCENES:
+        draw_list = make_scene(scene, seed)
+        for projector in (False, True):
+            yield _sample(scene.__name__, imaging, settings, Capture(0, draw_list, 1, POSE, int(projector), seed))
+
+
+def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capture) -> Sample:
+    model, divisor = imaging.config.model, settings.quality.divisor
+    exposure = imaging.meter(capture, settings).exposure
+    left, right = (
+        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
+        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
+    )
+    pair = ImagePair(left, right, exposure, capture.out1_high)
+    small_left, small_right = depth_pair(pair, model, divisor)
+    with (
+        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
+        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
+    ):
+        assert seen.depth is not None
+        assert other.depth is not None
+        depth = seen.depth.copy(), other.depth.copy()
+    factor, limits = model.focal_times_baseline(divisor), measurable_depths(model, settings)
+    filters = settings.filters
+    return Sample(
+        name,
+        capture.out1_high,
+        small_left,
+        small_right,
+        noise_of(pair, imaging.config, settings),
+        np.asarray(np.where(np.isfinite(depth[0]), factor / depth[0], 0.0), np.float32),
+        true_disparity(*depth, factor, limits),
+        model.disparity_count(divisor, limits.min_depth, filters.maxdepth),
+        imaging,
+        settings,
+        pair,
+        depth,
+    )

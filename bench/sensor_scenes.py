@@ -1,0 +1,192 @@
+"""Ten indoor scenes for the statistics of the stereo camera's errors: textured, plain, shiny, clear, near and far.
+
+A scene is a function of a seed, which chooses textures and places: fits and tests use different seeds. The camera is at
+half a metre above the origin and looks along +x and down; z is up; walls close the view, 1.5 to 5 m away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from gateway.demo.meshes import textured_box, tile
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Box, Cylinder, Part, Shape, Sphere, Surface
+from gateway.scene.transforms import Matrix, look_at, translation
+from gateway.scene.tree import Node, TreeEdit
+from renderers.drawlist import AlphaMode, DrawList, Image, Material, Texture
+
+POSE: Final = look_at((-0.2, 0.0, 0.5), (1.7, 0.0, -0.25), (0.0, 0.0, 1.0))
+"""X_world_left, (4, 4)."""
+_NAMES = iter(range(1 << 30))
+
+
+def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, size: int = 256) -> Image:
+    """Return a random texture: noise of several octaves, ``contrast`` its standard deviation in sRGB (0 to 1).
+
+    Args:
+        random: source of the noise.
+        contrast: standard deviation.
+        finest: side of the smallest patches, texels.
+        size: side of the image, texels.
+    """
+    field = np.zeros((size, size))
+    side = finest
+    while side <= size // 8:
+        field += np.kron(random.normal(size=(size // side, size // side)), np.ones((side, side)))
+        side *= 2
+    field *= contrast / field.std()
+    tint = random.uniform(0.4, 0.75, 3)
+    pixels = np.full((size, size, 4), 255, np.uint8)
+    pixels[:, :, :3] = np.clip((tint + field[:, :, None]) * 255.0, 0.0, 255.0)
+    return Image(f"scenegate bench {next(_NAMES)}".encode(), lambda: pixels)
+
+
+def textured(random: np.random.Generator, contrast: float = 0.15, finest: int = 1) -> Material:
+    texture = Texture(noise_image(random, contrast, finest))
+    return Material(base_color_texture=texture, metallic=0.0, roughness=0.8, double_sided=True)
+
+
+def plain(random: np.random.Generator, roughness: float = 0.8, metallic: float = 0.0, alpha: float = 1.0) -> Material:
+    r, g, b = random.uniform(0.15, 0.7, 3)
+    mode = AlphaMode.OPAQUE if alpha == 1.0 else AlphaMode.BLEND
+    return Material((r, g, b, alpha), metallic=metallic, roughness=roughness, alpha_mode=mode, double_sided=True)
+
+
+def at(x: float, y: float, z: float, shape: Shape, material: Material) -> Part:
+    return Part(shape, material, translation(x, y, z))
+
+
+def box(x: float, y: float, z: float, sides: tuple[float, float, float], material: Material) -> Part:
+    """Return a box, with the material's texture on each face."""
+    return at(x, y, z, Surface(textured_box(*sides)), material)
+
+
+def room(back: Material, floor: Material, depth: float = 3.0) -> list[Part]:
+    """Return a wall at x = ``depth``, side walls and a floor 0.7 m below the camera."""
+    turned: Matrix = np.array(((0, 0, 1, depth), (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1)), np.float64)
+    side: Matrix = np.array(((1, 0, 0, depth), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1)), np.float64)
+    walls = [Part(Surface(tile(6.0, 8)), back, turned), at(depth, 0.0, -0.7, Surface(tile(6.0, 8)), floor)]
+    for y in (-0.62 * depth - 0.3, 0.62 * depth + 0.3):
+        X = side.copy()
+        X[1, 3] = y
+        walls.append(Part(Surface(tile(6.0, 8)), back, X))
+    return walls
+
+
+def textured_table(random: np.random.Generator) -> list[Part]:
+    """Boxes on a floor, all textured."""
+    parts = room(textured(random), textured(random), 2.5)
+    for _ in range(6):
+        side = random.uniform(0.15, 0.35, 3)
+        x, y = random.uniform(1.1, 2.2), random.uniform(-0.6, 0.6)
+        parts.append(box(x, y, -0.7 + side[2] / 2, tuple(side), textured(random)))
+    return parts
+
+
+def plain_room(random: np.random.Generator) -> list[Part]:
+    """Plain boxes in a plain room."""
+    parts = room(plain(random), plain(random), 2.5)
+    for _ in range(6):
+        side = random.uniform(0.2, 0.5, 3)
+        x, y, z = random.uniform(1.1, 2.2), random.uniform(-0.7, 0.7), random.uniform(-0.5, 0.3)
+        parts.append(box(x, y, z, tuple(side), plain(random)))
+    return parts
+
+
+def mixed_room(random: np.random.Generator) -> list[Part]:
+    """A plain room with textured things, as most offices are."""
+    parts = room(plain(random), textured(random, 0.05), 2.8)
+    for index in range(8):
+        side = random.uniform(0.2, 0.5, 3)
+        x, y, z = random.uniform(1.2, 2.5), random.uniform(-0.8, 0.8), random.uniform(-0.6, 0.4)
+        parts.append(box(x, y, z, tuple(side), textured(random) if index % 2 else plain(random)))
+    return parts
+
+
+def clutter(random: np.random.Generator) -> list[Part]:
+    """Many small boxes at all depths before a textured wall: edges everywhere."""
+    parts = room(textured(random), textured(random), 2.5)
+    for _ in range(60):
+        side = random.uniform(0.04, 0.2, 3)
+        x = random.uniform(0.9, 2.3)
+        y, z = random.uniform(-0.5, 0.5, 2) * x * (1.1, 0.8)
+        parts.append(box(x, y, z, tuple(side), textured(random, random.uniform(0.05, 0.2))))
+    return parts
+
+
+def poles(random: np.random.Generator) -> list[Part]:
+    """Thin upright poles before a textured wall: fattening."""
+    parts = room(textured(random), textured(random), 2.2)
+    for y in np.linspace(-0.7, 0.7, 8):
+        x, width = random.uniform(0.9, 1.8), random.uniform(0.01, 0.08)
+        parts.append(box(x, y * x, 0.0, (width, width, 2.0), textured(random)))
+    return parts
+
+
+def spheres(random: np.random.Generator) -> list[Part]:
+    """Curved plain and textured surfaces before a textured wall."""
+    parts = room(textured(random, 0.08), textured(random, 0.08), 2.4)
+    for index in range(9):
+        x, radius = random.uniform(1.1, 2.0), random.uniform(0.08, 0.25)
+        y, z = random.uniform(-0.5, 0.5) * x, random.uniform(-0.35, 0.35) * x
+        shape = Sphere(radius) if index % 3 else Cylinder(radius, 0.4)
+        parts.append(at(x, y, z, shape, plain(random)))
+    return parts
+
+
+def shiny(random: np.random.Generator) -> list[Part]:
+    """Polished metal and lacquer with highlights on a textured floor."""
+    parts = room(textured(random), textured(random), 2.4)
+    for index in range(8):
+        x, radius = random.uniform(1.0, 2.0), random.uniform(0.1, 0.25)
+        y, z = random.uniform(-0.5, 0.5) * x, random.uniform(-0.4, 0.3) * x
+        parts.append(at(x, y, z, Sphere(radius), plain(random, 0.15, float(index % 2))))
+    return parts
+
+
+def clear(random: np.random.Generator) -> list[Part]:
+    """Translucent panes and balls before a textured wall."""
+    parts = room(textured(random), textured(random), 2.4)
+    for index in range(6):
+        x, alpha = random.uniform(1.0, 2.0), random.uniform(0.2, 0.6)
+        y, z = random.uniform(-0.5, 0.5) * x, random.uniform(-0.35, 0.35) * x
+        shape: Shape = Sphere(0.2) if index % 2 else Box((0.02, 0.5, 0.5))
+        parts.append(at(x, y, z, shape, plain(random, 0.1, 0.0, alpha)))
+    return parts
+
+
+def steep(random: np.random.Generator) -> list[Part]:
+    """Textured planes at steep angles."""
+    parts = room(textured(random), textured(random), 3.0)
+    for y in (-0.9, -0.3, 0.3, 0.9):
+        angle = random.uniform(0.5, 1.3) * (1.0 if y < 0 else -1.0)
+        X = translation(1.7, y, 0.0)
+        X[:2, :2] = ((np.cos(angle), -np.sin(angle)), (np.sin(angle), np.cos(angle)))
+        parts.append(Part(Surface(textured_box(0.02, 0.6, 1.2)), textured(random), X))
+    return parts
+
+
+def far(random: np.random.Generator) -> list[Part]:
+    """Things of little contrast, 2 to 5 m away."""
+    parts = room(textured(random, 0.03, 4), textured(random, 0.02, 2), 5.0)
+    for _ in range(14):
+        side = random.uniform(0.2, 0.8, 3)
+        x = random.uniform(2.0, 4.5)
+        y, z = random.uniform(-0.5, 0.5) * x, random.uniform(-0.3, 0.3) * x
+        parts.append(box(x, y, z, tuple(side), textured(random, random.uniform(0.01, 0.06), 2)))
+    return parts
+
+
+SCENES: Final[tuple[Callable[[np.random.Generator], list[Part]], ...]] = (
+    textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far,
+)  # fmt: skip
+
+
+def make_scene(scene: Callable[[np.random.Generator], list[Part]], seed: int) -> DrawList:
+    """Return the draw list of a scene."""
+    edit = TreeEdit(Node())
+    edit.set_parts(("scene",), tuple(scene(np.random.default_rng((seed, SCENES.index(scene))))))
+    return flatten(edit.commit())

@@ -1,0 +1,181 @@
+"""Classes of pixels by how well a window matcher can measure them: texture, agreement of the images, nearby edges.
+
+What a matcher finds in each class is in ``matcher_statistics``.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.device_function import device_function
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+
+RADIUS: Final = 2
+"""A window has 5 x 5 pixels."""
+_WINDOW: Final = 2 * RADIUS + 1
+TEXTURE_STEPS: Final = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+"""Borders between classes of texture: standard deviation of the horizontal gradient in the window, divided by that of
+the image noise. Smooth shading is no texture."""
+DISAGREEMENT_STEPS: Final = (0.1, 0.3, 0.5, 0.8, 1.5)
+"""Borders between classes of disagreement: difference of the two windows beyond the noise, divided by the texture."""
+EDGES: Final = 3
+"""Classes of edges: 0 none, 1 the pixel is in front of a neighbour, 2 it is behind a neighbour."""
+EDGE_STEP: Final = 32
+"""Disparity step within a window that is an edge, units of 1/16 pixel."""
+TEXTURES: Final = len(TEXTURE_STEPS) + 1
+DISAGREEMENTS: Final = len(DISAGREEMENT_STEPS) + 1
+CLASSES: Final = TEXTURES * DISAGREEMENTS * EDGES
+"""Number of classes. ``class = (texture * disagreements + disagreement) * EDGES + edge``."""
+_TEXTURE_STEPS: Final = np.array(TEXTURE_STEPS, np.float32)
+_DISAGREEMENT_STEPS: Final = np.array(DISAGREEMENT_STEPS, np.float32)
+
+
+def window_range(disparity: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return the largest and the smallest known disparity in each pixel's window, (H, W) uint16 each.
+
+    Args:
+        disparity: (H, W) uint16, 0: unknown. Where all is unknown, the largest is 0 and the smallest 65535.
+    """
+    window = np.ones((_WINDOW, _WINDOW), np.uint8)
+    known = np.where(disparity > 0, disparity, np.uint16(65535))
+    return np.asarray(cv2.dilate(disparity, window), np.uint16), np.asarray(cv2.erode(known, window), np.uint16)
+
+
+def classify(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    disparity: NDArray[np.uint16],
+    nearest: NDArray[np.uint16],
+    farthest: NDArray[np.uint16],
+    noise_sigma: float,
+) -> NDArray[np.uint8]:
+    """Return the class of each pixel, (H, W) uint8 below ``CLASSES``.
+
+    Args:
+        left: (H, W) uint8, rectified.
+        right: (H, W) uint8, rectified.
+        disparity: (H, W) uint16, units of 1/16 pixel, at which the images are compared; 0: unknown.
+        nearest: (H, W) uint16, ``window_range`` of ``disparity``.
+        farthest: (H, W) uint16, likewise.
+        noise_sigma: standard deviation of the image noise, grey levels, above 0.
+    """
+    wait_until_compiled("stereo")
+    classes = np.empty(left.shape, np.uint8)
+    _classify(
+        left, right, disparity, nearest, farthest, float(noise_sigma), _TEXTURE_STEPS, _DISAGREEMENT_STEPS, classes
+    )
+    return classes
+
+
+@kernel(
+    "void(uint8[:,::1], uint8[:,::1], uint16[:,::1], uint16[:,::1], uint16[:,::1], float64, float32[::1], "
+    "float32[::1], uint8[:,::1])"
+)
+def _classify(
+    left, right, disparity, nearest, farthest, noise_sigma, texture_steps, disagreement_steps, classes
+):  # fmt: skip
+    """Write the class of each pixel. Windows end at the edges of the image.
+
+    All sums are of integers, so they do not depend on their order.
+
+    Args:
+        left: (H, W) uint8.
+        right: (H, W) uint8.
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: unknown.
+        nearest: (H, W) uint16, largest disparity in the window.
+        farthest: (H, W) uint16, smallest known disparity in the window.
+        noise_sigma: standard deviation of the image noise, grey levels.
+        texture_steps: (T,) float32.
+        disagreement_steps: (D,) float32.
+        classes: (H, W) uint8, output.
+    """
+    height, width = left.shape
+    padded = width + 2 * RADIUS
+    sigma = np.float32(noise_sigma)
+    variance = sigma * sigma
+    zero, one = np.float32(0.0), np.float32(1.0)
+    # Values of the last five rows, and their sums over each column; columns beyond the image are 0.
+    gradients = np.zeros((_WINDOW, padded), np.int32)
+    differences = np.zeros((_WINDOW, padded), np.int32)
+    counts = np.zeros((_WINDOW, padded), np.int32)
+    gradient_sums = np.zeros(padded, np.int32)
+    square_sums = np.zeros(padded, np.int32)
+    difference_sums = np.zeros(padded, np.int32)
+    count_sums = np.zeros(padded, np.int32)
+    columns = np.empty(width, np.int32)
+    for column in range(width):
+        columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
+    for row in range(height + RADIUS):
+        gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
+        for x in range(padded):
+            gradient_sums[x] -= gradient[x]
+            square_sums[x] -= gradient[x] * gradient[x]
+            difference_sums[x] -= difference[x]
+            count_sums[x] -= count[x]
+            gradient[x], difference[x], count[x] = 0, 0, 0
+        if row < height:
+            _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
+            for x in range(padded):
+                gradient_sums[x] += gradient[x]
+                square_sums[x] += gradient[x] * gradient[x]
+                difference_sums[x] += difference[x]
+                count_sums[x] += count[x]
+        center = row - RADIUS
+        if center < 0:
+            continue
+        rows = min(center + RADIUS, height - 1) - max(center - RADIUS, 0) + 1
+        for column in range(width):
+            gradient_sum, square_sum = np.int32(0), np.int32(0)
+            difference_sum, count_sum = np.int32(0), np.int32(0)
+            for x in range(_WINDOW):
+                gradient_sum += gradient_sums[column + x]
+                square_sum += square_sums[column + x]
+                difference_sum += difference_sums[column + x]
+                count_sum += count_sums[column + x]
+            # The gradient is half the difference of two pixels: noise adds half its variance.
+            pixels = np.int32(rows) * columns[column]
+            spread = np.int32(square_sum) * pixels - np.int32(gradient_sum) * np.int32(gradient_sum)
+            gradient_variance = np.float32(spread) / np.float32(4 * pixels * pixels)
+            texture = np.sqrt(max(gradient_variance - np.float32(0.5) * variance, zero))
+            mean_difference = np.float32(difference_sum) / (np.float32(16.0) * max(np.float32(count_sum), one))
+            disagreement = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
+            texture_class, disagreement_class = 0, 0
+            for step in range(TEXTURES - 1):
+                texture_class += 1 if texture >= texture_steps[step] * sigma else 0
+            for step in range(DISAGREEMENTS - 1):
+                disagreement_class += 1 if disagreement >= disagreement_steps[step] else 0
+            units = np.int32(disparity[center, column])
+            in_front = units > 0 and units - np.int32(farthest[center, column]) >= EDGE_STEP
+            is_behind = units > 0 and np.int32(nearest[center, column]) - units >= EDGE_STEP
+            edge = 1 if in_front else (2 if is_behind else 0)
+            classes[center, column] = (texture_class * DISAGREEMENTS + disagreement_class) * EDGES + edge
+
+
+@device_function
+def _compare_rows(left, right, disparity, gradient, difference, count):
+    """Write a row's gradient and its difference from the right image, with ``RADIUS`` columns of padding.
+
+    Args:
+        left: (W,) uint8.
+        right: (W,) uint8.
+        disparity: (W,) uint16, units of 1/16 pixel.
+        gradient: (W + 2 ``RADIUS``,) int32, output, grey levels per two pixels.
+        difference: (W + 2 ``RADIUS``,) int32, output, units of 1/16 level; 0 where the disparity is unknown.
+        count: (W + 2 ``RADIUS``,) int32, output, 1 where the disparity is known.
+    """
+    width = len(left)
+    for column in range(width):
+        below, above = max(column - 1, 0), min(column + 1, width - 1)
+        gradient[column + RADIUS] = np.int32(left[above]) - np.int32(left[below])
+        units = np.int32(disparity[column])
+        right_column = column * 16 - units  # 1/16 pixel
+        if units > 0 and right_column >= 0:
+            whole, fraction = right_column >> 4, right_column & 15
+            right_level = right[whole] * (16 - fraction) + right[min(whole + 1, width - 1)] * fraction
+            difference[column + RADIUS] = abs(np.int32(left[column]) * 16 - right_level)
+            count[column + RADIUS] = 1

@@ -1,0 +1,215 @@
+"""Modelled depth of analytic scenes: magnitude, correlation, holes, fattening and confidence of the errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.errors import ErrorModel, choose_error_scale, measured_images
+from renderers.stereo.model import MODELS, Quality, StereoModel
+from renderers.stereo.pixel_classes import RADIUS
+from renderers.stereo.truth import DepthRange, true_disparity
+from tests.stereo.analytic import plane, sphere
+
+MODEL = MODELS["rc_visard 160-4"]
+RANGE = DepthRange(0.4, 100.0)
+NOISE = 0.3
+ACCURACY_MM = {
+    "rc_visard 65-4": (0.9, 3.6, 14.2, 32.1),
+    "rc_visard 160-4": (0.4, 1.5, 5.8, 13.0),
+    "rc_visard 160-6": (0.3, 1.0, 3.9, 8.8),
+}
+"""The manual's depth accuracy at 0.5, 1, 2 and 3 m."""
+
+
+def images_of(
+    disparity: NDArray[np.float32], contrast: float = 25.0, seed: int = 0
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return left and right images of a surface with a random texture, (H, W) uint8, with noise.
+
+    Args:
+        disparity: (H, W) float32, pixels.
+        contrast: standard deviation of the texture, grey levels.
+        seed: seed of texture and noise.
+    """
+    random = np.random.default_rng(seed)
+    height, width = disparity.shape
+    padded = int(disparity.max()) + 4
+    texture = random.normal(128.0, contrast, (height, width + padded + 1))
+    texture = (texture[:, 1:] + texture[:, :-1]) / 2**0.5 - 128.0 * (2**0.5 - 1.0)
+    column = np.arange(width + padded, dtype=np.float64) - padded
+    seen = np.stack([np.interp(column[padded:] - disparity[y], column, texture[y]) for y in range(height)])
+    left, right = (
+        np.clip(image + random.normal(0.0, NOISE, image.shape) + 0.5, 0, 255).astype(np.uint8)
+        for image in (seen, texture[:, padded:])
+    )
+    return left, right
+
+
+def measured(
+    disparity: NDArray[np.float32], sigma: float = 0.125, contrast: float = 25.0, frame: int = 1, seed: int = 0
+) -> DepthImages:
+    return measured_images(
+        disparity, *images_of(disparity, contrast, seed), ErrorModel(sigma, NOISE, seed, False, frame)
+    )
+
+
+def deviations(disparity: NDArray[np.float32], images: DepthImages) -> NDArray[np.float32]:
+    """Return measured minus exact disparity, (H, W), pixels; NaN where invalid."""
+    return np.where(images.disparity > 0, images.disparity / np.float32(16) - disparity, np.float32(np.nan))
+
+
+@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda model: model.name)
+def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
+    factor = model.focal_times_baseline()
+    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
+        disparity = np.full((240, 1280), factor / depth, np.float32)
+        pair = images_of(disparity)
+        frames = [measured_images(disparity, *pair, ErrorModel(0.25, NOISE, 0, False, frame)) for frame in range(16)]
+        deviation = np.stack([deviations(disparity, images) for images in frames])
+        right = deviation[np.abs(deviation) < 1.0]
+        assert len(right) > 0.55 * deviation.size
+        errors = factor / (factor / depth + right) - depth
+        millimetres = float(np.sqrt(np.mean(errors**2))) * 1000
+        assert millimetres == pytest.approx(0.25 * depth**2 / factor * 1000, rel=0.06)
+        assert millimetres == pytest.approx(published, rel=0.1, abs=0.1)
+
+
+def test_errors_of_neighbours_are_alike() -> None:
+    """As in images of a device: smooth over a window, with a high-frequency part of 0.03 to 0.05 pixels."""
+    disparity = np.full((480, 640), 30.03, np.float32)
+    deviation = deviations(disparity, measured(disparity))
+    deviation[np.abs(deviation) > 0.6] = np.nan
+
+    def correlation(rows: int, columns: int) -> float:
+        pairs = np.stack((deviation[rows:, columns:], deviation[: 480 - rows, : 640 - columns])).reshape(2, -1)
+        one, other = pairs[:, np.isfinite(pairs).all(axis=0)]
+        return float((one * other).mean() / (one.std() * other.std()))
+
+    assert correlation(0, 1) > 0.85
+    assert correlation(1, 0) > 0.85
+    assert 0.1 < correlation(0, 8) < 0.7
+    assert abs(correlation(0, 120)) < 0.1
+    assert 0.02 < np.nanstd(np.diff(deviation, axis=1)) / 2**0.5 < 0.05
+
+
+def test_frames_have_independent_errors() -> None:
+    disparity = np.full((480, 640), 30.03, np.float32)
+    one, other = (deviations(disparity, measured(disparity, frame=frame)) for frame in (1, 2))
+    both = (np.abs(one) < 0.6) & (np.abs(other) < 0.6)
+    assert abs(np.corrcoef(one[both], other[both])[0, 1]) < 0.1
+
+
+def test_equal_seed_and_frame_give_equal_bytes() -> None:
+    disparity = np.full((120, 160), 20.0, np.float32)
+    left, right = images_of(disparity)
+
+    def make(seed: int, frame: int) -> bytes:
+        images = measured_images(disparity, left, right, ErrorModel(0.125, NOISE, seed, False, frame))
+        return images.disparity.tobytes() + images.error.tobytes() + images.confidence.tobytes()
+
+    assert make(1, 1) == make(1, 1)
+    assert len({make(1, 1), make(1, 2), make(2, 1)}) == 3
+
+
+def test_surfaces_without_texture_have_no_confident_depth() -> None:
+    disparity = np.full((240, 320), 30.0, np.float32)
+    for contrast, least, most in ((0.0, 0.0, 0.02), (25.0, 0.95, 1.0)):
+        confident = measured(disparity, contrast=contrast).confidence[:, 40:] >= 128
+        assert least <= confident.mean() <= most
+
+
+def test_errors_grow_where_contrast_falls() -> None:
+    disparity = np.full((240, 320), 30.03, np.float32)
+    errors, spreads = [], []
+    for contrast in (1.0, 3.0, 30.0):
+        images = measured(disparity, contrast=contrast)
+        deviation = deviations(disparity, images)
+        valid = images.disparity > 0
+        errors.append(float(images.error[valid].mean()))
+        spreads.append(float(deviation[np.abs(deviation) < 1.0].std()))
+    assert errors[0] > errors[1] > errors[2]
+    assert spreads[0] > spreads[1] > spreads[2]
+
+
+def test_foreground_is_wider_than_it_is() -> None:
+    k = MODEL.intrinsics(2)
+    depths = [np.minimum(plane(k, x, 2.0), sphere(k, x, (0.1, 0.0, 1.0), 0.2)) for x in (0.0, MODEL.baseline)]
+    factor = k.focal_length * MODEL.baseline
+    exact = true_disparity(depths[0], depths[1], factor, RANGE)
+    pair = images_of(np.asarray(factor / depths[0], np.float32))
+    images = measured_images(exact, *pair, ErrorModel(0.125, NOISE, 0, False, 1))
+    in_front = depths[0] < 1.5
+    near = images.disparity / 16.0 > factor / 1.5
+    added = near & ~in_front
+    assert 0.002 < added.sum() / in_front.sum() < 0.1
+    border = np.zeros_like(in_front)
+    for dy in range(-RADIUS, RADIUS + 1):
+        for dx in range(-RADIUS, RADIUS + 1):
+            border |= np.roll(in_front, (dy, dx), (0, 1))
+    assert (added & ~border).sum() < 0.2 * added.sum(), "hardly farther than a window reaches"
+
+
+def test_confidence_is_the_probability_defined_by_the_manual() -> None:
+    counts, within = np.zeros(256), np.zeros(256)
+    for frame in range(12):
+        contrast = (0.3, 0.6, 1.0, 2.0, 4.0, 20.0)[frame % 6]
+        disparity = np.full((480, 640), 30.03, np.float32)
+        images = measured(disparity, contrast=contrast, frame=frame, seed=frame)
+        valid = images.disparity > 0
+        inside = np.abs(deviations(disparity, images)[valid]) <= 3 * images.error[valid] / 16
+        counts += np.bincount(images.confidence[valid], minlength=256)
+        within += np.bincount(images.confidence[valid], weights=inside, minlength=256)
+    bins = 0
+    for low in range(0, 256, 32):
+        n = counts[low : low + 32].sum()
+        if n > 20_000:
+            bins += 1
+            promised = (counts[low : low + 32] * np.arange(low, low + 32)).sum() / n / 255
+            assert within[low : low + 32].sum() / n == pytest.approx(promised, abs=0.05)
+    assert bins >= 3
+
+
+def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
+    disparity = np.full((100, 100), 50.0, np.float32)
+    for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
+        assert choose_error_scale(sigma, 100) == 1 / 16
+        images = measured(disparity, sigma)
+        assert np.median(images.error[images.disparity > 0]) == unit
+
+
+@pytest.mark.parametrize("disparity_error", [0.25, 0.7])
+@pytest.mark.parametrize(("quality", "averaged"), [*((q, 1) for q in Quality), (Quality.FULL, 8), (Quality.HIGH, 8)])
+def test_error_image_is_the_standard_deviation_on_good_texture(
+    quality: Quality, averaged: int, disparity_error: float
+) -> None:
+    disparity = np.full((400, 500), 40.03, np.float32)
+    sigma = disparity_error / quality.divisor / averaged**0.5
+    scale = choose_error_scale(sigma, MODEL.disparity_count(quality.divisor, 0.1))
+    images = measured_images(disparity, *images_of(disparity), ErrorModel(sigma, NOISE, 9, False, 1, scale))
+    unit = np.median(images.error[images.disparity > 0])
+    assert unit * scale == pytest.approx(sigma, rel=0.05)
+    if sigma > 1 / 32:  # below, rounding to 1/16 pixel is most of the error
+        deviation = deviations(disparity, images)
+        right = deviation[(images.error == unit) & (np.abs(deviation) <= 3 * sigma)]
+        assert np.std(right) == pytest.approx(sigma, rel=0.1)
+
+
+@pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
+@pytest.mark.parametrize("sigma", [0.0, 1e-9, 1e-4, 0.02, 0.3, 20.0])
+def test_disparities_fit_into_16_bits_at_every_scale(sigma: float, disparities: int) -> None:
+    scale = choose_error_scale(sigma, disparities)
+    assert (disparities + 4 * sigma) / scale < 65536
+    factor = 1 / 16 / scale
+    assert factor >= 1
+    assert factor.is_integer()
+
+
+def test_disparities_are_never_beyond_the_right_image() -> None:
+    disparity = np.full((60, 80), 12.0, np.float32)
+    disparity[:, :12] = 0.0
+    units = measured(disparity, 0.5).disparity
+    column = np.arange(80) * 16
+    assert (units <= column + 8).all()
