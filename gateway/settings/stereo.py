@@ -73,7 +73,7 @@ class StereoSettings(BaseSettings):
         "Stereo camera",
         "Disparity computed from the exact depth and the device's error model, or matched from the rendered images.",
     )
-    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and disparity.")
+    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images, disparity and the IMU.")
     stereo_mesh_rgb: bool = option(
         False,
         "Stereo camera",
