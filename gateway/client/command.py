@@ -45,7 +45,16 @@ def stream(
             help="With -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT.",
         ),
     ] = None,
-    pipeline: Annotated[int, typer.Option(min=0, help="Number of the camera of --truth, if there are several.")] = 0,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="With -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port.",
+        ),
+    ] = None,
+    pipeline: Annotated[
+        int, typer.Option(min=0, help="Number of the camera of --truth and --imu, if there are several.")
+    ] = 0,
     preview: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Image of the newest set, all images side by side, disparity in colours."),
@@ -77,8 +86,8 @@ def stream(
     from gateway.client.channel import Credentials, read_token
     from gateway.client.stream import Progress, StreamOptions, receive_all
 
-    if out is None and (exposure or gpio or truth is not None):
-        raise typer.BadParameter("--exposure, --gpio and --truth need a folder, -o FOLDER")
+    if out is None and (exposure or gpio or truth is not None or imu is not None):
+        raise typer.BadParameter("--exposure, --gpio, --truth and --imu need a folder, -o FOLDER")
     if token_file is not None:
         token = read_token(token_file)
     credentials = Credentials(token, tls, ca, certificate, key)
@@ -86,7 +95,7 @@ def stream(
         target, left=left, right=right, disparity=disparity, error=error, confidence=confidence, mesh=mesh, color=color,
         max_points=max_points, min_depth=min_depth, watertight=watertight, textured=textured, count=count, output=out,
         preview=preview, credentials=credentials, timeout=timeout or None, exposure=exposure, gpio=gpio, truth=truth,
-        pipeline=pipeline,
+        imu=imu, pipeline=pipeline,
     )  # fmt: skip
     is_terminal = sys.stderr.isatty()
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import grpc
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.client import stream_files
 from gateway.client.channel import Credentials
+from gateway.client.imu import ImuRecorder
 from gateway.client.truth import fetch_truth
 from gateway.generated import image_interface_pb2 as pb
 
@@ -24,6 +25,9 @@ METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
 CONNECT_SECONDS = 10.0
 """Timeout for the connection to the camera."""
+IMU_SECONDS = 1.0
+"""Maximum time to wait for IMU samples before the first set and after the last one; they are 0.4 s late. With a
+simulated clock there are none while no frames are made."""
 
 
 class StreamFailure(RuntimeError):  # noqa: N818 - public name
@@ -75,8 +79,11 @@ class StreamOptions:
     truth: str | None = None
     """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write the ground truth of each set to
     ``output``; None: do not write it."""
+    imu: str | None = None
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write IMU samples to ``imu.csv`` in
+    ``output``; None: do not write them."""
     pipeline: int = 0
-    """Number of the camera whose ground truth is written."""
+    """Number of the camera whose ground truth and IMU samples are written."""
 
     def request(self) -> pb.ImageSetRequest:
         """Return the gRPC request. If neither image nor mesh is chosen, it is for left and disparity."""
@@ -114,6 +121,10 @@ class Progress:
     """Time until the first set was received, in seconds."""
     timestamp: str = ""
     """Timestamp of the newest set, ``sec.nsec``."""
+    imu_samples: int = 0
+    """Number of IMU samples written."""
+    imu_lost: int = 0
+    """Number of IMU samples lost because they were read too slowly."""
     _last_second: int = -1
     """``seconds``, rounded down, at the last call of ``second_passed``."""
 
@@ -130,10 +141,15 @@ class Progress:
     def line(self) -> str:
         """Return the statistics as one line of text."""
         megabytes_per_second = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
-        return f"{self.sets} sets, {self.rate:.1f} per second, {megabytes_per_second:.1f} MB/s, newest {self.timestamp}"
+        text = f"{self.sets} sets, {self.rate:.1f} per second, {megabytes_per_second:.1f} MB/s, newest {self.timestamp}"
+        if self.imu_samples:
+            text += f", {self.imu_samples} IMU samples"
+        if self.imu_lost:
+            text += f", {self.imu_lost} lost"
+        return text
 
 
-def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
+def receive(options: StreamOptions) -> Generator[tuple[pb.ImageSet, int], None, None]:
     """Yield image sets and their sizes in bytes, until ``count`` is reached or the iterator is closed.
 
     Raises:
@@ -189,12 +205,25 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
         StreamFailure: as ``receive``.
         OSError: a certificate cannot be read, or a file cannot be written.
         TruthFailure: the ground truth of a set cannot be fetched.
+        ImuFailure: the IMU samples cannot be recorded.
     """
-    progress = Progress()
-    start = time.monotonic()
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
-    for image_set, size in receive(options):
+    if options.output is None or options.imu is None:
+        return _receive_sets(options, report, None)
+    path = options.output / "imu.csv"
+    with ImuRecorder(options.imu, path, options.credentials, options.pipeline) as recorder:
+        recorder.wait_for_sample(0, IMU_SECONDS)
+        return _receive_sets(options, report, recorder)
+
+
+def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], recorder: ImuRecorder | None) -> Progress:
+    """Receive and write sets; see ``receive_all``."""
+    progress = Progress()
+    start = time.monotonic()
+    # With a recorder, the stream stays open until the samples up to the last set have arrived.
+    sets = receive(options if recorder is None else replace(options, count=0))
+    for image_set, size in sets:
         now = time.monotonic()
         if progress.sets == 0:
             progress.first_set_seconds, start = now - start, now
@@ -209,7 +238,15 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
                 (options.output / f"image_{progress.timestamp}_truth.npz").write_bytes(truth)
         if options.preview is not None:
             stream_files.write_image(options.preview, stream_files.preview(image_set))
+        if recorder is not None:
+            recorder.check()
+            if progress.sets == options.count:
+                recorder.wait_for_sample(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec, IMU_SECONDS)
+            progress.imu_samples, progress.imu_lost = recorder.samples, recorder.lost
         report(progress)
+        if recorder is not None and progress.sets == options.count:
+            sets.close()
+            break
     return progress
 
 

@@ -74,7 +74,7 @@ class StereoSettings(BaseSettings):
         "Disparity computed from the exact depth with the errors of a matcher, matched from the rendered images, or "
         "computed from the exact depth without errors.",
     )
-    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and errors to modelled depth.")
+    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and the IMU, and errors to modelled depth.")
     stereo_mesh_rgb: bool = option(
         False,
         "Stereo camera",

@@ -9,6 +9,8 @@ Modules, in the order in which a frame passes them:
 * ``frame_publisher`` passes the image sets to ``hub`` and the image events to ``events``. ``server`` sends both over
   gRPC.
 
-The REST routes are in ``node_routes``, ``system_routes``, ``upload``, ``truth`` and ``fault_routes``; ``rest_common``
-has what they share. ``pairs`` replaces the scene by recorded images.
+``imu`` publishes the samples of ``imu_sampler`` to the clients of ``imu_hub``.
+
+The REST routes are in ``node_routes``, ``system_routes``, ``upload``, ``truth``, ``imu_routes`` and ``fault_routes``;
+``rest_common`` has what they share. ``pairs`` replaces the scene by recorded images.
 """

@@ -47,7 +47,7 @@ class StereoConfig:
     seed: int = 0
     """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """Add noise to images and errors to modelled depth; False: modelled depth is the ground truth."""
+    """Add noise to images and IMU, and errors to modelled depth; False: modelled depth is the ground truth."""
     image_noise: float = 1.0
     """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
@@ -87,6 +87,8 @@ class StereoConfig:
     """Maximum number of bytes of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
     max_events: int = 64
     """Maximum number of image events in a client's queue: 2.5 s at the highest rate, about 2 kB."""
+    max_imu_samples: int = 2000
+    """Maximum number of IMU samples in a client's queue: 10 s, about 350 kB. Beyond it, the oldest are dropped."""
     max_kinds: int = 16
     """Maximum number of different requests: each is serialised separately, and meshes take up to 0.1 s each."""
     history: int = 100

@@ -44,7 +44,13 @@ class FrameScheduler:
         scene: SceneSource,
         pose: PoseSource,
         clock: Clock,
+        on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
     ) -> None:
+        """
+        Args:
+            on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
+                and X_world_left, (4, 4) float64.
+        """
         config = imaging.config
         self.imaging = imaging
         """Image source of the next frames."""
@@ -58,6 +64,7 @@ class FrameScheduler:
         self._parameters = parameters
         self._scene = scene
         self._pose = pose
+        self._on_capture = on_capture
         self._clock = FrameClock(clock, config.rate)
         self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
         self._camera_frames = FramesInFlight()
@@ -174,6 +181,7 @@ class FrameScheduler:
             return
         self._frame_number += 1
         clock.timestamp = timestamp
+        self._on_capture(timestamp, capture.X_world_left)
         frame = None
         if camera_kinds:
             kinds = camera_kinds if settings.separate_depth else camera_kinds | depth_kinds

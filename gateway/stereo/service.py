@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
@@ -19,6 +20,7 @@ from gateway.stereo.frame_publisher import FrameCounts
 from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
 from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Imaging, MeteredExposure
+from gateway.stereo.imu import Imu, PoseLog
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
@@ -38,6 +40,7 @@ class StereoService:
         renderer: Renderer,
         workers: WorkerPool,
         clock: Clock | None = None,
+        pose_log: PoseLog | None = None,
     ) -> None:
         """
         Args:
@@ -47,6 +50,7 @@ class StereoService:
             renderer: thread-safe renderer.
             workers: threads for rendering, depth, serialisation and ground truth.
             clock: source of timestamps; None: the system clock.
+            pose_log: poses for the IMU; None: those of the captured frames.
         """
         self.parameters = Parameters()
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
@@ -57,6 +61,7 @@ class StereoService:
         self.workers = workers
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
         self.events = EventHub(config.max_clients, config.max_events)
+        self.imu = Imu(config, pose_log)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
         """Time of the start, seconds since the epoch."""
@@ -70,6 +75,7 @@ class StereoService:
             scene,
             pose,
             clock or SystemClock(),
+            self.imu.frame_captured,
         )
         self._image_changes = 0
         """Number of changes between the scene and recorded pairs."""
@@ -137,11 +143,15 @@ class StereoService:
         )
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
+        imu = asyncio.create_task(self.imu.run(), name="IMU")
         try:
             await self._scheduler.run()
         finally:
             self._port = None
-            self.hub.close("the stereo camera is shutting down")
+            for hub in (self.hub, self.imu.hub):
+                hub.close("the stereo camera is shutting down")
+            imu.cancel()
+            await asyncio.gather(imu, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
@@ -180,6 +190,7 @@ class StereoService:
             "port": self.port,
             "clients": len(self.hub),
             "event_clients": len(self.events),
+            "imu_clients": len(self.imu.hub),
             "kinds": sorted(map(str, self.hub.kinds())),
             "depth_mode": self.config.depth_mode,
             "quality": self.settings.quality.value,

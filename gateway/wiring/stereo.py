@@ -25,6 +25,8 @@ from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.fault_routes import fault_router
 from gateway.stereo.frame import Frame
 from gateway.stereo.images import Capture
+from gateway.stereo.imu import PoseLog
+from gateway.stereo.imu_routes import imu_router
 from gateway.stereo.node_routes import node_router
 from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import PairImaging, pair_imaging
@@ -71,6 +73,7 @@ async def setup(context: Context) -> None:
         app.include_router(node_router(*services))
         app.include_router(upload_router(*services))
     context.app.include_router(truth_router(*services))
+    context.app.include_router(imu_router(*services))
     context.app.include_router(fault_router(*services))
 
 
@@ -94,10 +97,20 @@ def _start_camera(context: Context, number: int, mount: Mount, scene: Snapshot |
         config = replace(config, port=port, seed=config.seed + number)
     if scene is None:
         view = SceneView(lambda: context.tree.snapshot, context.flattener, mount)
+        pose_log = PoseLog(lambda: context.tree.snapshot, view.pose_in, context.tree)
     else:
         view = SceneView(lambda: scene, Flattener(LabelTable()), mount)
-    clock = SimulatedClock() if settings.clock == "simulated" else None
-    service = StereoService(config, view.scene, view.pose, context.renderer, context.workers, clock)
+        pose_log = PoseLog(lambda: scene, view.pose_in, None)
+    simulated = settings.clock == "simulated"
+    service = StereoService(
+        config,
+        view.scene,
+        view.pose,
+        context.renderer,
+        context.workers,
+        SimulatedClock() if simulated else None,
+        None if simulated else pose_log,
+    )
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 

@@ -8,5 +8,7 @@ Modules, in the order in which a frame uses them:
 * ``filters``: the device's post-processing of depth images.
 * ``mesh`` and ``ply``: triangle meshes from depth images.
 
+``trajectory`` makes a smooth path from timed poses, and ``imu`` says what an inertial measurement unit measures on it.
+
 Formulas are those of the rc_visard's manual unless a docstring says otherwise.
 """

@@ -1,0 +1,138 @@
+"""The camera's IMU: gets the camera's poses and publishes samples while clients are connected.
+
+With the system clock, each change of the live tree is a pose of that moment (``PoseLog``), and samples are made every
+``PUBLISH_SECONDS``. With the simulated clock, each captured frame has a pose, and samples are made at each frame.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.imu_hub import ImuHub
+from gateway.stereo.imu_sampler import ImuSampler
+from renderers.stereo.imu import ImuNoise
+
+PUBLISH_SECONDS: Final = 0.05
+"""Interval at which samples are sent with the system clock: ten samples."""
+
+_log = structlog.get_logger("stereo")
+
+
+class PoseLog:
+    """Poses of the camera with the times at which the live tree was changed."""
+
+    def __init__(
+        self,
+        snapshot: Callable[[], Snapshot],
+        pose_in: Callable[[Snapshot], NDArray[np.float64]],
+        tree: LiveTree | None,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """
+        Args:
+            snapshot: returns the current snapshot.
+            pose_in: returns X_world_left, (4, 4) float64, in a snapshot.
+            tree: tree whose changes are recorded; None: the scene does not change.
+            clock: returns the time, nanoseconds since the epoch.
+        """
+        self.clock = clock
+        self._snapshot = snapshot
+        self._pose_in = pose_in
+        self._tree = tree
+        self._entries: deque[tuple[int, Snapshot]] = deque()
+        """Filled by the threads that change the tree."""
+        self._stop_listening: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Record the current pose, and every change from now on."""
+        self._entries.append((self.clock(), self._snapshot()))
+        if self._tree is not None:
+            self._stop_listening = self._tree.listen(self._record)
+
+    def stop(self) -> None:
+        """Stop recording, and drop what was not taken."""
+        self._stop_listening()
+        self._entries.clear()
+
+    def take(self) -> list[tuple[int, NDArray[np.float64]]]:
+        """Return the poses recorded since the last call, with their times in nanoseconds since the epoch."""
+        poses = []
+        while self._entries:
+            timestamp, snapshot = self._entries.popleft()
+            poses.append((timestamp, self._pose_in(snapshot)))
+        return poses
+
+    def _record(self, snapshot: Snapshot) -> None:
+        self._entries.append((self.clock(), snapshot))
+
+
+class Imu:
+    """IMU of one camera."""
+
+    def __init__(self, config: StereoConfig, poses: PoseLog | None) -> None:
+        """
+        Args:
+            config: fixed configuration.
+            poses: source of poses; None: those of the captured frames (``frame_captured``).
+        """
+        self.hub = ImuHub(config.max_clients, config.max_imu_samples)
+        self._config = config
+        self._poses = poses
+        self._sampler: ImuSampler | None = None
+        """Sampler of the captured frames; None while there is no client."""
+
+    async def run(self) -> None:
+        """Publish samples until cancelled."""
+        if self._poses is None:
+            return
+        while True:
+            await self.hub.connected.wait()
+            try:
+                await self._publish_while_connected(self._poses)
+            except Exception:  # noqa: BLE001 - the images go on
+                _log.exception("the IMU has ended")
+                self.hub.close("the IMU has ended by an internal error")
+                return
+
+    async def _publish_while_connected(self, poses: PoseLog) -> None:
+        sampler = self._new_sampler()
+        poses.start()
+        try:
+            while self.hub.connected.is_set():
+                await asyncio.sleep(PUBLISH_SECONDS)
+                now = poses.clock()
+                for timestamp, pose in poses.take():
+                    sampler.add(timestamp, pose)
+                self.hub.publish(sampler.take(now))
+        finally:
+            poses.stop()
+
+    def frame_captured(self, timestamp: int, pose: NDArray[np.float64]) -> None:
+        """Publish samples up to a frame, if frames are the source of poses.
+
+        Args:
+            timestamp: nanoseconds since the epoch.
+            pose: (4, 4) float64 X_world_left.
+        """
+        if self._poses is not None:
+            return
+        if not self.hub.connected.is_set():
+            self._sampler = None
+            return
+        if self._sampler is None:
+            self._sampler = self._new_sampler()
+        self._sampler.add(timestamp, pose)
+        self.hub.publish(self._sampler.take(timestamp))
+
+    def _new_sampler(self) -> ImuSampler:
+        return ImuSampler(ImuNoise() if self._config.noise else None, self._config.seed)
