@@ -9,7 +9,7 @@ from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff
+from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff, Realism
 
 
 class StereoSettings(BaseSettings):
@@ -72,6 +72,12 @@ class StereoSettings(BaseSettings):
         "ground_truth",
         "Stereo camera",
         "Disparity computed from the exact depth and the device's error model, or matched from the rendered images.",
+    )
+    stereo_realism: Realism = option(
+        None,
+        "Stereo camera",
+        "Realistic camera images: 'off', 'all', or some of shadows, lens-blur, vignetting, fixed-pattern, motion-blur, "
+        "projector, separated by commas. The default is 'off', and 'all' with --demo.",
     )
     stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and disparity.")
     stereo_mesh_rgb: bool = option(
