@@ -40,19 +40,22 @@ CAPTION_ROWS: Final = 22
 MAX_BYTES: Final = 150_000
 
 
-def captures() -> Iterable[Capture]:
-    """Yield a capture with the projector off, and one with the projector on."""
+def captures(speed: float = 1.0) -> tuple[Capture, Capture]:
+    """Return a capture with the projector off, and one with the projector on.
+
+    Args:
+        speed: factor of the demo scene's speed.
+    """
     tree, flattener = LiveTree(), Flattener(LabelTable())
     demo = Demo(tree)
     demo.populate()
-    demo.move_to(SECONDS - FRAME_SECONDS)
+    demo.move_to(SECONDS - speed * FRAME_SECONDS)
     before = flattener.flatten(tree.snapshot)
     demo.move_to(SECONDS)
     pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
     capture = Capture(int(FRAME_SECONDS * 1e9), flattener.flatten(tree.snapshot), 2, pose, 0, 2)
     capture = replace(capture, earlier=EarlierFrame(0, before, pose))
-    yield capture
-    yield replace(capture, gpio=1)
+    return capture, replace(capture, gpio=1)
 
 
 def image(renderer: CpuRenderer, capture: Capture, parts: Iterable[RealismPart], color: bool = True) -> NDArray[Any]:
@@ -83,6 +86,7 @@ def write(path: Path, picture: NDArray[Any]) -> None:
 
 def write_pictures(renderer: CpuRenderer, folder: Path) -> None:
     dark, lit = captures()
+    fast, _ = captures(speed=8.0)
     pairs = [
         captioned(cv2.resize(image(renderer, capture, parts), (640, 480), interpolation=cv2.INTER_AREA), caption)
         for capture, parts, caption in (
@@ -95,12 +99,12 @@ def write_pictures(renderer: CpuRenderer, folder: Path) -> None:
     write(folder / "realism-demo.webp", np.vstack((np.hstack(pairs[:2]), np.hstack(pairs[2:]))))
     panels = []
     for capture, parts, caption, (column, row) in (
-        (dark, (), "off", (560, 300)),
-        (dark, ("lens-blur",), "lens-blur", (560, 300)),
-        (dark, ("shadows", "lens-blur"), "shadows, lens-blur", (560, 300)),
-        (dark, (), "off, drone", (820, 20)),
-        (dark, ("motion-blur",), "motion-blur", (820, 20)),
-        (dark, REALISM_PARTS, "all", (820, 20)),
+        (dark, (), "off", (545, 515)),
+        (dark, ("lens-blur",), "lens-blur", (545, 515)),
+        (dark, ("shadows", "lens-blur"), "shadows, lens-blur", (545, 515)),
+        (fast, (), "off, eight times as fast", (750, 170)),
+        (fast, ("motion-blur",), "motion-blur", (750, 170)),
+        (fast, REALISM_PARTS, "all", (750, 170)),
         (lit, (), "off, projector on", (300, 640)),
         (lit, ("projector",), "projector", (300, 640)),
         (lit, REALISM_PARTS, "all, projector on", (300, 640)),
