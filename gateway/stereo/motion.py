@@ -175,12 +175,10 @@ def _rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Cam
 
 def _with(rectangles: list[MovingRectangle], new: MovingRectangle) -> list[MovingRectangle]:
     """Return rectangles that cover those given and a new one, disjoint."""
-    apart: list[MovingRectangle] = []
     for other in rectangles:
         overlaps = (
             new.left < other.right and other.left < new.right and new.top < other.bottom and other.top < new.bottom
         )
         if overlaps:
             return _with([each for each in rectangles if each is not other], new.union(other))
-        apart.append(other)
-    return [*apart, new]
+    return [*rectangles, new]

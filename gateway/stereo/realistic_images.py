@@ -34,7 +34,7 @@ def imaging_of(config: StereoConfig, renderer: Renderer) -> Imaging:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RealisticImaging(Imaging):
-    """Source of images with the parts of ``config.realism``. Depth is as without them."""
+    """Source of images with the parts of ``config.realism``. Depth from rendered depth is as without them."""
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         config, exposure, divisor = self.config, request.exposure, request.divisor

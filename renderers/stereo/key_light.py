@@ -2,7 +2,7 @@
 
 The key light is that of the ``studio`` look's default rig, and its shadow map is fitted to the visible points as there
 (``renderers.shading.studio.shadows``). Factors are computed at half the image's resolution: they are smooth but for the
-edges of objects, and the look itself takes 80 ms of CPU time for a full-resolution image, against 12 ms here.
+edges of objects, and the look itself adds 43 ms of CPU time to an image of the demo scene, against 18 ms here.
 """
 
 from __future__ import annotations
