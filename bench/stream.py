@@ -14,9 +14,9 @@ machine the second figure of each ratio counts: bytes per CPU second of server a
 
 ``--live`` renders: left, right, disparity, error and confidence of a scene with noise (``--scene table``, or ``demo``:
 the moving one of ``serve --demo``); the age is from timestamp to client. ``--slow`` adds a client that reads twice a
-second. ``--minutes N`` runs the live camera so long and prints its memory every tenth of it and its slope. ``--steps``
-prints how much CPU time each turn of the loop took in our code and in the stream's writers (gRPC's own sending
-included).
+second. ``--realism off all lens-blur,vignetting`` makes one run for each. ``--minutes N`` runs the live camera so long
+and prints its memory every tenth of it and its slope. ``--steps`` prints how much CPU time each turn of the loop took
+in our code and in the stream's writers (gRPC's own sending included).
 """
 
 from __future__ import annotations
@@ -198,6 +198,7 @@ def main() -> None:
     parser.add_argument("--live", action="store_true")
     parser.add_argument("--look", default="gltf")
     parser.add_argument("--quality", default="High")
+    parser.add_argument("--realism", default=["off"], nargs="+", help="one run for each, as of --stereo-realism")
     parser.add_argument("--scene", default="table", choices=("table", "demo"))
     parser.add_argument("--slow", type=int, default=0)
     parser.add_argument("--steps", action="store_true")
@@ -213,10 +214,11 @@ def main() -> None:
         seconds = options.minutes * 60 or options.seconds
         name = "live" if options.scene == "table" else options.scene
         for rate in ("max",) if options.minutes else ("max", "device"):
-            for n in options.clients:
-                arguments = [rate, options.look, options.quality, options.scene]
+            for n, realism in [(n, realism) for n in options.clients for realism in options.realism]:
+                arguments = [rate, options.look, options.quality, options.scene, realism]
+                label = f"{name} {options.quality} {options.look} {rate}"
                 run(
-                    f"{name} {options.quality} {options.look} {rate}",
+                    label if realism == "off" else f"{label} {realism}",
                     "live",
                     arguments,
                     n,

@@ -34,6 +34,7 @@ from renderers.drawlist import DrawList
 from renderers.interface import LookName
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS
+from renderers.stereo.realism import parse_realism
 
 PAYLOADS = {
     "A": "left mono",
@@ -138,7 +139,7 @@ async def tcp(name: str) -> tuple[int, Any]:
     return listening.getsockname()[1], listening
 
 
-async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[int, Any]:
+async def live(rate: Rate, look: LookName, quality: str, scene: str, realism: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
     from gateway.wiring.warmup import PARTS
     from renderers.raster import CpuRenderer
@@ -146,7 +147,7 @@ async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[in
 
     warmup()
     PARTS["stereo"]()
-    config = StereoConfig(port=0, rate=rate, look=look)
+    config = StereoConfig(port=0, rate=rate, look=look, realism=frozenset(parse_realism(realism)))
     source, pose, mover = {"table": _table, "demo": _demo}[scene]()
     service = StereoService(config, source, pose, CpuRenderer(2), WorkerPool(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])

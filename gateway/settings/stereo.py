@@ -9,7 +9,7 @@ from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff
+from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff, Realism
 
 
 class StereoSettings(BaseSettings):
@@ -73,6 +73,12 @@ class StereoSettings(BaseSettings):
         "Stereo camera",
         "Disparity computed from the exact depth with the errors of a matcher, matched from the rendered images, or "
         "computed from the exact depth without errors.",
+    )
+    stereo_realism: Realism = option(
+        None,
+        "Stereo camera",
+        "Realistic camera images: 'off', 'all', or some of shadows, lens-blur, vignetting, fixed-pattern, motion-blur, "
+        "projector, separated by commas. The default is 'off', and 'all' with --demo.",
     )
     stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and the IMU, and errors to modelled depth.")
     stereo_mesh_rgb: bool = option(

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_settings import NoDecode
 
+from renderers.stereo.realism import RealismPart, parse_realism
+
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
 
 
@@ -47,6 +49,10 @@ def _check_color(value: object) -> object:
     return parts
 
 
+def _split_realism(value: object) -> object:
+    return parse_realism(value) if isinstance(value, str) else value
+
+
 def _to_number(value: object) -> object:
     return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
@@ -60,6 +66,7 @@ AnyMount = Annotated[str, AfterValidator(_check_mount)]
 Mounts = Annotated[tuple[AnyMount, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]
+Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, BeforeValidator(_split_realism)]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]

@@ -9,6 +9,7 @@ from typing import Literal
 from gateway.server.tokens import Tokens
 from renderers.interface import LookName
 from renderers.stereo.model import MODELS, StereoModel
+from renderers.stereo.realism import RealismPart
 
 DepthMode = Literal["modelled", "matched", "ground_truth"]
 Rate = Literal["device", "max"]
@@ -52,6 +53,8 @@ class StereoConfig:
     """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
     """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
+    realism: frozenset[RealismPart] = frozenset()
+    """Parts of realistic camera images."""
     look: LookName = "gltf"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)

@@ -18,6 +18,7 @@ from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
 from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
+from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
@@ -71,6 +72,8 @@ class FrameScheduler:
         self._depth_frames = FramesInFlight()
         self._scene_lock = asyncio.Lock()
         self._frame_number = 0
+        self._earlier: EarlierFrame | None = None
+        """Frame captured last, for motion blur."""
 
     @property
     def settings(self) -> StreamSettings:
@@ -235,7 +238,10 @@ class FrameScheduler:
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
-            return Capture(timestamp, scene, revision, pose, gpio, frame_number)
+            capture = Capture(timestamp, scene, revision, pose, gpio, frame_number, self._earlier)
+            if "motion-blur" in self.imaging.config.realism:
+                self._earlier = EarlierFrame(timestamp, scene, pose)
+            return capture
         return None
 
     def _scene_and_pose(self) -> tuple[DrawList, int, NDArray[np.float64]]:

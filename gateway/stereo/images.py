@@ -11,6 +11,7 @@ from gateway.stereo import depth
 from gateway.stereo.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair
+from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import DrawList, ImageError
@@ -37,6 +38,8 @@ class Capture:
     gpio: int
     """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
     frame_number: int = 0
+    earlier: EarlierFrame | None = None
+    """Frame before this one, for motion blur; None: not known, or not needed."""
 
     @property
     def out1_high(self) -> bool:
@@ -108,10 +111,7 @@ class Imaging:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
             dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR)
-            assert frame.color is not None
-            dot_light, white_balance = self.config.dot_light, settings.manual_exposure.channel_factors
-            unlit = brightness_of(frame.color, None, dot_light, white_balance)
-            lit = brightness_of(frame.color, dots, dot_light, white_balance) if dots is not None else unlit
+            unlit, lit = self._metered_brightness(frame, capture, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
@@ -173,6 +173,23 @@ class Imaging:
         model = self.config.model
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
+    def _metered_brightness(
+        self, frame: Frame, capture: Capture, dots: NDArray[np.uint8] | None, manual: Exposure
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the brightness of a frame for metering, without and with the projector's light; (h, w) float32 each.
+
+        Args:
+            frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
+            capture: capture of the frame.
+            dots: (h, w) uint8, the projector's light; None: the projector is off.
+            manual: exposure whose white balance applies.
+        """
+        assert frame.color is not None
+        unlit = brightness_of(frame.color, None, self.config.dot_light, manual.channel_factors)
+        if dots is None:
+            return unlit, unlit
+        return unlit, brightness_of(frame.color, dots, self.config.dot_light, manual.channel_factors)
+
     def _outputs(self, capture: Capture) -> Output:
         """Return the outputs to render for a camera image. Depth is needed if the projector is on."""
         return Output.COLOR | Output.DEPTH if capture.has_projection(self.config) else Output.COLOR
@@ -181,10 +198,18 @@ class Imaging:
         """Return the projector's light at each pixel of a frame; None for a frame without depth."""
         if frame.depth is None:
             return None
-        model = self.config.model
+        model, soft = self.config.model, "projector" in self.config.realism
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
         with self.render(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
             assert projector_view.depth is not None
             return projected_dots(
-                frame.depth, k.focal_length, k.cx, k.cy, offset - projector_offset, projector_view.depth
+                frame.depth,
+                k.focal_length,
+                k.cx,
+                k.cy,
+                offset - projector_offset,
+                projector_view.depth,
+                soft=soft,
+                right=offset > projector_offset,
+                point_samples=soft and divisor == METERING_DIVISOR,
             )

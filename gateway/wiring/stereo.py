@@ -44,6 +44,7 @@ from gateway.wiring.metrics import watch_stereo
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE, MODELS, StereoModel, custom_model
 from renderers.stereo.noise import NoiseStream
+from renderers.stereo.realism import REALISM_PARTS, RealismPart
 
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)
@@ -164,7 +165,15 @@ def config_of(settings: Settings) -> StereoConfig:
         mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
         faults=settings.stereo_faults,
+        realism=realism_of(settings),
     )
+
+
+def realism_of(settings: Settings) -> frozenset[RealismPart]:
+    """Return the parts of ``--stereo-realism``; by default none, and all of them for the demo scene."""
+    if settings.stereo_realism is None:
+        return frozenset(REALISM_PARTS if settings.demo else ())
+    return frozenset(settings.stereo_realism)
 
 
 def model_of(settings: Settings) -> StereoModel:

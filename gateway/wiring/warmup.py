@@ -47,7 +47,19 @@ _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
 _SETUP: Final = ("renderers.raster.setup",)
 _STEREO: Final = tuple(
-    f"renderers.stereo.{name}" for name in ("errors", "filters", "matching", "mesh", "projector", "sensor", "truth")
+    f"renderers.stereo.{name}"
+    for name in (
+        "errors",
+        "filters",
+        "key_light",
+        "matching",
+        "mesh",
+        "motion_blur",
+        "optics",
+        "projector",
+        "sensor",
+        "truth",
+    )
 )
 _FORMATS: Final = (
     "gateway.gltf.meshopt_kernels",

@@ -3,6 +3,8 @@
 The pattern is a texture on the projector's image plane, so both cameras see a dot at the same place on a surface. The
 dots give the matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
 Objects cast shadows in its light.
+
+There are two patterns: square dots, and realistic ones (``projector_pattern``).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
 """Width of a cell of the pattern, which is one dot or dark, divided by the focal length: 1.5 pixels in an image of the
@@ -51,6 +54,10 @@ def projected_dots(
     cy: float,
     offset: float,
     projector_depth: NDArray[np.float32],
+    *,
+    soft: bool = False,
+    right: bool = False,
+    point_samples: bool = False,
 ) -> NDArray[np.uint8]:
     """Return the light of the projector at every pixel, (H, W) uint8; 255 is full light, background is 0.
 
@@ -62,11 +69,18 @@ def projected_dots(
         offset: x of the camera in the projector's frame, metres.
         projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
             outside this image are lit: the projector's field of view is wider than the camera's.
+        soft: realistic dots (``projector_pattern``).
+        right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
+        point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
+            full-resolution image's, for metering.
     """
     wait_until_compiled("stereo")
     level, cell_pixels = 0, CELL * focal_length
-    levels = _pattern_levels()
-    while cell_pixels < _MIN_CELL_PIXELS and level < len(levels) - 1:
+    levels = soft_pattern_levels(right=right) if soft else _pattern_levels()
+    if soft:
+        cell_pixels /= TEXELS_PER_CELL
+    min_cell_pixels = 0.0 if point_samples else _MIN_CELL_PIXELS / (TEXELS_PER_CELL if soft else 1)
+    while cell_pixels < min_cell_pixels and level < len(levels) - 1:
         level, cell_pixels = level + 1, cell_pixels * 2
     light = np.empty(depth.shape, np.uint8)
     _project(

@@ -1,4 +1,5 @@
-"""Image sensor: turns a rendered colour image into a camera image with exposure, noise and saturation.
+"""Image sensor: turns a rendered colour image, or a light image of ``optics``, into a camera image with exposure, noise
+and saturation.
 
 The noise follows ``exposure.noise_sigma``. Its standard deviation is about 0.3 grey levels at mid grey and 0 dB, as in
 images recorded with a device.
@@ -13,14 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo import light_kernels
 from renderers.stereo import sensor_kernels as kernels
 from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, Exposure, noise_sigma
+from renderers.stereo.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
 from renderers.stereo.noise import NORMAL_TABLE
+from renderers.stereo.optics import LIGHT_WHITE
 
 _GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
 """(128,) float32, means of groups of neighbouring quantiles."""
 _NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
 """(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
+_NO_PATTERN: Final = FixedPattern(np.zeros((1, 1), np.int8), np.zeros((1, 1), np.int8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +85,38 @@ def sensor_image(
     return SensorImage(image if color else image[:, :, 0], level_sum / (255.0 * image.size))
 
 
+def image_from_light(
+    light: NDArray[np.uint16],
+    exposure: Exposure,
+    key: np.uint64,
+    pattern: FixedPattern | None = None,
+    noise_factor: float = 1.0,
+) -> SensorImage:
+    """Return the camera image of a light image.
+
+    Args:
+        light: (H, W, 3 or 1) uint16, ``optics.light_on_sensor`` with the white balance of ``exposure``.
+        exposure: exposure; the white balance is not applied again.
+        key: random key of this frame and camera (``noise.frame_key``).
+        pattern: fixed pattern of the sensor; None: all pixels are alike.
+        noise_factor: factor of the noise's standard deviation; 0 disables noise, but not the fixed pattern.
+    """
+    wait_until_compiled("stereo")
+    image = np.empty(light.shape, np.uint8)
+    # Steps along the square root of the light: the display-encoded value is its power of 2 / 2.2.
+    saturated_root = (exposure.saturation / exposure.display_factor) ** (DISPLAY_GAMMA / 2.0)
+    steps = np.arange(light_kernels.RESPONSE_STEPS) / (light_kernels.RESPONSE_STEPS - 1)
+    values = steps ** (2.0 / DISPLAY_GAMMA) * exposure.saturation
+    response = np.stack(_response_at(values, exposure, noise_factor), axis=1)
+    fixed = pattern or _NO_PATTERN
+    level_sum = light_kernels.image_rows(
+        light, (light_kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
+        fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
+        _NOISE_QUANTILES, np.uint64(key), image,
+    )  # fmt: skip
+    return SensorImage(image if light.shape[2] == 3 else image[:, :, 0], level_sum / (255.0 * image.size))
+
+
 def _luma_weights(exposure: Exposure) -> NDArray[np.int64]:
     """Return the weights of red, green and blue, (3,) int64, units of 1/256; their sum is 256 at neutral white
     balance."""
@@ -111,7 +148,16 @@ def _response_curves(exposure: Exposure, noise_factor: float) -> tuple[NDArray[n
 
     The index is the step of a display-encoded value multiplied by the exposure's factors, from 0 to saturation.
     """
-    values = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation
+    return _response_at(
+        np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1) * exposure.saturation, exposure, noise_factor
+    )
+
+
+def _response_at(
+    values: NDArray[np.float64], exposure: Exposure, noise_factor: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the grey level plus 0.5 and the noise's standard deviation, both float32, of ascending values from 0 to
+    saturation: display-encoded values multiplied by the exposure's factors."""
     grey = 255.0 * exposure.response(values)
     amplification = exposure.amplification
     if exposure.hdr:

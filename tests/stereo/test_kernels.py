@@ -6,17 +6,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from renderers.camera import Camera
 from renderers.compiler.jit import KERNELS, compile_kernel
 from renderers.stereo import mesh_kernels as mesh
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.errors import ErrorModel, exact_images, measured_images
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import Filters, apply_filters, fill_holes
+from renderers.stereo.fixed_pattern import fixed_pattern
+from renderers.stereo.key_light import light_factors
 from renderers.stereo.matching import match_pair
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
+from renderers.stereo.motion_blur import write_mean_light
+from renderers.stereo.optics import Lens, SceneLight, light_on_sensor
 from renderers.stereo.projector import projected_dots
-from renderers.stereo.sensor import sensor_image
+from renderers.stereo.sensor import image_from_light, sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
 
 KEY = np.uint64(7)
@@ -42,6 +47,14 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     for color in (True, False):
         for light in (None, dots):
             image = sensor_image(rendered, Exposure(), KEY, color=color, dots=light, dot_light=1.0).image
+    camera = Camera(40, 24, 40.0, 40.0, 20.0, 12.0, 0.01, 100.0, np.eye(4))
+    factors = light_factors(depth[:12, :20].copy(), np.ones((12, 20, 3), np.float32), camera, depth, camera)
+    on_sensor = light_on_sensor(
+        rendered, SceneLight(dots, 1.0, factors), Lens(0.7, True), Intrinsics(40, 24, 40.0, 20.0, 12.0), Exposure(),
+        color=True,
+    )  # fmt: skip
+    image_from_light(on_sensor, Exposure(), KEY, fixed_pattern(0, right=False, height=24, width=40))
+    write_mean_light(rendered, 4, 2, [rendered[:8, :12].copy()])
     match_pair(image, image, 16, 0.3, projector=False)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
     images = measured_images(
@@ -51,7 +64,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     k = Intrinsics(40, 24, 40.0, 20.0, 12.0)
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 16
+    assert len(kernels) == 21
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         compile_kernel(kernel)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from gateway.settings import Settings, load
+from gateway.settings import Settings, SettingsError, load
 from gateway.stereo.config import StereoConfig
-from gateway.wiring.stereo import config_of, model_of
+from gateway.wiring.stereo import config_of, model_of, realism_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor import sensor_image
 from tests.stereo.conftest import SMALL, Start, pixels
 
@@ -60,3 +62,20 @@ async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
     assert b"property uint8 red" in header
     assert pixels(image_set.left).shape == (SMALL.height, SMALL.width)
     assert 0.5 < image_set.left.noise < 3.0
+
+
+def test_realism_is_off_but_for_the_demo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert realism_of(load()) == frozenset()
+    assert realism_of(load({"demo": True})) == frozenset(REALISM_PARTS)
+    assert realism_of(load({"demo": True, "stereo_realism": "off"})) == frozenset()
+    assert realism_of(load({"stereo_realism": "all"})) == frozenset(REALISM_PARTS)
+    monkeypatch.setenv("SCENEGATE_STEREO_REALISM", "vignetting,shadows")
+    assert config_of(load()).realism == {"vignetting", "shadows"}
+    monkeypatch.delenv("SCENEGATE_STEREO_REALISM")
+    path = tmp_path / "camera.toml"
+    path.write_text('stereo_realism = ["projector"]\n')
+    assert realism_of(load(config=path)) == {"projector"}
+    with pytest.raises(
+        SettingsError, match=r"--stereo-realism: 'haze' is not a part; use 'off', 'all' or some of shad"
+    ):
+        load({"stereo_realism": "haze"})

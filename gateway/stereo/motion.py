@@ -1,0 +1,184 @@
+"""Rectangles of an image in which something moves during the exposure, and the scene at other times of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.bounds import corners_of, mesh_bounds
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, Instance
+from renderers.stereo.motion_blur import pose_at
+
+MIN_BLUR: Final = 1.0
+"""Minimum motion during the exposure that is blurred, pixels: the lens blurs more than less motion does."""
+MAX_SUBFRAMES: Final = 7
+"""Maximum number of images of a rectangle that are averaged, an odd number: the middle one is already rendered."""
+MAX_EXTRA_IMAGES: Final = 4.0
+"""Maximum size of all further images together, relative to the whole image."""
+MAX_INTERVAL: Final = 0.5
+"""Maximum time since the frame before, seconds: an older one says nothing about the velocity."""
+_MARGIN: Final = 2
+"""Pixels around what moves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EarlierFrame:
+    """Scene and pose of the frame before, from which velocities follow."""
+
+    timestamp: int
+    """Nanoseconds since the epoch."""
+    scene: DrawList
+    X_world_left: NDArray[np.float64]
+    """(4, 4) float64, pose of the left optical frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovingRectangle:
+    """Part of an image in which something moves."""
+
+    left: int
+    top: int
+    right: int
+    """One past the last column."""
+    bottom: int
+    """One past the last row."""
+    blur: float
+    """Longest motion during the exposure, pixels."""
+
+    @property
+    def area(self) -> int:
+        """Number of pixels."""
+        return (self.right - self.left) * (self.bottom - self.top)
+
+    def union(self, other: MovingRectangle) -> MovingRectangle:
+        """Return the rectangle around both."""
+        return MovingRectangle(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+            max(self.blur, other.blur),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion of scene and camera between two frames of equal instances."""
+
+    before: DrawList
+    now: DrawList
+    X_world_camera_before: NDArray[np.float64]
+    """(4, 4) float64, pose of the rendered camera in the frame before."""
+    X_world_camera: NDArray[np.float64]
+    """(4, 4) float64, pose of the rendered camera."""
+
+    def scene_at(self, interval: float) -> DrawList:
+        """Return the scene ``interval`` after now, in units of the time between the frames."""
+        instances = [
+            new
+            if new is old or np.array_equal(new.X_world_mesh, old.X_world_mesh)
+            else Instance(
+                new.mesh,
+                new.material,
+                pose_at(old.X_world_mesh, new.X_world_mesh, interval),
+                new.label,
+                new.instance_id,
+            )
+            for old, new in zip(self.before.instances, self.now.instances, strict=True)
+        ]
+        return DrawList(tuple(instances), self.now.images, self.now.lights)
+
+    def camera_at(self, interval: float) -> NDArray[np.float64]:
+        """Return the pose of the camera ``interval`` after now, (4, 4) float64."""
+        return pose_at(self.X_world_camera_before, self.X_world_camera, interval)
+
+
+def has_equal_instances(before: DrawList, now: DrawList) -> bool:
+    """Return True if two scenes differ in poses only, as far as the meshes tell."""
+    if len(before.instances) != len(now.instances):
+        return False
+    return all(old is new or old.mesh is new.mesh for old, new in zip(before.instances, now.instances, strict=True))
+
+
+def moving_rectangles(motion: Motion, camera: Camera, exposure: float) -> list[MovingRectangle]:
+    """Return disjoint rectangles of the image in which something moves by ``MIN_BLUR`` or more.
+
+    Args:
+        motion: motion between the frames.
+        camera: camera of the image.
+        exposure: exposure time in units of the time between the frames; it is centred on now.
+    """
+    camera_moves = not np.array_equal(motion.X_world_camera_before, motion.X_world_camera)
+    views = [np.linalg.inv(motion.camera_at(interval)) for interval in (-0.5 * exposure, 0.5 * exposure)]
+    rectangles: list[MovingRectangle] = []
+    for old, new in zip(motion.before.instances, motion.now.instances, strict=True):
+        if old is new and not camera_moves:
+            continue
+        bounds = mesh_bounds(new.mesh)
+        if bounds is None:
+            continue
+        corners = np.concatenate((corners_of(bounds), np.ones((8, 1))), axis=1)
+        begin, end = (
+            corners @ (view @ pose_at(old.X_world_mesh, new.X_world_mesh, interval)).T[:, :3]
+            for view, interval in zip(views, (-0.5 * exposure, 0.5 * exposure), strict=True)
+        )
+        rectangle = _rectangle(begin, end, camera)
+        if rectangle is not None:
+            rectangles = _with(rectangles, rectangle)
+    return rectangles
+
+
+def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int) -> int:
+    """Return the number of images to average for a rectangle, odd: one per pixel of blur within the limits.
+
+    Args:
+        rectangle: rectangle.
+        total_area: pixels of all rectangles of the image.
+        image_area: pixels of the image.
+    """
+    affordable = 1 + int(MAX_EXTRA_IMAGES * image_area / max(total_area, 1))
+    count = min(math.ceil(rectangle.blur) | 1, MAX_SUBFRAMES, (affordable - 1) | 1)
+    return max(count, 3)
+
+
+def _rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera) -> MovingRectangle | None:
+    """Return the part of the image that a moving box covers; None if it moves too little or is outside.
+
+    Args:
+        begin: (8, 3) float64, corners in the camera's frame at the begin of the exposure.
+        end: (8, 3) float64, likewise at its end.
+        camera: camera of the image.
+    """
+    depth = np.concatenate((begin[:, 2], end[:, 2]))
+    if depth.max() <= camera.near:
+        return None
+    if depth.min() <= camera.near:  # around the camera: how far its points move in the image is unknown
+        return MovingRectangle(0, 0, camera.width, camera.height, float(MAX_SUBFRAMES))
+    focal, center = np.array((camera.fx, camera.fy)), np.array((camera.cx, camera.cy))
+    first, last = (points[:, :2] / points[:, 2:] * focal + center for points in (begin, end))
+    blur = float(np.sqrt(((last - first) ** 2).sum(axis=1)).max())
+    if blur < MIN_BLUR:
+        return None
+    both = np.concatenate((first, last))
+    size = np.array((camera.width, camera.height))
+    low = np.clip(np.floor(both.min(axis=0)) - _MARGIN, 0, size).astype(int)
+    high = np.clip(np.ceil(both.max(axis=0)) + _MARGIN, 0, size).astype(int)
+    if (high <= low).any():
+        return None
+    return MovingRectangle(int(low[0]), int(low[1]), int(high[0]), int(high[1]), blur)
+
+
+def _with(rectangles: list[MovingRectangle], new: MovingRectangle) -> list[MovingRectangle]:
+    """Return rectangles that cover those given and a new one, disjoint."""
+    for other in rectangles:
+        overlaps = (
+            new.left < other.right and other.left < new.right and new.top < other.bottom and other.top < new.bottom
+        )
+        if overlaps:
+            return _with([each for each in rectangles if each is not other], new.union(other))
+    return [*rectangles, new]

@@ -1,0 +1,55 @@
+"""Fixed-pattern noise of a camera: offset and gain that differ between pixels and columns, the same in every frame.
+
+The magnitudes are our choice, of the order of data sheets (EMVA 1288) of CMOS sensors with global shutter after the
+camera's own correction: the device's are not published.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+PIXEL_OFFSET: Final = 0.1
+"""Standard deviation of the pixels' offsets at 0 dB, grey levels. Offsets are amplified by the gain."""
+COLUMN_OFFSET: Final = 0.08
+"""Standard deviation of the columns' offsets at 0 dB, grey levels."""
+PIXEL_GAIN: Final = 0.004
+"""Standard deviation of the pixels' gains, relative (PRNU)."""
+OFFSET_UNIT: Final = 1.0 / 128.0
+"""Grey levels at 0 dB per unit of ``FixedPattern.offset``."""
+GAIN_UNIT: Final = 1.0 / 4096.0
+"""Relative light per unit of ``FixedPattern.gain``."""
+_CACHED_PATTERNS: Final = 8
+"""Number of patterns kept, 2.5 MB each at 1280x960: both cameras at two resolutions of two stereo cameras."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedPattern:
+    """Fixed pattern of one sensor."""
+
+    offset: NDArray[np.int8]
+    """(H, W) int8, units of ``OFFSET_UNIT``."""
+    gain: NDArray[np.int8]
+    """(H, W) int8, units of ``GAIN_UNIT``; 0: the mean gain."""
+
+
+@lru_cache(_CACHED_PATTERNS)
+def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:
+    """Return the pattern of a camera's left or right sensor, which depends on the arguments only."""
+    random = np.random.Generator(np.random.Philox(key=(seed << 1 | int(right)) & (2**128 - 1)))
+
+    def normal(*shape: int) -> NDArray[np.float64]:
+        """Return about normal numbers from sums of four bytes: exact on every CPU, unlike a logarithm."""
+        total = random.integers(0, 256, (4, *shape), np.uint8).sum(axis=0, dtype=np.int64)
+        numbers: NDArray[np.float64] = (total - 510.0) / 147.8
+        return numbers  # 4 * 127.5; sqrt(4 * (256^2 - 1) / 12)
+
+    def rounded(values: NDArray[np.float64]) -> NDArray[np.int8]:
+        return np.clip(np.rint(values), -127, 127).astype(np.int8)
+
+    offset = PIXEL_OFFSET * normal(height, width) + COLUMN_OFFSET * normal(width)
+    return FixedPattern(rounded(offset / OFFSET_UNIT), rounded(PIXEL_GAIN / GAIN_UNIT * normal(height, width)))

@@ -1,0 +1,116 @@
+"""Kernel of ``key_light``."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from renderers.compiler.device_function import inlined
+from renderers.compiler.jit import kernel
+
+NEUTRAL: Final = 64
+"""Value of the factor 1."""
+_MIN_COSINE: Final = 0.3
+"""Minimum cosine of the headlight: factors would be noisy where it hardly reaches."""
+
+
+@inlined
+def _lit_share(shadow_depth, u, v, z):
+    """Return the share of a light that reaches a point: four texels, weighted bilinearly; 1 outside of the map.
+
+    Args:
+        u, v: position in the map, texels, float32.
+        z: depth of the point, metres, float32.
+    """
+    last = np.float32(shadow_depth.shape[0] - 1)
+    one = np.float32(1.0)
+    u, v = u - np.float32(0.5), v - np.float32(0.5)
+    if not (np.float32(0.0) < u < last and np.float32(0.0) < v < last):
+        return one
+    i, j = np.int64(u), np.int64(v)
+    fu, fv = u - np.float32(i), v - np.float32(j)
+    upper = np.float32(shadow_depth[j, i] >= z) * (one - fu) + np.float32(shadow_depth[j, i + 1] >= z) * fu
+    lower = np.float32(shadow_depth[j + 1, i] >= z) * (one - fu) + np.float32(shadow_depth[j + 1, i + 1] >= z) * fu
+    return upper * (one - fv) + lower * fv
+
+
+@kernel(
+    "void(float32[:,::1], float32[:,:,::1], float64[::1], float32[:,::1], float64[:,::1], float64[::1], float64[::1], "
+    "float64[::1], float64[::1], uint8[:,::1])"
+)
+def factor_rows(depth, normal, intrinsics, shadow_depth, X_light_camera, light, to_light, up, lights, factors):
+    """Write the factors of ``key_light.light_factors``.
+
+    Args:
+        depth: (H, W) float32, metres, +inf: background.
+        normal: (H, W, 3) float32, unit normals in the camera's frame, or 0.
+        intrinsics: (4,) float64: fx, fy, cx, cy of the camera, pixels.
+        shadow_depth: (S, S) float32, metres, +inf: nothing.
+        X_light_camera: (3, 4) float64, from the camera's frame to the light's.
+        light: (3,) float64: focal length and principal point of the map, texels; offset of a point along its normal,
+                metres per metre of distance from the light.
+        to_light: (3,) float64, unit vector to the light in the camera's frame.
+        up: (3,) float64, the world's z axis in the camera's frame.
+        lights: (3,) float64: light of key light, sky and ground.
+        factors: (H, W) uint8, output.
+    """
+    height, width = depth.shape
+    inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
+    focal_length, center, normal_offset = light[0], light[1], light[2]
+    key, sky, ground = lights[0], lights[1], lights[2]
+    for row in range(height):
+        ray_y = (row + 0.5 - cy) * inv_fy
+        for column in range(width):
+            z = float(depth[row, column])
+            if not z < np.inf:
+                factors[row, column] = NEUTRAL
+                continue
+            nx, ny, nz = float(normal[row, column, 0]), float(normal[row, column, 1]), float(normal[row, column, 2])
+            headlight = -nz
+            is_unlit = nx == 0.0 and ny == 0.0 and nz == 0.0
+            n_l = nx * to_light[0] + ny * to_light[1] + nz * to_light[2]
+            n_up = nx * up[0] + ny * up[1] + nz * up[2]
+            if is_unlit:
+                headlight, n_l, n_up = 1.0, 0.8, 1.0
+            share = np.float32(0.0)
+            if n_l > 0.0:
+                x, y = (column + 0.5 - cx) * inv_fx * z, ray_y * z
+                lz = (
+                    X_light_camera[2, 0] * x
+                    + X_light_camera[2, 1] * y
+                    + X_light_camera[2, 2] * z
+                    + X_light_camera[2, 3]
+                )
+                offset = normal_offset * lz
+                x, y, shifted_z = x + offset * nx, y + offset * ny, z + offset * nz
+                lx = (
+                    X_light_camera[0, 0] * x
+                    + X_light_camera[0, 1] * y
+                    + X_light_camera[0, 2] * shifted_z
+                    + X_light_camera[0, 3]
+                )
+                ly = (
+                    X_light_camera[1, 0] * x
+                    + X_light_camera[1, 1] * y
+                    + X_light_camera[1, 2] * shifted_z
+                    + X_light_camera[1, 3]
+                )
+                lz = (
+                    X_light_camera[2, 0] * x
+                    + X_light_camera[2, 1] * y
+                    + X_light_camera[2, 2] * shifted_z
+                    + X_light_camera[2, 3]
+                )
+                scale = focal_length / lz
+                # A texel is seen at one depth, but a slanted surface has others within it.
+                bias = 0.5 * offset / max(n_l, 0.2)
+                share = _lit_share(
+                    shadow_depth,
+                    np.float32(lx * scale + center),
+                    np.float32(ly * scale + center),
+                    np.float32(lz - bias),
+                )
+            light_here = key * share * max(n_l, 0.0) + ground + (sky - ground) * (0.5 + 0.5 * n_up)
+            factor = light_here / max(headlight, _MIN_COSINE) * NEUTRAL
+            factors[row, column] = int(min(factor + 0.5, 255.0))

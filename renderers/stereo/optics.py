@@ -1,0 +1,112 @@
+"""From a rendered image to the light on the sensor: projector, key light, lens blur and vignetting.
+
+Light is the display-encoded value to the power of 2.2; 1 is white. ``sensor.image_from_light`` turns it into a camera
+image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo import optics_kernels as kernels
+from renderers.stereo.exposure import DISPLAY_GAMMA, LUMA, Exposure
+from renderers.stereo.key_light import NEUTRAL
+from renderers.stereo.model import Intrinsics
+
+LENS_BLUR: Final = 0.7
+"""Standard deviation of the point spread at full resolution, pixels. Our choice: a pixel's area alone has 0.29, the
+diffraction of an f/2.8 lens on pixels of 3.75 um 0.3, and rectification adds an interpolation; 0.7 leaves 2 % of the
+contrast at the pixels' Nyquist frequency."""
+MAX_LENS_BLUR: Final = 0.70710678
+"""Maximum standard deviation of a filter of three taps whose contrast is nowhere negative, pixels."""
+VIGNETTING_EXPONENT: Final = 3
+"""Light falls with this power of the cosine of the field angle. A thin lens has 4, and real lenses correct a part."""
+LIGHT_WHITE: Final = kernels.LIGHT_WHITE
+"""Value of white in a light image."""
+
+_NO_DOTS: Final = np.zeros((1, 1), np.uint8)
+_NO_FACTORS: Final = np.full((1, 1), NEUTRAL, np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Optical properties of both cameras' lenses."""
+
+    blur: float = 0.0
+    """Standard deviation of the point spread, pixels, 0 to ``MAX_LENS_BLUR``."""
+    vignetting: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneLight:
+    """Light on the scene besides the rendered one."""
+
+    dots: NDArray[np.uint8] | None = None
+    """(H, W) uint8 light of the projector, 255 is full; None: the projector is off."""
+    dot_light: float = 0.0
+    """Light that a full dot adds, relative to the scene's own."""
+    factors: NDArray[np.uint8] | None = None
+    """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of 1 / ``NEUTRAL``
+    (``key_light.light_factors``); None: 1."""
+    background: tuple[int, int, int] = (0, 0, 0)
+    """RGB of the rendered background, to which factors do not apply: they are interpolated, and would brighten it
+    beside surfaces."""
+
+
+def light_on_sensor(
+    rendered: NDArray[np.uint8],
+    scene_light: SceneLight,
+    lens: Lens,
+    k: Intrinsics,
+    exposure: Exposure,
+    *,
+    color: bool,
+) -> NDArray[np.uint16]:
+    """Return the square root of the light on each pixel of the sensor, (H, W, 3 or 1) uint16.
+
+    White is ``LIGHT_WHITE``; the largest value is the square root of 16 times the light of white. The square root
+    makes the steps of the 16 bits about as fine as the eye needs in dark and bright parts.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB, C-contiguous.
+        scene_light: projector and key light.
+        lens: blur and vignetting.
+        k: intrinsics of the image, for the field angle.
+        exposure: its white balance is applied; exposure time and gain are not.
+        color: return RGB; otherwise grey by Rec. 601 luma.
+    """
+    wait_until_compiled("stereo")
+    height, width = rendered.shape[:2]
+    dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
+    factors = _NO_FACTORS if scene_light.factors is None else scene_light.factors
+    neighbour = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2  # three taps of this variance
+    white_balance = exposure.channel_factors
+    weights = np.rint(256.0 * (np.diag(white_balance) if color else (LUMA * white_balance)[None])).astype(np.int64)
+    light = np.empty((height, width, len(weights)), np.uint16)
+    inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
+    dot_factors = (1.0 + scene_light.dot_light * np.arange(256) / 255.0).astype(np.float32)
+    kernels.light_rows(
+        rendered, dots, dot_factors, factors, np.array(scene_light.background, np.uint8), weights, _light_of_luma(),
+        neighbour, k.cx, k.cy, inv_focal, light,
+    )  # fmt: skip
+    return light
+
+
+def brightness_of_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Return the display-encoded brightness, 1 is white, of a light image; float32 of its shape."""
+    encoded: NDArray[np.float32] = (light.astype(np.float32) / np.float32(LIGHT_WHITE)) ** np.float32(
+        2.0 / DISPLAY_GAMMA
+    )
+    return encoded
+
+
+@cache
+def _light_of_luma() -> NDArray[np.float32]:
+    """Return the light of display-encoded values, (``LUMA_STEPS``,) float32; step 1020 is white."""
+    return ((np.arange(kernels.LUMA_STEPS) / kernels.WHITE_STEP) ** DISPLAY_GAMMA).astype(np.float32)

@@ -1,0 +1,127 @@
+"""Kernel of ``optics``."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from renderers.compiler.jit import kernel
+
+LIGHT_WHITE: Final = 16384
+"""Value of white in a light image, the square root of its light."""
+LUMA_STEPS: Final = 2048
+"""Number of values of the table from luma to light: luma in quarters of a grey level, twice white for white balance."""
+WHITE_STEP: Final = 1020
+"""Luma of white, quarters of a grey level."""
+
+
+@kernel(
+    "void(uint8[:,:,::1], uint8[:,::1], float32[::1], uint8[:,::1], uint8[::1], int64[:,::1], float32[::1], float64, "
+    "float64, float64, float64, uint16[:,:,::1])"
+)
+def light_rows(
+    rendered, dots, dot_factors, factors, background, weights, light_of_luma, neighbour, cx, cy, inv_focal, light
+):  # fmt: skip
+    """Write a light image.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB.
+        dots: (H, W) uint8, the projector's light; (1, 1): the projector is off.
+        dot_factors: (256,) float32, factor of the light for each value of ``dots``.
+        factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
+        background: (3,) uint8 RGB of pixels to which no factor applies.
+        weights: (C, 3) int64, weights of red, green and blue in each channel, units of 1/256.
+        light_of_luma: (``LUMA_STEPS``,) float32, light by luma in quarters of a grey level.
+        neighbour: weight of each of the two neighbours in the filter of three taps, along rows and along columns.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        inv_focal: 1 / focal length, 1/pixels; 0: no vignetting.
+        light: (H, W, C) uint16, output.
+    """
+    height, width, channels = light.shape
+    one, half, side = np.float32(1.0), np.float32(0.5), np.float32(neighbour)
+    center = one - side - side
+    white, maximum = np.float32(LIGHT_WHITE), np.float32(65535.0)
+    has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
+    last_step = np.uint32(LUMA_STEPS - 1)
+    # One row each: light on the scene with its neighbours at both ends, factors, and three rows blurred along x.
+    scene = np.empty(width + 2, np.float32)
+    half_width = factors.shape[1]
+    half_row = np.empty(half_width + 2, np.float32)
+    blurred = np.empty((3, width), np.float32)
+    falloff = np.empty(width, np.float32)
+    x_squared = np.empty(width, np.float32)
+    for column in range(width):
+        x = (column + 0.5 - cx) * inv_focal
+        x_squared[column] = np.float32(x * x)
+    for channel in range(channels):
+        red, green, blue = (
+            np.uint32(weights[channel, 0]),
+            np.uint32(weights[channel, 1]),
+            np.uint32(weights[channel, 2]),
+        )
+        for source_row in range(height + 1):
+            if source_row < height:
+                for column in range(width):
+                    luma = (
+                        red * rendered[source_row, column, 0]
+                        + green * rendered[source_row, column, 1]
+                        + blue * rendered[source_row, column, 2]
+                    )
+                    scene[column + 1] = light_of_luma[min((luma + np.uint32(32)) >> np.uint32(6), last_step)]
+                if has_factors:
+                    # Quadratic B-splines: a row lies a quarter of a coarse row beside that row's centre. Weights in
+                    # units of 1/32; linear interpolation would leave the steps of coarse pixels at edges.
+                    near_row = min(source_row >> 1, factors.shape[0] - 1)
+                    step = (source_row & 1) * 2 - 1
+                    far_row = min(max(near_row + step, 0), factors.shape[0] - 1)
+                    opposite_row = min(max(near_row - step, 0), factors.shape[0] - 1)
+                    scale = np.float32(1.0 / 65536.0)
+                    for x_half in range(half_width):
+                        value = (
+                            np.int32(22) * factors[near_row, x_half]
+                            + np.int32(9) * factors[far_row, x_half]
+                            + np.int32(factors[opposite_row, x_half])
+                        )
+                        half_row[x_half + 1] = np.float32(value) * scale
+                    half_row[0], half_row[half_width + 1] = half_row[1], half_row[half_width]
+                    for column in range(width):
+                        near = (column >> 1) + 1
+                        step = (column & 1) * 2 - 1
+                        factor = (
+                            np.float32(22.0) * half_row[near]
+                            + np.float32(9.0) * half_row[near + step]
+                            + half_row[near - step]
+                        )
+                        is_background = (
+                            (rendered[source_row, column, 0] == background[0])
+                            & (rendered[source_row, column, 1] == background[1])
+                            & (rendered[source_row, column, 2] == background[2])
+                        )
+                        scene[column + 1] *= one if is_background else factor
+                if has_dots:
+                    for column in range(width):
+                        scene[column + 1] *= dot_factors[dots[source_row, column]]
+                scene[0], scene[width + 1] = scene[1], scene[width]
+                target = source_row % 3
+                for column in range(width):
+                    blurred[target, column] = scene[column + 1] * center + (scene[column] + scene[column + 2]) * side
+            row = source_row - 1
+            if row < 0:
+                continue
+            above, here, below = max(row - 1, 0) % 3, row % 3, min(row + 1, height - 1) % 3
+            if inv_focal != 0.0:
+                y = (row + 0.5 - cy) * inv_focal
+                inv_cosine_base = np.float32(1.0 + y * y)
+                for column in range(width):
+                    inv_cosine_squared = inv_cosine_base + x_squared[column]
+                    falloff[column] = one / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
+                for column in range(width):
+                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * side
+                    root = np.sqrt(value * falloff[column]) * white + half
+                    light[row, column, channel] = np.uint16(np.int32(min(root, maximum)))
+            else:
+                for column in range(width):
+                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * side
+                    light[row, column, channel] = np.uint16(np.int32(min(np.sqrt(value) * white + half, maximum)))

@@ -1,0 +1,34 @@
+"""Parts of a realistic camera image that can be switched on one by one, and how a list of them is written."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, get_args
+
+RealismPart = Literal["shadows", "lens-blur", "vignetting", "fixed-pattern", "motion-blur", "projector"]
+"""Name of a part:
+
+- ``shadows``: a key light with soft shadows and light from the sky, in place of the headlight.
+- ``lens-blur``: point spread of lens and pixel.
+- ``vignetting``: less light towards the corners.
+- ``fixed-pattern``: offset and gain that differ between the sensor's pixels and columns.
+- ``motion-blur``: blur of what moves during the exposure.
+- ``projector``: round dots with soft edges and speckle.
+"""
+REALISM_PARTS: Final[tuple[RealismPart, ...]] = get_args(RealismPart)
+"""All parts."""
+
+
+def parse_realism(text: str) -> tuple[RealismPart, ...]:
+    """Return the parts that ``off``, ``all`` or names separated by commas stand for, without duplicates.
+
+    Raises:
+        ValueError: unknown name; the message lists the parts.
+    """
+    if text == "off":
+        return ()
+    if text == "all":
+        return REALISM_PARTS
+    names = [name.strip() for name in text.split(",")]
+    if unknown := [name for name in names if name not in REALISM_PARTS]:
+        raise ValueError(f"{unknown[0]!r} is not a part; use 'off', 'all' or some of {', '.join(REALISM_PARTS)}")
+    return tuple(part for part in REALISM_PARTS if part in names)

@@ -1,0 +1,131 @@
+"""Camera images with and without the parts of ``--stereo-realism``."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.demo import Demo
+from gateway.scene.flatten import Flattener
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import parse_mount_pose
+from gateway.settings import Settings
+from gateway.stereo.clock import SimulatedClock
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.depth import ImagePair, matched_depth
+from gateway.stereo.images import Capture, ImageRequest
+from gateway.stereo.motion import EarlierFrame
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.realistic_images import imaging_of
+from gateway.stereo.settings import read_settings
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
+from renderers.stereo.model import Quality
+from renderers.stereo.noise import NoiseStream
+from renderers.stereo.realism import REALISM_PARTS, RealismPart
+from renderers.stereo.truth import DepthRange, true_disparity
+from tests.stereo.conftest import SMALL, Start
+from tests.stereo.scenes import pose, table
+
+ALL = StereoConfig(realism=frozenset(REALISM_PARTS))
+
+
+def moving_demo(gpio: int) -> Capture:
+    """Return a capture of the demo scene with the frame before it."""
+    tree, flattener = LiveTree(), Flattener(LabelTable())
+    demo = Demo(tree)
+    demo.populate()
+    before = flattener.flatten(tree.snapshot)
+    demo.move_to(0.04)
+    left = parse_mount_pose(Settings(only=()).stereo_pose)
+    return Capture(40_000_000, flattener.flatten(tree.snapshot), 1, left, gpio, 1, EarlierFrame(0, before, left))
+
+
+@pytest.mark.parametrize(("gpio", "checksum"), [(0, 4009308581), (1, 350211001)])
+def test_off_is_byte_for_byte_as_before_realism(renderer: CpuRenderer, gpio: int, checksum: int) -> None:
+    """The checksums are those of the last commit before realism."""
+    imaging = imaging_of(StereoConfig(model=SMALL), renderer)
+    capture = Capture(0, table(), 1, pose(), gpio, 1)
+    exposure = imaging.meter(capture, read_settings(Parameters())).exposure
+    value = 0
+    for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
+        for color in (False, True):
+            image = imaging.expose(capture, ImageRequest(exposure, stream, frozenset((color,))))[color].image
+            value = zlib.crc32(image.tobytes(), value)
+    assert value == checksum
+
+
+@pytest.mark.parametrize("gpio", [0, 1])
+def test_equal_inputs_give_equal_bytes(renderer: CpuRenderer, gpio: int) -> None:
+    other = CpuRenderer(1)
+    config = replace(ALL, model=SMALL)
+    images = []
+    for each in (renderer, other):
+        imaging, capture = imaging_of(config, each), moving_demo(gpio)
+        exposure = imaging.meter(capture, read_settings(Parameters())).exposure
+        request = ImageRequest(exposure, NoiseStream.RIGHT, frozenset((True,)))
+        images.append(imaging.expose(capture, request)[True].image)
+    other.close()
+    assert (images[0] == images[1]).all()
+
+
+@pytest.mark.parametrize("part", REALISM_PARTS)
+def test_each_part_changes_the_image_by_itself(renderer: CpuRenderer, part: RealismPart) -> None:
+    capture = moving_demo(1)
+    request = ImageRequest(read_settings(Parameters()).manual_exposure, NoiseStream.LEFT, frozenset((False,)))
+    request = replace(request, exposure=replace(request.exposure, time=0.018))
+    without, with_part = (
+        imaging_of(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
+        for parts in (frozenset[RealismPart](), frozenset((part,)))
+    )
+    assert (without != with_part).mean() > 0.001
+
+
+def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> None:
+    capture = moving_demo(1)
+    for parts in (REALISM_PARTS, ("projector",)):
+        config = StereoConfig(realism=frozenset(parts))
+        imaging = imaging_of(config, renderer)
+        metered = imaging.meter(capture, read_settings(Parameters()))
+        request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
+        image = imaging.expose(capture, request)[False]
+        assert (image.image == 255).mean() < 0.005
+        assert image.brightness == pytest.approx(metered.brightness, abs=0.08)
+        assert image.brightness > 0.25
+
+
+@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM])
+def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: Quality) -> None:
+    capture, model, divisor = moving_demo(1), ALL.model, quality.divisor
+    imaging = imaging_of(ALL, renderer)
+    settings = replace(read_settings(Parameters()), quality=quality)
+    exposure = imaging.meter(capture, settings).exposure
+    left, right = (
+        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
+        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
+    )
+    with (
+        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
+        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
+    ):
+        assert seen.depth is not None
+        assert other.depth is not None
+        true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
+    measured = matched_depth(imaging.config, ImagePair(left, right, exposure, projector=True), settings, None)
+    valid = (true > 0) & (measured.disparity > 0)
+    assert valid.sum() / (true > 0).sum() >= 0.95
+    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.02
+
+
+async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
+    sets = []
+    for _ in range(2):
+        camera = await start(clock=SimulatedClock(), realism=frozenset(REALISM_PARTS))
+        sets.append(await camera.take(3, left_enabled=True, right_enabled=True))
+    for first, second in zip(*sets, strict=True):
+        assert first.SerializeToString() == second.SerializeToString()
+    assert sets[0][0].left.data != sets[0][1].left.data, "noise differs from frame to frame"
