@@ -87,7 +87,7 @@ def stream(
     from gateway.client.stream import Progress, StreamOptions, receive_all
 
     if out is None and (exposure or gpio or truth is not None or imu is not None):
-        raise typer.BadParameter("--exposure, --gpio, --truth and --imu need a folder, -o FOLDER")
+        raise typer.BadParameter("--exposure, --gpio, --truth and --imu need -o FOLDER")
     if token_file is not None:
         token = read_token(token_file)
     credentials = Credentials(token, tls, ca, certificate, key)

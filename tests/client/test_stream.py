@@ -205,9 +205,10 @@ def test_flags_of_the_command(flags: tuple[str, ...], monkeypatch: pytest.Monkey
 def test_options_for_files_need_a_folder() -> None:
     app = typer.Typer()
     app.command()(stream)
-    result = CliRunner().invoke(app, ["127.0.0.1:1", "--gpio"])
-    assert result.exit_code == 2
-    assert "-o FOLDER" in result.output
+    for option in (["--gpio"], ["--imu", "http://127.0.0.1:1"]):
+        result = CliRunner().invoke(app, ["127.0.0.1:1", *option])
+        assert result.exit_code == 2
+        assert "-o FOLDER" in result.output
 
 
 def test_default_is_left_and_disparity() -> None:
