@@ -156,9 +156,10 @@ def picture(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
     parser.add_argument("--pictures", type=Path, help="a folder for pictures: left image, disparity, error")
     options = parser.parse_args()
-    first_samples = list(samples(Quality.HIGH, SEEDS[0]))
+    first_samples = list(samples(Quality.HIGH, SEEDS[0], realism=options.realism))
     for mode, measure in MODES.items():
         pairs = [(sample, measure(sample)) for sample in first_samples]
         report_scenes(mode, pairs)
@@ -170,7 +171,7 @@ def main() -> None:
     unfiltered = [
         replace(sample, settings=replace(sample.settings, filters=NO_FILTERS))
         for seed in SEEDS
-        for sample in samples(Quality.HIGH, seed)
+        for sample in samples(Quality.HIGH, seed, realism=options.realism)
     ]
     for mode in ("modelled", "matched"):
         report_confidence(mode, [(sample, MODES[mode](sample)) for sample in unfiltered])

@@ -14,11 +14,13 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair, depth_pair, measurable_depths, noise_of
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.parameters import Parameters
+from gateway.stereo.realistic_images import imaging_of
 from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream
+from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.truth import true_disparity
 
 
@@ -53,15 +55,16 @@ def _renderer() -> CpuRenderer:
     return CpuRenderer()
 
 
-def samples(quality: Quality, seed: int) -> Iterator[Sample]:
+def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[Sample]:
     """Yield every scene without and with the projector.
 
     Args:
         quality: resolution of the depth images.
         seed: seed of the scenes and of the noise.
+        realism: images with all parts of ``--stereo-realism``.
     """
-    config = StereoConfig(seed=seed)
-    imaging, settings = Imaging(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
+    config = StereoConfig(seed=seed, realism=frozenset(REALISM_PARTS if realism else ()))
+    imaging, settings = imaging_of(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
     for scene in SCENES:
         draw_list = make_scene(scene, seed)
         for projector in (False, True):

@@ -4,7 +4,11 @@ Modules, in the order in which a frame uses them:
 
 * ``model``: geometry of the camera.
 * ``exposure``, ``sensor`` and ``projector``: camera images, and the light of the random-dot projector in them.
-* ``truth`` and ``errors``: depth images from rendered depth. ``matching``: depth images from two camera images.
+* ``realism`` names the parts of realistic images: ``key_light``, ``optics``, ``fixed_pattern``, ``motion_blur`` and
+  ``projector_pattern``.
+* ``truth``: exact disparity. ``errors``: what a matcher would have measured instead. ``matching``: what ours measures
+  in two camera images. Both need ``pixel_classes`` and the ``matcher_statistics`` of each class; ``smooth_noise`` is
+  the noise of errors.
 * ``filters``: the device's post-processing of depth images.
 * ``mesh`` and ``ply``: triangle meshes from depth images.
 

@@ -35,7 +35,7 @@ from renderers.stereo.smooth_noise import smooth_noise
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-FATE_BOX: Final = 6
+FATE_BOX: Final = 8
 """Box of the noise that decides about holes and wrong pixels (``smooth_noise``), pixels: our choice, a little more than
 a matching window."""
 _HIDDEN: Final = CLASSES

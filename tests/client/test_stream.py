@@ -73,7 +73,7 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
 @pytest.mark.parametrize("quality", ["Low", "High"])
 async def test_cvkit_s_tools_find_depth_in_the_files(start: Start, tmp_path: Path, quality: str) -> None:
     """Names, keys and formula follow cvkit's USAGE.md for perspective disparity images."""
-    camera = await start(rate="max", model=MODELS["rc_visard 160-4"])
+    camera = await start(rate="max", model=MODELS["rc_visard 160-4"], depth_mode="ground_truth")
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", disparity=True, count=1, output=tmp_path)
     progress = await asyncio.to_thread(receive_all, options)

@@ -1,0 +1,95 @@
+"""Statistics of the stereo camera's errors on rendered scenes, and the source that the fit writes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench import sensor, sensor_fit, sensor_source
+from bench.sensor_images import Sample, samples
+from renderers.stereo import matcher_statistics
+from renderers.stereo.model import Quality
+from renderers.stereo.pixel_classes import CLASSES
+from renderers.stereo.smooth_noise import smooth_noise
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[Sample]:
+    return list(samples(Quality.HIGH, 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["modelled", "matched"])
+def test_confidence_of_rendered_scenes_is_the_share_of_right_pixels(mode: str, scenes: list[Sample]) -> None:
+    unfiltered = [replace(s, settings=replace(s.settings, filters=sensor.NO_FILTERS)) for s in scenes]
+    for projector in (False, True):
+        pairs = [(s, sensor.MODES[mode](s)) for s in unfiltered if s.projector == projector]
+        rows = sensor.reliability(pairs)
+        pixels = sum(count for _, _, count in rows)
+        for promised, right, count in rows:
+            if count > 0.05 * pixels:  # one seed has few pixels of the other confidences
+                assert right == pytest.approx(promised, abs=0.1)
+        promised, right, count = rows[-1]
+        assert count > 0.3 * pixels
+        assert right == pytest.approx(promised, abs=0.03)
+
+
+@pytest.mark.slow
+def test_errors_lie_on_surfaces_as_a_device_s_do(scenes: list[Sample]) -> None:
+    for sample in scenes:
+        images = sensor.MODES["modelled"](sample)
+        deviation = sensor.deviation_of(sample, images)
+        density = float((images.disparity > 0).mean())
+        if sample.name == "plain_room" and not sample.projector:
+            assert density < 0.1
+            continue
+        assert density > 0.4
+        assert sensor.correlation(deviation) > 0.75
+        assert 0.02 < sensor.high_frequency(deviation) < 0.08
+
+
+@pytest.mark.slow
+def test_matching_is_as_dense_at_every_quality() -> None:
+    """The streamed pair is matched, scaled to the quality."""
+    for quality in (Quality.LOW, Quality.MEDIUM, Quality.HIGH):
+        sample = next(sample for sample in samples(quality, 1) if sample.projector)
+        assert (sensor.MODES["matched"](sample).disparity > 0).mean() > 0.85
+
+
+def test_boxes_are_found_from_their_correlation() -> None:
+    noise = 0.6**0.5 * smooth_noise(900, 1200, 4, np.uint64(1)) + 0.4**0.5 * smooth_noise(900, 1200, 24, np.uint64(2))
+    variance = (noise**2).mean()
+    others = [(noise[:, lag:] * noise[:, :-lag]).mean() / variance for lag in range(1, sensor_fit.LAGS)]
+    near, wide, share = sensor_fit.fit_boxes(np.array([1.0, *others]))
+    assert near in (3, 4, 5)
+    assert wide == pytest.approx(24, abs=6)
+    assert share == pytest.approx(0.4, abs=0.1)
+
+
+def test_shares_of_rare_classes_are_those_of_their_texture_and_edge() -> None:
+    part, whole = np.zeros(CLASSES), np.zeros(CLASSES)
+    textured = CLASSES - 1  # the last class: most texture, most disagreement, behind an edge
+    whole[textured], part[textured] = 1e6, 2e5
+    whole[textured - 3], part[textured - 3] = 1.0, 1.0  # a pixel that disagrees less
+    shares = sensor_fit.shares(part, whole)
+    assert shares[textured] == pytest.approx(0.2, abs=1e-3)
+    assert shares[textured - 3] == pytest.approx(0.2, abs=0.01)
+
+
+def test_statistics_are_what_the_fit_would_write() -> None:
+    """Writing the module from its own values gives the module."""
+    tables = [
+        sensor_source.Tables(
+            *(np.array(getattr(matcher_statistics, name.upper())[side]) for name, _, _ in sensor_source.TABLES),
+            hidden_found=matcher_statistics.HIDDEN_FOUND[side],
+            hidden_confidence=matcher_statistics.HIDDEN_CONFIDENCE[side],
+        )
+        for side in (0, 1)
+    ]
+    boxes = matcher_statistics.NEAR_BOX, matcher_statistics.WIDE_BOX, matcher_statistics.WIDE_SHARE
+    text = sensor_source.source(*tables, matcher_statistics.WRONG_SPREAD, boxes)
+    assert text == sensor_fit.TARGET.read_text("utf-8")
+    for name, _, _ in sensor_source.TABLES:
+        assert np.array(getattr(matcher_statistics, name.upper())).shape == (2, CLASSES)
