@@ -48,6 +48,7 @@ from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import DISPARITY_SCALE, MODELS
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.sensor import sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
@@ -307,7 +308,7 @@ class Gallery:
                     images.append(sensor_image(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
                     depths.append(frame.depth.copy())
         count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
-        matched = match_pair(images[0], images[1], count, noise_sigma, projector=True)
+        matched = match_pair(images[0], images[1], count, noise_sigma, ImageKind.DOTS)
         ft = k.focal_length * model.baseline
         exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
         most = float(np.percentile(exact[exact > 0], 99.5))

@@ -18,10 +18,10 @@ from bench.sensor_images import Sample, samples
 from bench.sensor_source import Tables, source
 from renderers.stereo.matching import MIN_NOISE_SIGMA, find_matches
 from renderers.stereo.model import Quality
-from renderers.stereo.pixel_classes import CLASSES, DISAGREEMENTS, EDGES, TEXTURES, classify, window_range
+from renderers.stereo.pixel_classes import CLASSES, DISAGREEMENTS, EDGES, TEXTURES, ImageKind, classify, window_range
 
 TARGET: Final = Path(__file__).parents[1] / "renderers/stereo/matcher_statistics.py"
-SEEDS: Final = range(100, 112)
+SEEDS: Final = range(100, 108)
 PRIOR: Final = 200.0
 """Weight of the mean of classes of equal texture and edge, pixels: classes that hardly occur get that mean."""
 TEXTURELESS: Final = 3
@@ -203,10 +203,12 @@ def fitted_tables(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table
     return tables(totals, used), totals
 
 
-def all_samples(qualities: tuple[Quality, ...], seeds: range) -> Iterator[tuple[Sample, NDArray[np.uint16]]]:
+def all_samples(
+    qualities: tuple[Quality, ...], seeds: range, *, realism: bool
+) -> Iterator[tuple[Sample, NDArray[np.uint16]]]:
     for quality in qualities:
         for seed in seeds:
-            for sample in samples(quality, seed, realism=bool(seed % 2)):
+            for sample in samples(quality, seed, realism=realism):
                 yield sample, find_matches(sample.left, sample.right, sample.disparity_count)
 
 
@@ -214,14 +216,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=len(SEEDS), help="number of seeds; default: all")
     options = parser.parse_args()
-    pairs = list(all_samples((Quality.HIGH, Quality.MEDIUM), SEEDS[: options.seeds]))
-    off, off_totals = fitted_tables([pair for pair in pairs if not pair[0].projector])
-    on, on_totals = fitted_tables([pair for pair in pairs if pair[0].projector])
-    sums = np.sum([autocovariance(sample, matches) for sample, matches in pairs], axis=0)
+    by_kind: dict[ImageKind, Tables] = {}
+    sums = np.zeros((LAGS, 2))
+    excess = wrong = 0.0
+    for realism in (False, True):
+        pairs = list(all_samples((Quality.HIGH, Quality.MEDIUM), SEEDS[: options.seeds], realism=realism))
+        sums += np.sum([autocovariance(sample, matches) for sample, matches in pairs], axis=0)
+        for dots in (False, True):
+            kind = ImageKind.of(dots=dots, realistic=realism)
+            by_kind[kind], totals = fitted_tables([pair for pair in pairs if pair[0].projector == dots])
+            excess, wrong = excess + totals.wrong_excess, wrong + totals.wrong
     correlation = sums[:, 0] / sums[:, 1]
-    excess = (off_totals.wrong_excess + on_totals.wrong_excess) / (off_totals.wrong + on_totals.wrong)
     # The mean of the absolute value of a normal variable is 0.798 of its standard deviation.
-    text = source(off, on, excess * 16 / 0.798, fit_boxes(correlation / correlation[0]))
+    spread = excess / wrong * 16 / 0.798
+    text = source([by_kind[kind] for kind in ImageKind], spread, fit_boxes(correlation / correlation[0]))
     TARGET.write_text(text, encoding="utf-8")
 
 

@@ -78,7 +78,7 @@ def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capt
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    pair = ImagePair(left, right, exposure, capture.out1_high)
+    pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
     small_left, small_right = depth_pair(pair, model, divisor)
     with (
         imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,

@@ -13,7 +13,7 @@ from renderers.stereo.pixel_classes import TEXTURES
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """Values of ``matcher_statistics``, without or with the projector."""
+    """Values of ``matcher_statistics`` for one kind of images."""
 
     found: NDArray[np.float64]
     right: NDArray[np.float64]
@@ -26,10 +26,10 @@ class Tables:
     hidden_confidence: float
 
 
-def literal(by_projector: list[NDArray[np.float64]], digits: int) -> str:
-    """Return two tuples as Python source, two lines for each class of texture."""
+def literal(by_kind: list[NDArray[np.float64]], digits: int) -> str:
+    """Return a tuple of tuples as Python source, two lines for each class of texture."""
     lines = []
-    for values in by_projector:
+    for values in by_kind:
         rows = (", ".join(f"{value:.{digits}f}" for value in row) for row in values.reshape(2 * TEXTURES, -1))
         lines.append("    (\n" + "".join(f"        {row},\n" for row in rows) + "    ),\n")
     return "(\n" + "".join(lines) + ")"
@@ -37,8 +37,7 @@ def literal(by_projector: list[NDArray[np.float64]], digits: int) -> str:
 
 HEAD: Final = '''"""Statistics of our matcher by class of pixel (``pixel_classes``), by ``python -m bench.sensor_fit``.
 
-The first part of a table is for images without the projector's dots, the second for images with them. Two lines have
-the classes of one texture.
+A table has one part for each ``ImageKind``; in it two lines have the classes of one texture.
 """
 
 from __future__ import annotations
@@ -60,28 +59,28 @@ TABLES: Final = (
 """Attribute, digits and docstring of each table."""
 
 
-def source(off: Tables, on: Tables, wrong_spread: float, boxes: tuple[int, int, float]) -> str:
-    """Return ``matcher_statistics.py``."""
+def source(tables: list[Tables], wrong_spread: float, boxes: tuple[int, int, float]) -> str:
+    """Return ``matcher_statistics.py``; ``tables`` are in the order of ``ImageKind``."""
     text = [HEAD]
     for name, digits, meaning in TABLES:
-        values = literal([getattr(off, name), getattr(on, name)], digits)
+        values = literal([getattr(table, name) for table in tables], digits)
         text.append(f'{name.upper()}: Final[tuple[tuple[float, ...], ...]] = {values}\n"""{meaning}"""\n')
     near, wide, wide_share = boxes
     for name, value, meaning in (
         (
             "HIDDEN_FOUND",
-            (round(off.hidden_found, 3), round(on.hidden_found, 3)),
+            tuple(round(table.hidden_found, 3) for table in tables),
             "Share of hidden pixels beside a nearer surface with its disparity.",
         ),
         (
             "HIDDEN_CONFIDENCE",
-            (round(off.hidden_confidence, 3), round(on.hidden_confidence, 3)),
+            tuple(round(table.hidden_confidence, 3) for table in tables),
             "Share of right pixels among all with the disparity of the front side of an edge.",
         ),
         (
             "WRONG_SPREAD",
             round(wrong_spread, 1),
-            "Spread of wrong matches beyond 3 disparity errors, units of 1/16 pixel.",
+            "Spread of wrong matches beyond 3 errors, units of 1/16 pixel.",
         ),
         ("NEAR_BOX", near, "Box of the near part of the error (``smooth_noise``), pixels."),
         ("WIDE_BOX", wide, "Box of the wide part, pixels."),

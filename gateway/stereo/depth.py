@@ -20,6 +20,7 @@ from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import apply_filters, fill_holes
 from renderers.stereo.matching import MIN_NOISE_SIGMA, match_pair
 from renderers.stereo.model import StereoModel
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.sensor import SensorImage
 from renderers.stereo.truth import DepthRange, true_disparity
 
@@ -32,8 +33,7 @@ class ImagePair:
     right: SensorImage
     exposure: Exposure
     """Exposure of both images, which determines their noise."""
-    projector: bool
-    """The images show the projector's dots."""
+    kind: ImageKind
 
 
 def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRange:
@@ -107,7 +107,7 @@ def modelled_depth(
         sigma,
         max(noise_of(pair, config, settings), MIN_NOISE_SIGMA),
         config.seed,
-        pair.projector,
+        pair.kind,
         frame_number,
         choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
     )
@@ -150,16 +150,16 @@ def matched_depth(
 
     noise_sigma = noise_of(pair, config, settings)
     scaled = depth_pair(pair, model, divisor)
-    images = _match_region(*scaled, disparity_count, noise_sigma, pair.projector, settings)
+    images = _match_region(*scaled, disparity_count, noise_sigma, pair.kind, settings)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
         dark = depth_pair(dark_pair, model, divisor)
         dark_noise = noise_of(dark_pair, config, settings)
-        second_images = _match_region(*dark, disparity_count, dark_noise, dark_pair.projector, settings)
+        second_images = _match_region(*dark, disparity_count, dark_noise, dark_pair.kind, settings)
     else:
-        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, pair.projector)
+        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, pair.kind)
         _clear_outside_region(second_images.disparity, settings)
     for measured in (images, second_images):
         apply_filters(measured, replace(filters, fill=0), focal_times_baseline, divisor)
@@ -177,13 +177,13 @@ def _match_region(
     right: NDArray[np.uint8],
     disparity_count: int,
     noise_sigma: float,
-    projector: bool,
+    kind: ImageKind,
     settings: StreamSettings,
 ) -> DepthImages:
     """Match a pair within the depth region only, to save time; return images of the full size."""
     region = settings.depth_region
     if region is None:
-        return match_pair(left, right, disparity_count, noise_sigma, projector=projector)
+        return match_pair(left, right, disparity_count, noise_sigma, kind)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     full_size = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
@@ -197,7 +197,7 @@ def _match_region(
         np.ascontiguousarray(right[search_window]),
         disparity_count,
         noise_sigma,
-        projector=projector,
+        kind,
     )
     region_columns = np.s_[:, columns.start - first_column :]
     full_size.disparity[rows, columns] = region_images.disparity[region_columns]
@@ -207,12 +207,12 @@ def _match_region(
 
 
 def _match_half_resolution(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, projector: bool
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, kind: ImageKind
 ) -> DepthImages:
     """Match at half the resolution, where matching windows cover four times the area, and enlarge the result."""
     height, width = left.shape
     half_left, half_right = (block_means(image, 2, -(-height // 2), -(-width // 2)) for image in (left, right))
-    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, projector=projector)
+    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, kind)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         """Return the values times ``factor``, each repeated in 2 x 2 pixels."""

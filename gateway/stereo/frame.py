@@ -225,7 +225,7 @@ class Frame:
         """Return the grey images of two streams, left and right, from which depth is measured."""
         exposure = (await self.metered(capture)).exposure
         left, right = await _gather([self._depth_image(capture, stream) for stream in streams])
-        return ImagePair(left, right, exposure, capture.has_projection(self._imaging.config))
+        return ImagePair(left, right, exposure, self._imaging.image_kind(capture))
 
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
         """Return a grey image from which depth is measured: the streamed one, unless depth has its own exposure."""

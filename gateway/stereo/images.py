@@ -20,6 +20,7 @@ from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.exposure import Exposure, brightness_of
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.sensor import SensorImage, sensor_image
 
@@ -139,6 +140,10 @@ class Imaging:
                 )
                 for color in request.colors
             }
+
+    def image_kind(self, capture: Capture) -> ImageKind:
+        """Return the kind of a capture's images."""
+        return ImageKind.of(dots=capture.has_projection(self.config), realistic=bool(self.config.realism))
 
     def measure(
         self, left: Frame, right: Frame, settings: StreamSettings, frame_number: int, pair: ImagePair | None

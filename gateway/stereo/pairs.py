@@ -19,6 +19,7 @@ from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output
 from renderers.stereo.model import StereoModel
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.sensor import SensorImage
 
 MODEL_NAME: Final = "rc_test"
@@ -104,6 +105,9 @@ class PairImaging(Imaging):
             LookupError: always.
         """
         raise LookupError("the camera shows recorded images; there is no ground truth")
+
+    def image_kind(self, capture: Capture) -> ImageKind:
+        return ImageKind.of(dots=capture.out1_high, realistic=True)
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         left = self.pairs.image(capture.frame_number, high=capture.out1_high, right=False)

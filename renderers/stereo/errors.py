@@ -30,7 +30,7 @@ from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.matcher_statistics import WRONG_SPREAD
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.pixel_classes import CLASSES, EDGE_STEP, classify, window_range
+from renderers.stereo.pixel_classes import CLASSES, EDGE_STEP, ImageKind, classify, window_range
 from renderers.stereo.smooth_noise import smooth_noise
 
 ERROR_TOLERANCE: Final = 0.05
@@ -51,8 +51,8 @@ class ErrorModel:
     noise_sigma: float
     """Standard deviation of the image noise, grey levels, above 0."""
     seed: int
-    projector: bool
-    """The images show the projector's dots."""
+    kind: ImageKind
+    """Kind of the images."""
     frame: int
     """Number of the frame; with ``seed`` it selects the random numbers."""
     error_scale: float = DISPARITY_SCALE
@@ -139,15 +139,14 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     near and of the wide part of the error, and the least error of a wrong pixel, units of 1/16 pixel; disparity error
     in units of the error image; confidence of the pixel's own and of a neighbour's disparity, units of 1/255.
     """
-    side = int(model.projector)
-    found = np.append(statistics.FOUND[side], statistics.HIDDEN_FOUND[side])
-    right = np.append(statistics.RIGHT[side], 0.0)
-    sigma = model.sigma * np.append(statistics.RELATIVE_ERROR[side], 1.0)
+    found = np.append(statistics.FOUND[model.kind], statistics.HIDDEN_FOUND[model.kind])
+    right = np.append(statistics.RIGHT[model.kind], 0.0)
+    sigma = model.sigma * np.append(statistics.RELATIVE_ERROR[model.kind], 1.0)
     units = np.clip(np.rint(sigma / model.error_scale), 1, 255)
     # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit; the Gaussian part makes up the rest.
     gaussian = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
-    own = np.append(statistics.CONFIDENCE[side], 0.0)
-    neighbours = np.append(statistics.NEIGHBOUR_CONFIDENCE[side], statistics.HIDDEN_CONFIDENCE[side])
+    own = np.append(statistics.CONFIDENCE[model.kind], 0.0)
+    neighbours = np.append(statistics.NEIGHBOUR_CONFIDENCE[model.kind], statistics.HIDDEN_CONFIDENCE[model.kind])
     normal = NormalDist()
     limits = [[normal.inv_cdf(min(max(p, 1e-6), 1 - 1e-6)) for p in shares] for shares in (found * right, found)]
     near, wide = (1.0 - statistics.WIDE_SHARE) ** 0.5, statistics.WIDE_SHARE**0.5

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.stereo import matcher_statistics as statistics
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.pixel_classes import classify, window_range
+from renderers.stereo.pixel_classes import ImageKind, classify, window_range
 from renderers.stop import check_stop
 
 WINDOW: Final = 5
@@ -19,13 +19,13 @@ WINDOW: Final = 5
 MIN_NOISE_SIGMA: Final = 0.3
 """Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
 _ERROR_UNITS: Final = np.clip(np.rint(np.array(statistics.MATCHED_ERROR) / DISPARITY_SCALE), 1, 255).astype(np.uint8)
-"""(2, classes) disparity error without and with the projector, units of 1/16 pixel."""
+"""(kinds, classes) disparity error, units of 1/16 pixel."""
 _CONFIDENCE_UNITS: Final = np.floor(np.array(statistics.MATCHED_RIGHT) * 255.0).astype(np.uint8)
-"""(2, classes) confidence without and with the projector, units of 1/255."""
+"""(kinds, classes) confidence, units of 1/255."""
 
 
 def match_pair(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, *, projector: bool
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, kind: ImageKind
 ) -> DepthImages:
     """Return depth images by matching a pair.
 
@@ -37,12 +37,12 @@ def match_pair(
         right: (H, W) uint8, likewise.
         disparity_count: number of disparities to search, pixels.
         noise_sigma: standard deviation of the image noise, grey levels.
-        projector: the images show the projector's dots.
+        kind: kind of the images.
     """
     disparity = find_matches(left, right, disparity_count)
     classes = classify(left, right, disparity, *window_range(disparity), max(noise_sigma, MIN_NOISE_SIGMA))
     found = disparity > 0
-    error, confidence = _ERROR_UNITS[int(projector)], _CONFIDENCE_UNITS[int(projector)]
+    error, confidence = _ERROR_UNITS[kind], _CONFIDENCE_UNITS[kind]
     return DepthImages(disparity, error[classes] * found, confidence[classes] * found)
 
 

@@ -5,6 +5,7 @@ What a matcher finds in each class is in ``matcher_statistics``.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Final
 
 import cv2
@@ -14,6 +15,23 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
+
+
+class ImageKind(IntEnum):
+    """Kinds of images that have statistics of their own; the value is the index of their tables."""
+
+    PLAIN = 0
+    DOTS = 1
+    """With the projector's dots."""
+    REALISTIC = 2
+    """With lens, sensor and light of ``realism``, or recorded."""
+    REALISTIC_DOTS = 3
+
+    @staticmethod
+    def of(*, dots: bool, realistic: bool) -> ImageKind:
+        """Return the kind of images with or without dots and realism."""
+        return ImageKind(int(dots) + 2 * int(realistic))
+
 
 RADIUS: Final = 2
 """A window has 5 x 5 pixels."""

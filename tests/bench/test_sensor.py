@@ -11,7 +11,7 @@ from bench import sensor, sensor_fit, sensor_source
 from bench.sensor_images import Sample, samples
 from renderers.stereo import matcher_statistics
 from renderers.stereo.model import Quality
-from renderers.stereo.pixel_classes import CLASSES
+from renderers.stereo.pixel_classes import CLASSES, ImageKind
 from renderers.stereo.smooth_noise import smooth_noise
 
 
@@ -82,14 +82,14 @@ def test_statistics_are_what_the_fit_would_write() -> None:
     """Writing the module from its own values gives the module."""
     tables = [
         sensor_source.Tables(
-            *(np.array(getattr(matcher_statistics, name.upper())[side]) for name, _, _ in sensor_source.TABLES),
+            **{name: np.array(getattr(matcher_statistics, name.upper())[side]) for name, _, _ in sensor_source.TABLES},
             hidden_found=matcher_statistics.HIDDEN_FOUND[side],
             hidden_confidence=matcher_statistics.HIDDEN_CONFIDENCE[side],
         )
-        for side in (0, 1)
+        for side in ImageKind
     ]
     boxes = matcher_statistics.NEAR_BOX, matcher_statistics.WIDE_BOX, matcher_statistics.WIDE_SHARE
-    text = sensor_source.source(*tables, matcher_statistics.WRONG_SPREAD, boxes)
+    text = sensor_source.source(tables, matcher_statistics.WRONG_SPREAD, boxes)
     assert text == sensor_fit.TARGET.read_text("utf-8")
     for name, _, _ in sensor_source.TABLES:
-        assert np.array(getattr(matcher_statistics, name.upper())).shape == (2, CLASSES)
+        assert np.array(getattr(matcher_statistics, name.upper())).shape == (len(ImageKind), CLASSES)

@@ -18,6 +18,7 @@ from gateway.stereo.settings import read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.noise import NoiseStream
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.truth import true_disparity
 
 
@@ -38,7 +39,7 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    images = matched_depth(imaging.config, ImagePair(left, right, exposure, projector=True), settings, None)
+    images = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
     with (
         imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
         imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,

@@ -10,6 +10,7 @@ from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, bri
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import MODELS, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.sensor import sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
@@ -129,7 +130,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         depths.append(z)
         images.append(sensor_image(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, projector=True)
+    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() > 0.95
     error = np.abs(measured.disparity / 16 - true)
@@ -142,5 +143,5 @@ def test_matching_with_the_projector(quality: Quality) -> None:
 def test_matching_a_blank_wall_is_invalid() -> None:
     image = sensor_image(grey(120), Exposure(), KEY, color=False).image
     other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT), color=False).image
-    measured = match_pair(image, other, 64, 0.3, projector=False)
+    measured = match_pair(image, other, 64, 0.3, ImageKind.PLAIN)
     assert (measured.confidence >= 128).mean() < 0.2

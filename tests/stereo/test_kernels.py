@@ -20,6 +20,7 @@ from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.motion_blur import write_mean_light
 from renderers.stereo.optics import Lens, SceneLight, light_on_sensor
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.sensor import image_from_light, sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
@@ -55,10 +56,10 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     )  # fmt: skip
     image_from_light(on_sensor, Exposure(), KEY, fixed_pattern(0, right=False, height=24, width=40))
     write_mean_light(rendered, 4, 2, [rendered[:8, :12].copy()])
-    match_pair(image, image, 16, 0.3, projector=False)
+    match_pair(image, image, 16, 0.3, ImageKind.PLAIN)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
     images = measured_images(
-        true, image, image, ErrorModel(sigma=0.25, noise_sigma=0.3, seed=0, projector=True, frame=1)
+        true, image, image, ErrorModel(sigma=0.25, noise_sigma=0.3, seed=0, kind=ImageKind.DOTS, frame=1)
     )
     apply_filters(images, Filters(), 8.0, 2)
     k = Intrinsics(40, 24, 40.0, 20.0, 12.0)

@@ -17,6 +17,7 @@ from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import StereoModel
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.sensor import SensorImage
 
 MODEL = StereoModel("small", 128, 97, 0.8449, 0.160)
@@ -37,8 +38,7 @@ class FakeMatcher:
         right: NDArray[np.uint8],
         disparity_count: int,
         noise_sigma: float,
-        *,
-        projector: bool,
+        kind: ImageKind,
     ) -> DepthImages:
         assert left.shape == right.shape
         self.calls.append((left.shape, disparity_count, noise_sigma))
@@ -59,7 +59,7 @@ def settings(**values: object) -> StreamSettings:
 
 def pair(gain: float = 0.0) -> ImagePair:
     image = SensorImage(np.zeros((MODEL.height, MODEL.width), np.uint8), 0.0)
-    return ImagePair(image, image, Exposure(0.005, gain), projector=False)
+    return ImagePair(image, image, Exposure(0.005, gain), ImageKind.PLAIN)
 
 
 def match(monkeypatch: pytest.MonkeyPatch, matcher: FakeMatcher, *given: Any, **config: Any) -> DepthImages:

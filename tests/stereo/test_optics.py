@@ -21,6 +21,7 @@ from renderers.stereo.matching import match_pair
 from renderers.stereo.model import MODELS, Intrinsics, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import LENS_BLUR, LIGHT_WHITE, Lens, SceneLight, brightness_of_light, light_on_sensor
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.projector_pattern import SPECKLE_CONTRAST, soft_pattern_levels
 from renderers.stereo.realism import REALISM_PARTS, parse_realism
@@ -215,7 +216,7 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         depths.append(z)
         images.append(image_from_light(light, Exposure(), frame_key(1, 1, NoiseStream(number + 1)), pattern).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, projector=True)
+    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
     assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01

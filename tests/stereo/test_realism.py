@@ -26,6 +26,7 @@ from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream
+from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.conftest import SMALL, Start
@@ -115,7 +116,7 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
         assert seen.depth is not None
         assert other.depth is not None
         true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
-    measured = matched_depth(imaging.config, ImagePair(left, right, exposure, projector=True), settings, None)
+    measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
     valid = (true > 0) & (measured.disparity > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95
     assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.02
