@@ -1,17 +1,20 @@
-"""Error model of the disparity: what a window matcher would have measured, from the exact disparity.
+"""Error model of the disparity: turns exact disparities into those that a window matcher would measure.
 
-The manual defines the disparity error (its d_eps) as the standard deviation of the measured disparity, and the
+The device's manual defines the disparity error (d_eps) as the standard deviation of the measured disparity, and the
 confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Each pixel of
 the left image has a class: its texture, the agreement of both images at the exact disparity, and edges in its window
-(``pixel_classes``). For each class ``matcher_statistics`` has the shares of pixels that a matcher finds and gets right:
+(``pixel_classes``). For each class ``matcher_statistics`` has the share of pixels with a match, and the share of right
+matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
 
-* A pixel that is not found is a hole: surfaces without texture, highlights, translucent surfaces.
-* A right one has a Gaussian error that changes little from pixel to pixel. It is larger where there is little texture.
-* A wrong one at an edge gets the disparity of the other side, so that outlines are ragged. So do pixels beside a nearer
-  surface that the right camera does not see: foreground objects are too wide by a part of the matching window. Other
-  wrong pixels are off by more than 3 disparity errors.
-* Neighbours share their fate: holes and wrong pixels lie in blobs.
-* The confidence is the share of right pixels among those that look alike.
+* Hole: no match, as on surfaces without texture, in highlights and on translucent surfaces.
+* Right: a Gaussian error that changes little from pixel to pixel. It is larger where there is little texture.
+* Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
+  the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
+  part of the matching window.
+* Wrong, elsewhere: off by more than 3 disparity errors.
+
+Holes and wrong pixels form blobs, because smooth noise selects them. The confidence is the share of right pixels among
+those that the device cannot tell apart.
 """
 
 from __future__ import annotations
@@ -35,11 +38,13 @@ from renderers.stereo.smooth_noise import smooth_noise
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-FATE_BOX: Final = 8
-"""Box of the noise that decides about holes and wrong pixels (``smooth_noise``), pixels: our choice, a little more than
-a matching window."""
-_HIDDEN: Final = CLASSES
-"""Class of pixels that cannot be measured, next to a nearer surface."""
+OUTCOME_BOX: Final = 8
+"""Box of the noise that selects holes and wrong pixels (``smooth_noise``), pixels: our choice, a little more than a
+matching window."""
+_HIDDEN_CLASS: Final = CLASSES
+"""Class of pixels without a measurable disparity. Next to a nearer surface they may get its disparity."""
+_WRONG_FROM, _HOLE_FROM, _NEAR_SIGMA, _WIDE_SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(8)
+"""Columns of the class table (``_class_table``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,7 @@ class ErrorModel:
     noise_sigma: float
     """Standard deviation of the image noise, grey levels, above 0."""
     seed: int
+    """Seed of the random numbers."""
     kind: ImageKind
     """Kind of the images."""
     frame: int
@@ -77,7 +83,7 @@ def choose_error_scale(sigma: float, disparity_count: int) -> float:
 
 
 def exact_images(true_disparity: NDArray[np.float32], error_scale: float = DISPARITY_SCALE) -> DepthImages:
-    """Return depth images without errors but the rounding to 1/16 pixel: the error is 1 unit, the confidence 1.
+    """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1.
 
     Args:
         true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
@@ -104,13 +110,13 @@ def measured_images(
     exact = _sixteenths(true_disparity)
     nearest, farthest = window_range(exact)
     classes = classify(left, right, exact, nearest, farthest, model.noise_sigma)
-    classes[exact == 0] = _HIDDEN
-    fields = [
+    classes[exact == 0] = _HIDDEN_CLASS
+    noise_images = [
         smooth_noise(height, width, box, frame_key(model.seed, model.frame, stream))
         for box, stream in (
             (statistics.NEAR_BOX, NoiseStream.DISPARITY),
             (statistics.WIDE_BOX, NoiseStream.DISPARITY_WIDE),
-            (FATE_BOX, NoiseStream.FATE),
+            (OUTCOME_BOX, NoiseStream.OUTCOME),
         )
     ]
     images = DepthImages(
@@ -119,8 +125,8 @@ def measured_images(
         np.empty((height, width), np.uint8),
         model.error_scale,
     )
-    _measure(
-        true_disparity, nearest, farthest, classes, *fields, _class_table(model), images.disparity, images.error,
+    _write_measured(
+        true_disparity, nearest, farthest, classes, *noise_images, _class_table(model), images.disparity, images.error,
         images.confidence,
     )  # fmt: skip
     return images
@@ -133,11 +139,17 @@ def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def _class_table(model: ErrorModel) -> NDArray[np.float32]:
-    """Return (``CLASSES`` + 1, 8) float32 for ``_measure``, a row for each class.
+    """Return (``CLASSES`` + 1, 8) float32, a row for each class, the last one for ``_HIDDEN_CLASS``.
 
-    Columns: values of the fate from which a pixel is wrong and from which it is a hole; standard deviations of the
-    near and of the wide part of the error, and the least error of a wrong pixel, units of 1/16 pixel; disparity error
-    in units of the error image; confidence of the pixel's own and of a neighbour's disparity, units of 1/255.
+    Columns:
+
+    * ``_WRONG_FROM``, ``_HOLE_FROM``: outcome noise from which a pixel is wrong, and from which it is a hole.
+    * ``_NEAR_SIGMA``, ``_WIDE_SIGMA``: standard deviations of the two parts of the Gaussian error, which are correlated
+      over a small and a large distance, units of 1/16 pixel.
+    * ``_MIN_WRONG``: minimum error of a wrong pixel away from edges, units of 1/16 pixel.
+    * ``_ERROR``: disparity error, units of the error image.
+    * ``_CONFIDENCE``, ``_NEIGHBOUR_CONFIDENCE``: confidence of a pixel with the disparity of its own surface, and with
+      that of the other side of an edge, units of 1/255.
     """
     found = np.append(statistics.FOUND[model.kind], statistics.HIDDEN_FOUND[model.kind])
     right = np.append(statistics.RIGHT[model.kind], 0.0)
@@ -148,11 +160,11 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     own = np.append(statistics.CONFIDENCE[model.kind], 0.0)
     neighbours = np.append(statistics.NEIGHBOUR_CONFIDENCE[model.kind], statistics.HIDDEN_CONFIDENCE[model.kind])
     normal = NormalDist()
-    limits = [[normal.inv_cdf(min(max(p, 1e-6), 1 - 1e-6)) for p in shares] for shares in (found * right, found)]
+    thresholds = [[normal.inv_cdf(min(max(p, 1e-6), 1 - 1e-6)) for p in shares] for shares in (found * right, found)]
     near, wide = (1.0 - statistics.WIDE_SHARE) ** 0.5, statistics.WIDE_SHARE**0.5
-    wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # more than rounding can undo
+    wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
     confidences = np.floor(np.stack((own, neighbours)) * 255.0)
-    columns = (*limits, near * gaussian, wide * gaussian, wrong, units, *confidences)
+    columns = (*thresholds, near * gaussian, wide * gaussian, wrong, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
 
 
@@ -160,8 +172,9 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
     "float32[:,::1], float32[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1])"
 )
-def _measure(
-    true_disparity, nearest, farthest, classes, near_noise, wide_noise, fates, class_table, disparity, error, confidence
+def _write_measured(
+    true_disparity, nearest, farthest, classes, near_noise, wide_noise, outcome_noise, class_table, disparity, error,
+    confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
 
@@ -169,40 +182,40 @@ def _measure(
         true_disparity: (H, W) float32, pixels, 0: not measurable.
         nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
         farthest: (H, W) uint16, likewise.
-        classes: (H, W) uint8.
+        classes: (H, W) uint8, row of ``class_table``.
         near_noise: (H, W) float32, of variance 1.
         wide_noise: (H, W) float32, of variance 1.
-        fates: (H, W) float32, of variance 1; small values are right, large ones are holes.
-        class_table: ``_class_table``.
+        outcome_noise: (H, W) float32, of variance 1; small values make right pixels, large ones holes.
+        class_table: (``CLASSES`` + 1, 8) float32, ``_class_table``.
         disparity: (H, W) uint16, output, units of 1/16 pixel.
-        error: (H, W) uint8, output.
-        confidence: (H, W) uint8, output.
+        error: (H, W) uint8, output, units of the error image.
+        confidence: (H, W) uint8, output, units of 1/255.
     """
     height, width = true_disparity.shape
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for row in range(height):
         for column in range(width):
             entry = class_table[classes[row, column]]
-            fate, noise = fates[row, column], near_noise[row, column]
+            outcome, noise = outcome_noise[row, column], near_noise[row, column]
             units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
-            if fate < entry[1]:
+            if outcome < entry[_HOLE_FROM]:
                 measured = true_disparity[row, column] * np.float32(16.0)
-                deviation = entry[2] * noise + entry[3] * wide_noise[row, column]
-                error_units, confidence_units = entry[5], entry[6]
-                if fate >= entry[0]:
+                deviation = entry[_NEAR_SIGMA] * noise + entry[_WIDE_SIGMA] * wide_noise[row, column]
+                error_units, confidence_units = entry[_ERROR], entry[_CONFIDENCE]
+                if outcome >= entry[_WRONG_FROM]:
                     front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
                     is_behind = front >= measured + np.float32(EDGE_STEP)
                     if is_behind or measured >= back + np.float32(EDGE_STEP):
                         measured = front if is_behind else back
-                        confidence_units = entry[7]
+                        confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
                     else:
-                        deviation = entry[4] + np.float32(WRONG_SPREAD) * abs(noise)
+                        deviation = entry[_MIN_WRONG] + np.float32(WRONG_SPREAD) * abs(noise)
                         if noise < zero:
                             deviation = -deviation
                 if measured > zero:
                     units = int(min(max(measured + deviation, one), np.float32(65535.0)) + half)
                 if units > column * 16 + 8:
-                    units = 0  # left of the right image
+                    units = 0  # the match would lie beyond the left edge of the right image
             disparity[row, column] = units
             error[row, column] = int(error_units) if units > 0 else 0
             confidence[row, column] = int(confidence_units) if units > 0 else 0

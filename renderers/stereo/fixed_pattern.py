@@ -1,7 +1,7 @@
-"""Fixed-pattern noise of a camera: offset and gain that differ between pixels and columns, the same in every frame.
+"""Fixed-pattern noise of a camera: offsets of pixels and columns and gains of pixels, the same in every frame.
 
-The magnitudes are our choice, of the order of data sheets (EMVA 1288) of CMOS sensors with global shutter after the
-camera's own correction: the device's are not published.
+The device's magnitudes are not published. Ours are of the order that data sheets (EMVA 1288) give for CMOS sensors with
+global shutter, after the camera's own correction.
 """
 
 from __future__ import annotations
@@ -39,17 +39,25 @@ class FixedPattern:
 
 @lru_cache(_CACHED_PATTERNS)
 def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:
-    """Return the pattern of a camera's left or right sensor, which depends on the arguments only."""
+    """Return the pattern of a sensor, which depends on the arguments only.
+
+    Args:
+        seed: seed of the stereo camera.
+        right: the right sensor instead of the left one.
+        height: rows.
+        width: columns.
+    """
     random = np.random.Generator(np.random.Philox(key=(seed << 1 | int(right)) & (2**128 - 1)))
 
     def normal(*shape: int) -> NDArray[np.float64]:
-        """Return about normal numbers from sums of four bytes: exact on every CPU, unlike a logarithm."""
+        """Return approximately normal numbers from sums of four bytes: equal on every CPU, unlike a logarithm."""
         total = random.integers(0, 256, (4, *shape), np.uint8).sum(axis=0, dtype=np.int64)
+        # The sum has the mean 4 * 127.5 and the standard deviation sqrt(4 * (256**2 - 1) / 12).
         numbers: NDArray[np.float64] = (total - 510.0) / 147.8
-        return numbers  # 4 * 127.5; sqrt(4 * (256^2 - 1) / 12)
+        return numbers
 
-    def rounded(values: NDArray[np.float64]) -> NDArray[np.int8]:
+    def to_int8(values: NDArray[np.float64]) -> NDArray[np.int8]:
         return np.clip(np.rint(values), -127, 127).astype(np.int8)
 
     offset = PIXEL_OFFSET * normal(height, width) + COLUMN_OFFSET * normal(width)
-    return FixedPattern(rounded(offset / OFFSET_UNIT), rounded(PIXEL_GAIN / GAIN_UNIT * normal(height, width)))
+    return FixedPattern(to_int8(offset / OFFSET_UNIT), to_int8(PIXEL_GAIN / GAIN_UNIT * normal(height, width)))

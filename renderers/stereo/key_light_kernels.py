@@ -1,4 +1,4 @@
-"""Kernel of ``key_light``."""
+"""Kernel of ``key_light``: factors from the headlight to key light and sky."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 
-NEUTRAL: Final = 64
+FACTOR_ONE: Final = 64
 """Value of the factor 1."""
 _MIN_COSINE: Final = 0.3
-"""Minimum cosine of the headlight: factors would be noisy where it hardly reaches."""
+"""Minimum cosine of the headlight: factors would be noisy on surfaces that it hardly lights."""
 
 
 @inlined
 def _lit_share(shadow_depth, u, v, z):
-    """Return the share of a light that reaches a point: four texels, weighted bilinearly; 1 outside of the map.
+    """Return the share of a light that reaches a point, from four texels with bilinear weights; 1 outside of the map.
 
     Args:
+        shadow_depth: (S, S) float32, metres, +inf: nothing.
         u, v: position in the map, texels, float32.
         z: depth of the point, metres, float32.
     """
@@ -39,7 +40,9 @@ def _lit_share(shadow_depth, u, v, z):
     "void(float32[:,::1], float32[:,:,::1], float64[::1], float32[:,::1], float64[:,::1], float64[::1], float64[::1], "
     "float64[::1], float64[::1], uint8[:,::1])"
 )
-def factor_rows(depth, normal, intrinsics, shadow_depth, X_light_camera, light, to_light, up, lights, factors):
+def factor_rows(
+    depth, normal, intrinsics, shadow_depth, X_light_camera, shadow_map, to_light, up, light_levels, factors
+):
     """Write the factors of ``key_light.light_factors``.
 
     Args:
@@ -48,30 +51,30 @@ def factor_rows(depth, normal, intrinsics, shadow_depth, X_light_camera, light, 
         intrinsics: (4,) float64: fx, fy, cx, cy of the camera, pixels.
         shadow_depth: (S, S) float32, metres, +inf: nothing.
         X_light_camera: (3, 4) float64, from the camera's frame to the light's.
-        light: (3,) float64: focal length and principal point of the map, texels; offset of a point along its normal,
-                metres per metre of distance from the light.
+        shadow_map: (3,) float64: focal length and principal point, texels; offset of a point along its normal, metres
+            per metre of distance from the light.
         to_light: (3,) float64, unit vector to the light in the camera's frame.
         up: (3,) float64, the world's z axis in the camera's frame.
-        lights: (3,) float64: light of key light, sky and ground.
+        light_levels: (3,) float64: ``KEY_LIGHT``, ``SKY_LIGHT`` and ``GROUND_LIGHT``.
         factors: (H, W) uint8, output.
     """
     height, width = depth.shape
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
-    focal_length, center, normal_offset = light[0], light[1], light[2]
-    key, sky, ground = lights[0], lights[1], lights[2]
+    focal_length, center, normal_offset = shadow_map[0], shadow_map[1], shadow_map[2]
+    key, sky, ground = light_levels[0], light_levels[1], light_levels[2]
     for row in range(height):
         ray_y = (row + 0.5 - cy) * inv_fy
         for column in range(width):
             z = float(depth[row, column])
             if not z < np.inf:
-                factors[row, column] = NEUTRAL
+                factors[row, column] = FACTOR_ONE
                 continue
             nx, ny, nz = float(normal[row, column, 0]), float(normal[row, column, 1]), float(normal[row, column, 2])
             headlight = -nz
             is_unlit = nx == 0.0 and ny == 0.0 and nz == 0.0
             n_l = nx * to_light[0] + ny * to_light[1] + nz * to_light[2]
             n_up = nx * up[0] + ny * up[1] + nz * up[2]
-            if is_unlit:
+            if is_unlit:  # as a surface that faces the camera and the sky, and nearly the light
                 headlight, n_l, n_up = 1.0, 0.8, 1.0
             share = np.float32(0.0)
             if n_l > 0.0:
@@ -103,7 +106,7 @@ def factor_rows(depth, normal, intrinsics, shadow_depth, X_light_camera, light, 
                     + X_light_camera[2, 3]
                 )
                 scale = focal_length / lz
-                # A texel is seen at one depth, but a slanted surface has others within it.
+                # A texel has one depth, but the depths of a slanted surface differ within it.
                 bias = 0.5 * offset / max(n_l, 0.2)
                 share = _lit_share(
                     shadow_depth,
@@ -112,5 +115,5 @@ def factor_rows(depth, normal, intrinsics, shadow_depth, X_light_camera, light, 
                     np.float32(lz - bias),
                 )
             light_here = key * share * max(n_l, 0.0) + ground + (sky - ground) * (0.5 + 0.5 * n_up)
-            factor = light_here / max(headlight, _MIN_COSINE) * NEUTRAL
+            factor = light_here / max(headlight, _MIN_COSINE) * FACTOR_ONE
             factors[row, column] = int(min(factor + 0.5, 255.0))

@@ -18,10 +18,10 @@ WINDOW: Final = 5
 """Side of the matching window, pixels."""
 MIN_NOISE_SIGMA: Final = 0.3
 """Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
-_ERROR_UNITS: Final = np.clip(np.rint(np.array(statistics.MATCHED_ERROR) / DISPARITY_SCALE), 1, 255).astype(np.uint8)
-"""(kinds, classes) disparity error, units of 1/16 pixel."""
-_CONFIDENCE_UNITS: Final = np.floor(np.array(statistics.MATCHED_RIGHT) * 255.0).astype(np.uint8)
-"""(kinds, classes) confidence, units of 1/255."""
+_ERRORS: Final = np.clip(np.rint(np.array(statistics.MATCHED_ERROR) / DISPARITY_SCALE), 1, 255).astype(np.uint8)
+"""(kinds, ``CLASSES``) uint8, disparity error, units of 1/16 pixel."""
+_CONFIDENCES: Final = np.floor(np.array(statistics.MATCHED_RIGHT) * 255.0).astype(np.uint8)
+"""(kinds, ``CLASSES``) uint8, confidence, units of 1/255."""
 
 
 def match_pair(
@@ -29,20 +29,19 @@ def match_pair(
 ) -> DepthImages:
     """Return depth images by matching a pair.
 
-    A match's error and confidence are those that matches of its class had in ten rendered scenes
-    (``matcher_statistics``).
+    Error and confidence of a match are those of its class in ten rendered scenes (``matcher_statistics``).
 
     Args:
         left: (H, W) uint8, rectified: a point's row is the same in both images.
         right: (H, W) uint8, likewise.
-        disparity_count: number of disparities to search, pixels.
+        disparity_count: number of disparities to search, one per pixel from 0.
         noise_sigma: standard deviation of the image noise, grey levels.
         kind: kind of the images.
     """
     disparity = find_matches(left, right, disparity_count)
     classes = classify(left, right, disparity, *window_range(disparity), max(noise_sigma, MIN_NOISE_SIGMA))
     found = disparity > 0
-    error, confidence = _ERROR_UNITS[kind], _CONFIDENCE_UNITS[kind]
+    error, confidence = _ERRORS[kind], _CONFIDENCES[kind]
     return DepthImages(disparity, error[classes] * found, confidence[classes] * found)
 
 
@@ -70,7 +69,7 @@ def find_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_co
         mode=cv2.StereoSGBM_MODE_SGBM,
     )
     matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched_count:]
-    check_stop()  # OpenCV itself cannot be stopped: half a second for 1280 x 960 pixels
+    check_stop()  # OpenCV cannot be stopped while it matches: half a second for 1280 x 960 pixels
     # No match (0 or less), or a match with the padding beyond the left edge of the right image.
     is_match = (matches > 0) & (matches <= disparity_count * 16)
     is_match &= matches <= np.arange(left.shape[1], dtype=np.int32) * 16

@@ -21,7 +21,7 @@ class NoiseStream(IntEnum):
     """Independent random sequences of one frame, named by the image that uses them.
 
     ``*_DEPTH`` are the images for stereo matching, ``*_SECOND`` those without the projector's light (``double_shot``).
-    ``DISPARITY*`` and ``FATE`` are the errors of modelled depth (``errors``).
+    ``DISPARITY*`` and ``OUTCOME`` are the errors of modelled depth (``errors``).
     """
 
     LEFT = 1
@@ -32,7 +32,7 @@ class NoiseStream(IntEnum):
     LEFT_SECOND = 6
     RIGHT_SECOND = 7
     DISPARITY_WIDE = 8
-    FATE = 9
+    OUTCOME = 9
 
     @property
     def is_right(self) -> bool:

@@ -1,7 +1,7 @@
-"""From a rendered image to the light on the sensor: projector, key light, lens blur and vignetting.
+"""Light on the sensor from a rendered image: adds the projector, key light, lens blur and vignetting.
 
-Light is the display-encoded value to the power of 2.2; 1 is white. ``sensor.image_from_light`` turns it into a camera
-image.
+Light is the display-encoded value to the power of 2.2; 1 is white. ``sensor.image_from_light`` makes a camera image of
+it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import optics_kernels as kernels
 from renderers.stereo.exposure import DISPLAY_GAMMA, LUMA, Exposure
-from renderers.stereo.key_light import NEUTRAL
+from renderers.stereo.key_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
 
 LENS_BLUR: Final = 0.7
@@ -24,14 +24,16 @@ LENS_BLUR: Final = 0.7
 diffraction of an f/2.8 lens on pixels of 3.75 um 0.3, and rectification adds an interpolation; 0.7 leaves 2 % of the
 contrast at the pixels' Nyquist frequency."""
 MAX_LENS_BLUR: Final = 0.70710678
-"""Maximum standard deviation of a filter of three taps whose contrast is nowhere negative, pixels."""
+"""Maximum standard deviation of the filter of three taps, pixels: a wider one would invert the finest patterns."""
 VIGNETTING_EXPONENT: Final = 3
-"""Light falls with this power of the cosine of the field angle. A thin lens has 4, and real lenses correct a part."""
+"""Power of the cosine of the field angle with which light falls. A thin lens has 4; real lenses correct a part."""
 LIGHT_WHITE: Final = kernels.LIGHT_WHITE
 """Value of white in a light image."""
 
 _NO_DOTS: Final = np.zeros((1, 1), np.uint8)
-_NO_FACTORS: Final = np.full((1, 1), NEUTRAL, np.uint8)
+"""Kernel argument for ``SceneLight.dots`` of None."""
+_NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
+"""Kernel argument for ``SceneLight.factors`` of None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,7 @@ class Lens:
     blur: float = 0.0
     """Standard deviation of the point spread, pixels, 0 to ``MAX_LENS_BLUR``."""
     vignetting: bool = False
+    """Light falls towards the corners (``VIGNETTING_EXPONENT``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +55,11 @@ class SceneLight:
     dot_light: float = 0.0
     """Light that a full dot adds, relative to the scene's own."""
     factors: NDArray[np.uint8] | None = None
-    """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of 1 / ``NEUTRAL``
-    (``key_light.light_factors``); None: 1."""
+    """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of
+    1/``FACTOR_ONE`` (``key_light.light_factors``); None: 1."""
     background: tuple[int, int, int] = (0, 0, 0)
-    """RGB of the rendered background, to which factors do not apply: they are interpolated, and would brighten it
-    beside surfaces."""
+    """RGB of the rendered background. Factors do not apply to it: interpolated ones would brighten it beside
+    surfaces."""
 
 
 def light_on_sensor(
@@ -70,8 +73,8 @@ def light_on_sensor(
 ) -> NDArray[np.uint16]:
     """Return the square root of the light on each pixel of the sensor, (H, W, 3 or 1) uint16.
 
-    White is ``LIGHT_WHITE``; the largest value is the square root of 16 times the light of white. The square root
-    makes the steps of the 16 bits about as fine as the eye needs in dark and bright parts.
+    White is ``LIGHT_WHITE``, and the largest value has 16 times the light of white. The square root gives dark parts
+    finer steps of light than bright ones.
 
     Args:
         rendered: (H, W, 3) uint8 RGB, C-contiguous.
@@ -85,7 +88,8 @@ def light_on_sensor(
     height, width = rendered.shape[:2]
     dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
     factors = _NO_FACTORS if scene_light.factors is None else scene_light.factors
-    neighbour = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2  # three taps of this variance
+    # The filter [w, 1 - 2 w, w] has the variance 2 w.
+    neighbour_weight = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2
     white_balance = exposure.channel_factors
     weights = np.rint(256.0 * (np.diag(white_balance) if color else (LUMA * white_balance)[None])).astype(np.int64)
     light = np.empty((height, width, len(weights)), np.uint16)
@@ -93,13 +97,13 @@ def light_on_sensor(
     dot_factors = (1.0 + scene_light.dot_light * np.arange(256) / 255.0).astype(np.float32)
     kernels.light_rows(
         rendered, dots, dot_factors, factors, np.array(scene_light.background, np.uint8), weights, _light_of_luma(),
-        neighbour, k.cx, k.cy, inv_focal, light,
+        neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
     return light
 
 
 def brightness_of_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Return the display-encoded brightness, 1 is white, of a light image; float32 of its shape."""
+    """Return the display-encoded brightness of a light image, float32 of its shape; 1 is white."""
     encoded: NDArray[np.float32] = (light.astype(np.float32) / np.float32(LIGHT_WHITE)) ** np.float32(
         2.0 / DISPLAY_GAMMA
     )
@@ -108,5 +112,5 @@ def brightness_of_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
 
 @cache
 def _light_of_luma() -> NDArray[np.float32]:
-    """Return the light of display-encoded values, (``LUMA_STEPS``,) float32; step 1020 is white."""
+    """Return the light of display-encoded values, (``LUMA_STEPS``,) float32; step ``WHITE_STEP`` is white."""
     return ((np.arange(kernels.LUMA_STEPS) / kernels.WHITE_STEP) ** DISPLAY_GAMMA).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Kernel of ``optics``."""
+"""Kernel of ``optics``: light on the sensor from a rendered image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from renderers.compiler.jit import kernel
 LIGHT_WHITE: Final = 16384
 """Value of white in a light image, the square root of its light."""
 LUMA_STEPS: Final = 2048
-"""Number of values of the table from luma to light: luma in quarters of a grey level, twice white for white balance."""
+"""Number of entries of the table from luma to light, one per quarter of a grey level. White balance can double the luma
+of white."""
 WHITE_STEP: Final = 1020
 """Luma of white, quarters of a grey level."""
 
@@ -21,7 +22,7 @@ WHITE_STEP: Final = 1020
     "float64, float64, float64, uint16[:,:,::1])"
 )
 def light_rows(
-    rendered, dots, dot_factors, factors, background, weights, light_of_luma, neighbour, cx, cy, inv_focal, light
+    rendered, dots, dot_factors, factors, background, weights, light_of_luma, neighbour_weight, cx, cy, inv_focal, light
 ):  # fmt: skip
     """Write a light image.
 
@@ -33,22 +34,22 @@ def light_rows(
         background: (3,) uint8 RGB of pixels to which no factor applies.
         weights: (C, 3) int64, weights of red, green and blue in each channel, units of 1/256.
         light_of_luma: (``LUMA_STEPS``,) float32, light by luma in quarters of a grey level.
-        neighbour: weight of each of the two neighbours in the filter of three taps, along rows and along columns.
+        neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         inv_focal: 1 / focal length, 1/pixels; 0: no vignetting.
         light: (H, W, C) uint16, output.
     """
     height, width, channels = light.shape
-    one, half, side = np.float32(1.0), np.float32(0.5), np.float32(neighbour)
-    center = one - side - side
+    one, half, outer = np.float32(1.0), np.float32(0.5), np.float32(neighbour_weight)
+    center = one - outer - outer
     white, maximum = np.float32(LIGHT_WHITE), np.float32(65535.0)
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
     last_step = np.uint32(LUMA_STEPS - 1)
-    # One row each: light on the scene with its neighbours at both ends, factors, and three rows blurred along x.
+    # Light of one row and its factors, each with its ends repeated; and the last three rows, blurred along x.
     scene = np.empty(width + 2, np.float32)
     half_width = factors.shape[1]
-    half_row = np.empty(half_width + 2, np.float32)
+    factor_row = np.empty(half_width + 2, np.float32)
     blurred = np.empty((3, width), np.float32)
     falloff = np.empty(width, np.float32)
     x_squared = np.empty(width, np.float32)
@@ -71,28 +72,28 @@ def light_rows(
                     )
                     scene[column + 1] = light_of_luma[min((luma + np.uint32(32)) >> np.uint32(6), last_step)]
                 if has_factors:
-                    # Quadratic B-splines: a row lies a quarter of a coarse row beside that row's centre. Weights in
-                    # units of 1/32; linear interpolation would leave the steps of coarse pixels at edges.
+                    # Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre
+                    # lies a quarter of a coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32.
                     near_row = min(source_row >> 1, factors.shape[0] - 1)
                     step = (source_row & 1) * 2 - 1
                     far_row = min(max(near_row + step, 0), factors.shape[0] - 1)
                     opposite_row = min(max(near_row - step, 0), factors.shape[0] - 1)
-                    scale = np.float32(1.0 / 65536.0)
+                    scale = np.float32(1.0 / 65536.0)  # 32 for the rows, 32 for the columns, 64 for the factor 1
                     for x_half in range(half_width):
                         value = (
                             np.int32(22) * factors[near_row, x_half]
                             + np.int32(9) * factors[far_row, x_half]
                             + np.int32(factors[opposite_row, x_half])
                         )
-                        half_row[x_half + 1] = np.float32(value) * scale
-                    half_row[0], half_row[half_width + 1] = half_row[1], half_row[half_width]
+                        factor_row[x_half + 1] = np.float32(value) * scale
+                    factor_row[0], factor_row[half_width + 1] = factor_row[1], factor_row[half_width]
                     for column in range(width):
                         near = (column >> 1) + 1
                         step = (column & 1) * 2 - 1
                         factor = (
-                            np.float32(22.0) * half_row[near]
-                            + np.float32(9.0) * half_row[near + step]
-                            + half_row[near - step]
+                            np.float32(22.0) * factor_row[near]
+                            + np.float32(9.0) * factor_row[near + step]
+                            + factor_row[near - step]
                         )
                         is_background = (
                             (rendered[source_row, column, 0] == background[0])
@@ -106,7 +107,7 @@ def light_rows(
                 scene[0], scene[width + 1] = scene[1], scene[width]
                 target = source_row % 3
                 for column in range(width):
-                    blurred[target, column] = scene[column + 1] * center + (scene[column] + scene[column + 2]) * side
+                    blurred[target, column] = scene[column + 1] * center + (scene[column] + scene[column + 2]) * outer
             row = source_row - 1
             if row < 0:
                 continue
@@ -118,10 +119,10 @@ def light_rows(
                     inv_cosine_squared = inv_cosine_base + x_squared[column]
                     falloff[column] = one / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
                 for column in range(width):
-                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * side
+                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * outer
                     root = np.sqrt(value * falloff[column]) * white + half
                     light[row, column, channel] = np.uint16(np.int32(min(root, maximum)))
             else:
                 for column in range(width):
-                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * side
+                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * outer
                     light[row, column, channel] = np.uint16(np.int32(min(np.sqrt(value) * white + half, maximum)))

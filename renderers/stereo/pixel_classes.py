@@ -1,6 +1,6 @@
 """Classes of pixels by how well a window matcher can measure them: texture, agreement of the images, nearby edges.
 
-What a matcher finds in each class is in ``matcher_statistics``.
+``matcher_statistics`` has the matcher's results in each class.
 """
 
 from __future__ import annotations
@@ -34,21 +34,24 @@ class ImageKind(IntEnum):
 
 
 RADIUS: Final = 2
-"""A window has 5 x 5 pixels."""
+"""Pixels on each side of a window's centre: a window has 5 x 5 pixels."""
 _WINDOW: Final = 2 * RADIUS + 1
+"""Side of a window, pixels."""
 TEXTURE_STEPS: Final = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 """Borders between classes of texture: standard deviation of the horizontal gradient in the window, divided by that of
-the image noise. Smooth shading is no texture."""
+the image noise. Smooth shading has a constant gradient, so it does not count as texture."""
 DISAGREEMENT_STEPS: Final = (0.1, 0.3, 0.5, 0.8, 1.5)
 """Borders between classes of disagreement: difference of the two windows beyond the noise, divided by the texture."""
 EDGES: Final = 3
-"""Classes of edges: 0 none, 1 the pixel is in front of a neighbour, 2 it is behind a neighbour."""
+"""Number of classes of edges: 0 none, 1 the pixel is in front of another one in its window, 2 it is behind one."""
 EDGE_STEP: Final = 32
-"""Disparity step within a window that is an edge, units of 1/16 pixel."""
+"""Minimum step of the disparity within a window that counts as an edge, units of 1/16 pixel."""
 TEXTURES: Final = len(TEXTURE_STEPS) + 1
+"""Number of classes of texture."""
 DISAGREEMENTS: Final = len(DISAGREEMENT_STEPS) + 1
+"""Number of classes of disagreement."""
 CLASSES: Final = TEXTURES * DISAGREEMENTS * EDGES
-"""Number of classes. ``class = (texture * disagreements + disagreement) * EDGES + edge``."""
+"""Number of classes. ``class = (texture * DISAGREEMENTS + disagreement) * EDGES + edge``."""
 _TEXTURE_STEPS: Final = np.array(TEXTURE_STEPS, np.float32)
 _DISAGREEMENT_STEPS: Final = np.array(DISAGREEMENT_STEPS, np.float32)
 
@@ -57,7 +60,8 @@ def window_range(disparity: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDA
     """Return the largest and the smallest known disparity in each pixel's window, (H, W) uint16 each.
 
     Args:
-        disparity: (H, W) uint16, 0: unknown. Where all is unknown, the largest is 0 and the smallest 65535.
+        disparity: (H, W) uint16, 0: unknown. In a window without a known disparity, the largest is 0 and the smallest
+            65535.
     """
     window = np.ones((_WINDOW, _WINDOW), np.uint8)
     known = np.where(disparity > 0, disparity, np.uint16(65535))
@@ -77,7 +81,8 @@ def classify(
     Args:
         left: (H, W) uint8, rectified.
         right: (H, W) uint8, rectified.
-        disparity: (H, W) uint16, units of 1/16 pixel, at which the images are compared; 0: unknown.
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: unknown; a pixel is compared with the right image at
+            this disparity.
         nearest: (H, W) uint16, ``window_range`` of ``disparity``.
         farthest: (H, W) uint16, likewise.
         noise_sigma: standard deviation of the image noise, grey levels, above 0.
@@ -99,7 +104,7 @@ def _classify(
 ):  # fmt: skip
     """Write the class of each pixel. Windows end at the edges of the image.
 
-    All sums are of integers, so they do not depend on their order.
+    All sums are of integers: their results do not depend on the order.
 
     Args:
         left: (H, W) uint8.
@@ -108,8 +113,8 @@ def _classify(
         nearest: (H, W) uint16, largest disparity in the window.
         farthest: (H, W) uint16, smallest known disparity in the window.
         noise_sigma: standard deviation of the image noise, grey levels.
-        texture_steps: (T,) float32.
-        disagreement_steps: (D,) float32.
+        texture_steps: (``TEXTURES`` - 1,) float32.
+        disagreement_steps: (``DISAGREEMENTS`` - 1,) float32.
         classes: (H, W) uint8, output.
     """
     height, width = left.shape
@@ -117,22 +122,22 @@ def _classify(
     sigma = np.float32(noise_sigma)
     variance = sigma * sigma
     zero, one = np.float32(0.0), np.float32(1.0)
-    # Values of the last five rows, and their sums over each column; columns beyond the image are 0.
+    # Rings of the last five rows, and their sums down each column. Padding beyond the image is 0.
     gradients = np.zeros((_WINDOW, padded), np.int32)
     differences = np.zeros((_WINDOW, padded), np.int32)
     counts = np.zeros((_WINDOW, padded), np.int32)
     gradient_sums = np.zeros(padded, np.int32)
-    square_sums = np.zeros(padded, np.int32)
+    gradient_square_sums = np.zeros(padded, np.int32)
     difference_sums = np.zeros(padded, np.int32)
     count_sums = np.zeros(padded, np.int32)
-    columns = np.empty(width, np.int32)
+    window_columns = np.empty(width, np.int32)
     for column in range(width):
-        columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
+        window_columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
     for row in range(height + RADIUS):
         gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
         for x in range(padded):
             gradient_sums[x] -= gradient[x]
-            square_sums[x] -= gradient[x] * gradient[x]
+            gradient_square_sums[x] -= gradient[x] * gradient[x]
             difference_sums[x] -= difference[x]
             count_sums[x] -= count[x]
             gradient[x], difference[x], count[x] = 0, 0, 0
@@ -140,25 +145,25 @@ def _classify(
             _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
             for x in range(padded):
                 gradient_sums[x] += gradient[x]
-                square_sums[x] += gradient[x] * gradient[x]
+                gradient_square_sums[x] += gradient[x] * gradient[x]
                 difference_sums[x] += difference[x]
                 count_sums[x] += count[x]
         center = row - RADIUS
         if center < 0:
             continue
-        rows = min(center + RADIUS, height - 1) - max(center - RADIUS, 0) + 1
+        window_rows = min(center + RADIUS, height - 1) - max(center - RADIUS, 0) + 1
         for column in range(width):
-            gradient_sum, square_sum = np.int32(0), np.int32(0)
+            gradient_sum, gradient_square_sum = np.int32(0), np.int32(0)
             difference_sum, count_sum = np.int32(0), np.int32(0)
             for x in range(_WINDOW):
                 gradient_sum += gradient_sums[column + x]
-                square_sum += square_sums[column + x]
+                gradient_square_sum += gradient_square_sums[column + x]
                 difference_sum += difference_sums[column + x]
                 count_sum += count_sums[column + x]
             # The gradient is half the difference of two pixels: noise adds half its variance.
-            pixels = np.int32(rows) * columns[column]
-            spread = np.int32(square_sum) * pixels - np.int32(gradient_sum) * np.int32(gradient_sum)
-            gradient_variance = np.float32(spread) / np.float32(4 * pixels * pixels)
+            pixels = np.int32(window_rows) * window_columns[column]
+            scaled_variance = np.int32(gradient_square_sum) * pixels - np.int32(gradient_sum) * np.int32(gradient_sum)
+            gradient_variance = np.float32(scaled_variance) / np.float32(4 * pixels * pixels)
             texture = np.sqrt(max(gradient_variance - np.float32(0.5) * variance, zero))
             mean_difference = np.float32(difference_sum) / (np.float32(16.0) * max(np.float32(count_sum), one))
             disagreement = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
@@ -188,8 +193,8 @@ def _compare_rows(left, right, disparity, gradient, difference, count):
     """
     width = len(left)
     for column in range(width):
-        below, above = max(column - 1, 0), min(column + 1, width - 1)
-        gradient[column + RADIUS] = np.int32(left[above]) - np.int32(left[below])
+        previous, following = max(column - 1, 0), min(column + 1, width - 1)
+        gradient[column + RADIUS] = np.int32(left[following]) - np.int32(left[previous])
         units = np.int32(disparity[column])
         right_column = column * 16 - units  # 1/16 pixel
         if units > 0 and right_column >= 0:

@@ -1,4 +1,4 @@
-"""Parts of a realistic camera image that can be switched on one by one, and how a list of them is written."""
+"""Parts of a realistic camera image, which can be enabled one by one, and the parser of lists of their names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ RealismPart = Literal["shadows", "lens-blur", "vignetting", "fixed-pattern", "mo
 - ``lens-blur``: point spread of lens and pixel.
 - ``vignetting``: less light towards the corners.
 - ``fixed-pattern``: offset and gain that differ between the sensor's pixels and columns.
-- ``motion-blur``: blur of what moves during the exposure.
+- ``motion-blur``: blur of objects that move in the image during the exposure.
 - ``projector``: round dots with soft edges and speckle.
 """
 REALISM_PARTS: Final[tuple[RealismPart, ...]] = get_args(RealismPart)
@@ -19,7 +19,7 @@ REALISM_PARTS: Final[tuple[RealismPart, ...]] = get_args(RealismPart)
 
 
 def parse_realism(text: str) -> tuple[RealismPart, ...]:
-    """Return the parts that ``off``, ``all`` or names separated by commas stand for, without duplicates.
+    """Return the parts for ``off``, ``all`` or names separated by commas, without duplicates.
 
     Raises:
         ValueError: unknown name; the message lists the parts.

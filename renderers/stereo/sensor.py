@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.pending import wait_until_compiled
-from renderers.stereo import light_kernels
 from renderers.stereo import sensor_kernels as kernels
+from renderers.stereo import sensor_light_kernels
 from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, Exposure, noise_sigma
 from renderers.stereo.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
 from renderers.stereo.noise import NORMAL_TABLE
@@ -105,12 +105,12 @@ def image_from_light(
     image = np.empty(light.shape, np.uint8)
     # Steps along the square root of the light: the display-encoded value is its power of 2 / 2.2.
     saturated_root = (exposure.saturation / exposure.display_factor) ** (DISPLAY_GAMMA / 2.0)
-    steps = np.arange(light_kernels.RESPONSE_STEPS) / (light_kernels.RESPONSE_STEPS - 1)
+    steps = np.arange(sensor_light_kernels.RESPONSE_STEPS) / (sensor_light_kernels.RESPONSE_STEPS - 1)
     values = steps ** (2.0 / DISPLAY_GAMMA) * exposure.saturation
     response = np.stack(_response_at(values, exposure, noise_factor), axis=1)
     fixed = pattern or _NO_PATTERN
-    level_sum = light_kernels.image_rows(
-        light, (light_kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
+    level_sum = sensor_light_kernels.expose_light(
+        light, (sensor_light_kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
         fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
         _NOISE_QUANTILES, np.uint64(key), image,
     )  # fmt: skip

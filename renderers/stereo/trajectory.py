@@ -1,14 +1,14 @@
-"""Smooth path of a camera from poses that are known at some times only.
+"""Smooth path of a camera from poses at single points in time.
 
-A camera's pose arrives in steps, 10 to 100 times per second, at times that jitter by milliseconds. Such a path is made
-differentiable in two steps:
+Poses arrive 10 to 100 times per second, with a jitter of milliseconds. Two steps make a path of them that can be
+differentiated twice:
 
 1. ``interpolate``: cubic Hermite splines through the poses.
 2. ``smooth_path``: a low-pass filter over ±``HALF_WIDTH`` seconds. It keeps polynomials up to the third degree, so that
    constant velocity and acceleration are exact.
 
-The result is sampled at twice the IMU's rate, because a rate of rotation needs the orientation half a period before and
-after its sample.
+The result is sampled at twice the IMU's rate, because an angular velocity needs the orientations half a period before
+and after its sample.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ from numpy.typing import NDArray
 GRID_RATE: Final = 400
 """Samples of the path per second."""
 MAX_STEP: Final = 0.1
-"""Maximum time between two poses of a motion, seconds. After a longer pause, the camera has kept its pose and moved
-during the last ``MAX_STEP`` before the new pose. Poses at 10 Hz or more make a continuous motion."""
+"""Maximum time between two poses of a motion, seconds. After a longer pause the camera counts as at rest until
+``MAX_STEP`` before the new pose. Poses at 10 Hz or more make a continuous motion."""
 HALF_WIDTH: Final = 0.14
 """Half the width of the smoothing filter, seconds."""
-SETTLED: Final = 2.0 * MAX_STEP + HALF_WIDTH
-"""Age at which a time of the smooth path no longer depends on poses to come, seconds: its filter needs the spline until
-``HALF_WIDTH`` later, the spline the pose at the end of its piece, and that pose's tangent the next one."""
+SETTLING_TIME: Final = 2.0 * MAX_STEP + HALF_WIDTH
+"""Age from which a point of the smooth path no longer depends on future poses, seconds. The filter needs the spline up
+to ``HALF_WIDTH`` later. There, the spline needs the pose at the end of its piece, and that pose's tangent the next
+one."""
 START_UP: Final = MAX_STEP + HALF_WIDTH
-"""Time after the first pose from which the smooth path does not depend on earlier poses, seconds."""
+"""Time after the first pose from which the smooth path does not depend on the poses before it, seconds."""
 
 _TAPS: Final = round(HALF_WIDTH * GRID_RATE)
 """Number of the filter's coefficients on each side of the middle."""
 
 
 def _low_pass() -> NDArray[np.float64]:
-    """Return the filter's coefficients, (2 * _TAPS + 1,) float64: a fourth-order kernel.
+    """Return the coefficients of the low-pass filter, (2 * _TAPS + 1,) float64.
 
-    The window (1 - x²)³ times a polynomial that makes the sum 1 and the second moment 0.
+    A fourth-order kernel: the window (1 - x²)³ times a polynomial that makes its sum 1 and its second moment 0.
     """
     x = np.arange(-_TAPS, _TAPS + 1) / (_TAPS + 1)
     window = (1.0 - x * x) ** 3
@@ -76,7 +77,7 @@ def pose_vectors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def align_signs(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses whose quaternions have the sign that makes each the nearer one to that before it.
+    """Return poses with quaternions negated where needed, so that each is the nearer one of q and -q to the one before.
 
     Args:
         poses: (K, 7) float64: x, y, z, qw, qx, qy, qz.
@@ -89,7 +90,7 @@ def align_signs(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def interpolate(times: NDArray[np.float64], poses: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the spline through the poses. The camera rests before the first and after the last.
+    """Return the spline through the poses at some times. The camera rests before the first and after the last pose.
 
     Args:
         times: (K,) float64, seconds, increasing.
@@ -103,8 +104,8 @@ def interpolate(times: NDArray[np.float64], poses: NDArray[np.float64], at: NDAr
         return np.repeat(poses, len(at), axis=0)
     steps = np.diff(times)
     tangents = np.zeros_like(poses)
-    # Chords between the neighbours: unlike a parabola's tangents, they do not overshoot where two poses nearly coincide
-    # in time.
+    # Chords between the neighbours: unlike tangents of a parabola, they do not overshoot where two poses are close in
+    # time.
     chords = (poses[2:] - poses[:-2]) / (times[2:] - times[:-2])[:, None]
     moving = (steps[1:] <= MAX_STEP) & (steps[:-1] <= MAX_STEP)
     tangents[1:-1] = np.where(moving[:, None], chords, 0.0)
@@ -124,12 +125,12 @@ def interpolate(times: NDArray[np.float64], poses: NDArray[np.float64], at: NDAr
 def smooth_path(
     times: NDArray[np.float64], poses: NDArray[np.float64], start: float, count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the smooth path at ``start``, ``start + 1 / GRID_RATE`` and so on.
+    """Return the smooth path at the times ``start``, ``start + 1 / GRID_RATE`` and so on.
 
     Args:
         times: (K,) float64, seconds, increasing.
         poses: (K, 7) float64: x, y, z, qw, qx, qy, qz.
-        start: seconds.
+        start: time of the first sample, seconds.
         count: number of samples.
 
     Returns:

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from renderers.stereo.imu import GRAVITY, MAX_ACCELERATION, RATE, ImuNoise, measure, saturate
 from renderers.stereo.noise import NORMAL_TABLE, frame_key, normals
 from renderers.stereo.noise import NoiseStream as Stream
-from renderers.stereo.trajectory import GRID_RATE, MAX_STEP, SETTLED, START_UP, interpolate, pose_vectors, smooth_path
+from renderers.stereo.trajectory import (
+    GRID_RATE,
+    MAX_STEP,
+    SETTLING_TIME,
+    START_UP,
+    interpolate,
+    pose_vectors,
+    smooth_path,
+)
 from tests.stereo.imu_motion import Motion, circle, matrices, rest, rotations, spin, wave
 
 SECONDS = 4.0
@@ -92,7 +100,7 @@ def test_a_teleport_stays_finite_and_ends() -> None:
     assert np.abs(force).max() > MAX_ACCELERATION
     assert np.abs(saturate(force, MAX_ACCELERATION)).max() == MAX_ACCELERATION
     at = 0.5 + np.arange(2 * RATE) / RATE
-    still = np.abs(at - times[45]) > SETTLED
+    still = np.abs(at - times[45]) > SETTLING_TIME
     np.testing.assert_allclose(np.linalg.norm(force[still], axis=1), GRAVITY, atol=1e-6)
     np.testing.assert_allclose(rate[still], 0.0, atol=1e-6)
 
@@ -108,7 +116,7 @@ def test_a_pose_is_kept_until_shortly_before_the_next() -> None:
 
 def test_settled_samples_do_not_depend_on_poses_to_come() -> None:
     times, poses = poses_of(wave, 30.0)
-    count, end = 100, 100 / RATE + SETTLED
+    count, end = 100, 100 / RATE + SETTLING_TIME
     known = times <= end
     all_poses = measure(times, poses, 0.0, count)
     known_poses = measure(times[known], poses[known], 0.0, count)
@@ -146,7 +154,7 @@ def test_noise_has_the_stated_densities() -> None:
             assert allan == pytest.approx(density**2 / tau + walk**2 * tau / 3.0, rel=0.1)
         ends = np.array([noise.errors(seed, 0, 2000, np.zeros(6))[1][axes] for seed in range(100)])
         assert np.std(ends) == pytest.approx(walk * (2000 / RATE) ** 0.5, rel=0.15)
-    biases = np.array([noise.first_bias(seed) for seed in range(300)])
+    biases = np.array([noise.constant_bias(seed) for seed in range(300)])
     assert np.std(biases[:, :3]) == pytest.approx(noise.acceleration_bias, rel=0.1)
     assert np.std(biases[:, 3:]) == pytest.approx(noise.angular_velocity_bias, rel=0.1)
     assert bias.shape == (6,)

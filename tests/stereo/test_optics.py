@@ -16,7 +16,7 @@ from renderers.stereo.fixed_pattern import (
     PIXEL_OFFSET,
     fixed_pattern,
 )
-from renderers.stereo.key_light import GROUND, KEY, NEUTRAL, SKY, light_factors
+from renderers.stereo.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import MODELS, Intrinsics, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
@@ -93,8 +93,8 @@ def test_dots_and_key_light_multiply_the_light() -> None:
     lit = light_of(grey, light=SceneLight(dots, 2.0)) / light_of(grey)
     assert lit[:, :30] == pytest.approx(np.ones((40, 30)))
     assert lit[:, 30:] == pytest.approx(np.full((40, 30), 3.0), rel=2e-3)
-    factors = np.full((20, 30), NEUTRAL, np.uint8)
-    factors[:, :15] = NEUTRAL // 2
+    factors = np.full((20, 30), FACTOR_ONE, np.uint8)
+    factors[:, :15] = FACTOR_ONE // 2
     shaded = light_of(grey, light=SceneLight(factors=factors)) / light_of(grey)
     assert shaded[:, :28] == pytest.approx(np.full((40, 28), 0.5), rel=2e-3)
     assert shaded[:, 32:] == pytest.approx(np.ones((40, 28)), rel=2e-3)
@@ -160,20 +160,20 @@ def test_key_light_reaches_what_it_sees() -> None:
     normal[:, :, 2] = -1.0  # up
     shadow_depth = np.full((128, 128), 100.0, np.float32)
     open_ground = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert (open_ground == round((KEY + SKY) * NEUTRAL)).all()
+    assert (open_ground == round((KEY_LIGHT + SKY_LIGHT) * FACTOR_ONE)).all()
     shadow_depth[:, :64] = 99.0  # something 1 m above the ground
     half = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert (half[:, :28] == round(SKY * NEUTRAL)).all()
-    assert (half[:, 36:] == round((KEY + SKY) * NEUTRAL)).all()
+    assert (half[:, :28] == round(SKY_LIGHT * FACTOR_ONE)).all()
+    assert (half[:, 36:] == round((KEY_LIGHT + SKY_LIGHT) * FACTOR_ONE)).all()
     assert len(np.unique(half[24, 28:36])) > 2, "a soft edge"
     assert (np.diff(half[24].astype(int)) >= 0).all()
     normal[:, :, 2] = 1.0 / np.sqrt(2)
     normal[:, :, 1] = 1.0 / np.sqrt(2)  # away from the light
     back = light_factors(depth, normal, looking_down(), shadow_depth, light_above())
-    assert back.max() <= NEUTRAL * SKY / 0.3
+    assert back.max() <= FACTOR_ONE * SKY_LIGHT / 0.3
     depth[:] = np.inf
-    assert (light_factors(depth, normal, looking_down(), shadow_depth, light_above()) == NEUTRAL).all()
-    assert GROUND < SKY
+    assert (light_factors(depth, normal, looking_down(), shadow_depth, light_above()) == FACTOR_ONE).all()
+    assert GROUND_LIGHT < SKY_LIGHT
 
 
 def test_soft_dots_have_soft_edges_and_speckle_of_each_camera() -> None:

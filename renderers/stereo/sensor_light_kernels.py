@@ -1,4 +1,4 @@
-"""Kernel of ``sensor.image_from_light``."""
+"""Kernel of ``sensor.image_from_light``: a camera image from a light image."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ RESPONSE_STEPS: Final = 2048
     "int64(uint16[:,:,::1], float64, float32[:,::1], int8[:,::1], int8[:,::1], float64, float64, "
     "float32[::1], uint64, uint8[:,:,::1])"
 )
-def image_rows(
+def expose_light(
     light, step_factor, response, offsets, gains, offset_unit, gain_unit, normal_quantiles, key, image
 ):  # fmt: skip
     """Write a grey or RGB image and return the sum of its grey levels.
 
     Args:
         light: (H, W, C) uint16, ``optics.light_on_sensor``.
-        step_factor: index of ``response`` per unit of ``light``.
-        response: (``RESPONSE_STEPS``, 2) float32: grey level plus 0.5 of each step, and standard deviation of the
-            noise, grey levels.
+        step_factor: steps of ``response`` per unit of ``light``.
+        response: (``RESPONSE_STEPS``, 2) float32 by step: grey level plus 0.5, for rounding, and standard deviation of
+            the noise, grey levels.
         offsets: (H, W) int8, fixed offset of each pixel; (1, 1): no fixed pattern.
         gains: (H, W) int8, fixed gain of each pixel; (1, 1): no fixed pattern.
         offset_unit: grey levels per unit of ``offsets``.
-        gain_unit: relative change of ``light`` per unit of ``gains``.
+        gain_unit: relative change of ``light``, a square root, per unit of ``gains``.
         normal_quantiles: (128,) float32, equally likely values of unit variance.
         key: random key.
         image: (H, W, C) uint8, output.
@@ -40,7 +40,8 @@ def image_rows(
     zero, one, white = np.float32(0.0), np.float32(1.0), np.float32(255.0)
     offset_scale, gain_scale = np.float32(offset_unit), np.float32(gain_unit)
     has_pattern = offsets.shape[0] > 1
-    random_mask = 7 if channels == 1 else 0  # 64 random bits are enough for eight grey pixels or one in colour
+    # A channel takes 8 of 64 random bits: one number is enough for eight grey pixels, or for one pixel in colour.
+    random_mask = 7 if channels == 1 else 0
     level_sum = np.int64(0)
     for row in range(height):
         random_bits = np.uint64(0)
