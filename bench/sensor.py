@@ -154,6 +154,18 @@ def picture(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
     return np.hstack((cv2.cvtColor(sample.left, cv2.COLOR_GRAY2BGR), coloured, error)).astype(np.uint8)
 
 
+def write_sheet(folder: Path) -> None:
+    """Write ``depth-modes.webp``, some of the folder's pictures side by side at 0.42 of their size."""
+    rows = []
+    for name in ("mixed_room-off", "poles-off", "shiny-on", "far-off"):
+        modelled, matched = (cv2.imread(str(folder / f"{name}-{mode}.png")) for mode in ("modelled", "matched"))
+        assert modelled is not None
+        assert matched is not None
+        rows.append(np.hstack((modelled, matched[:, matched.shape[1] // 3 :])))
+    sheet = cv2.resize(np.vstack(rows), None, fx=0.42, fy=0.42, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(folder / "depth-modes.webp"), sheet, [cv2.IMWRITE_WEBP_QUALITY, 80])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
@@ -168,6 +180,8 @@ def main() -> None:
             for sample, images in pairs:
                 name = f"{sample.name}-{'on' if sample.projector else 'off'}-{mode}.png"
                 cv2.imwrite(str(options.pictures / name), picture(sample, images))
+    if options.pictures:
+        write_sheet(options.pictures)
     unfiltered = [
         replace(sample, settings=replace(sample.settings, filters=NO_FILTERS))
         for seed in SEEDS
