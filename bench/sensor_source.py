@@ -13,7 +13,10 @@ from renderers.stereo.pixel_classes import TEXTURES
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """Values of ``matcher_statistics``, without or with the projector."""
+    """Values of ``matcher_statistics``, without or with the projector.
+
+    Arrays are (``CLASSES``,) float64. ``TABLES`` has their meanings, and ``source`` those of the single values.
+    """
 
     found: NDArray[np.float64]
     right: NDArray[np.float64]
@@ -27,7 +30,12 @@ class Tables:
 
 
 def literal(by_projector: list[NDArray[np.float64]], digits: int) -> str:
-    """Return two tuples as Python source, two lines for each class of texture."""
+    """Return a pair of tuples as Python source, two lines for each class of texture.
+
+    Args:
+        by_projector: values without and with the projector, (``CLASSES``,) each.
+        digits: number of decimals.
+    """
     lines = []
     for values in by_projector:
         rows = (", ".join(f"{value:.{digits}f}" for value in row) for row in values.reshape(2 * TEXTURES, -1))
@@ -61,7 +69,14 @@ TABLES: Final = (
 
 
 def source(off: Tables, on: Tables, wrong_spread: float, boxes: tuple[int, int, float]) -> str:
-    """Return ``matcher_statistics.py``."""
+    """Return the text of ``matcher_statistics.py``.
+
+    Args:
+        off: values without the projector.
+        on: values with the projector.
+        wrong_spread: ``WRONG_SPREAD``, units of 1/16 pixel.
+        boxes: ``NEAR_BOX`` and ``WIDE_BOX``, pixels, and ``WIDE_SHARE``.
+    """
     text = [HEAD]
     for name, digits, meaning in TABLES:
         values = literal([getattr(off, name), getattr(on, name)], digits)
