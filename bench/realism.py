@@ -1,7 +1,7 @@
-"""The pictures of docs/stereo-camera.md's section on realism, and the time of each part.
+"""Images for docs/stereo-camera.md's section on realism, and the CPU time of each part.
 
-python -m bench.realism docs/images      (the pictures: realism-demo.webp, realism-parts.webp)
-python -m bench.realism --seconds 3      (CPU ms of both grey camera images of the demo scene, for each part)
+python -m bench.realism docs/images      (writes realism-demo.webp and realism-parts.webp)
+python -m bench.realism --seconds 3      (prints the CPU ms of both grey camera images of the demo scene, for each part)
 """
 
 from __future__ import annotations
@@ -27,17 +27,20 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import imaging_of
+from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import read_settings
 from renderers.raster import CpuRenderer
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 
 SECONDS: Final = 5.1
-"""Time of the demo scene in the pictures."""
+"""Time of the demo scene in the images, seconds."""
 FRAME_SECONDS: Final = 0.04
+"""Time since the frame before, seconds."""
 CAPTION_ROWS: Final = 22
+"""Height of a caption, pixels."""
 MAX_BYTES: Final = 150_000
+"""Maximum size of a file."""
 
 
 def captures(speed: float = 1.0) -> tuple[Capture, Capture]:
@@ -58,37 +61,41 @@ def captures(speed: float = 1.0) -> tuple[Capture, Capture]:
     return capture, replace(capture, gpio=1)
 
 
-def image(renderer: CpuRenderer, capture: Capture, parts: Iterable[RealismPart], color: bool = True) -> NDArray[Any]:
-    """Return the left image with automatic exposure."""
-    imaging = imaging_of(StereoConfig(realism=frozenset(parts)), renderer)
+def left_image(
+    renderer: CpuRenderer, capture: Capture, parts: Iterable[RealismPart], color: bool = True
+) -> NDArray[Any]:
+    """Return the left image with automatic exposure, (H, W, 3) uint8 RGB or (H, W) uint8."""
+    imaging = make_imaging(StereoConfig(realism=frozenset(parts)), renderer)
     exposure = imaging.meter(capture, read_settings(Parameters())).exposure
     return imaging.expose(capture, ImageRequest(exposure, NoiseStream.LEFT, frozenset((color,))))[color].image
 
 
-def captioned(picture: NDArray[Any], caption: str) -> NDArray[Any]:
-    if picture.ndim == 2:
-        picture = np.repeat(picture[:, :, None], 3, axis=2)
-    result = np.full((picture.shape[0] + CAPTION_ROWS, picture.shape[1], 3), 255, np.uint8)
-    result[CAPTION_ROWS:] = picture
+def captioned(image: NDArray[Any], caption: str) -> NDArray[Any]:
+    """Return a grey or RGB image below its caption, (H + ``CAPTION_ROWS``, W, 3) uint8."""
+    if image.ndim == 2:
+        image = np.repeat(image[:, :, None], 3, axis=2)
+    result = np.full((image.shape[0] + CAPTION_ROWS, image.shape[1], 3), 255, np.uint8)
+    result[CAPTION_ROWS:] = image
     cv2.putText(result, caption, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1, cv2.LINE_AA)
     return result
 
 
-def write(path: Path, picture: NDArray[Any]) -> None:
+def write_webp(path: Path, image: NDArray[Any]) -> None:
     """Write a WebP file with the best quality that keeps it below ``MAX_BYTES``."""
     for quality in range(92, 20, -4):
-        _, data = cv2.imencode(".webp", picture[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
+        _, data = cv2.imencode(".webp", image[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
         if len(data) < MAX_BYTES:
             break
     path.write_bytes(data.tobytes())
     print(f"{path}: {len(data)} bytes, quality {quality}")
 
 
-def write_pictures(renderer: CpuRenderer, folder: Path) -> None:
+def write_images(renderer: CpuRenderer, folder: Path) -> None:
+    """Write both images of the documentation into a folder."""
     dark, lit = captures()
     fast, _ = captures(speed=8.0)
-    pairs = [
-        captioned(cv2.resize(image(renderer, capture, parts), (640, 480), interpolation=cv2.INTER_AREA), caption)
+    panels = [
+        captioned(cv2.resize(left_image(renderer, capture, parts), (640, 480), interpolation=cv2.INTER_AREA), caption)
         for capture, parts, caption in (
             (dark, (), "off"),
             (dark, REALISM_PARTS, "all"),
@@ -96,7 +103,7 @@ def write_pictures(renderer: CpuRenderer, folder: Path) -> None:
             (lit, REALISM_PARTS, "all, projector on"),
         )
     ]
-    write(folder / "realism-demo.webp", np.vstack((np.hstack(pairs[:2]), np.hstack(pairs[2:]))))
+    write_webp(folder / "realism-demo.webp", np.vstack((np.hstack(panels[:2]), np.hstack(panels[2:]))))
     panels = []
     for capture, parts, caption, (column, row) in (
         (dark, (), "off", (545, 515)),
@@ -109,17 +116,18 @@ def write_pictures(renderer: CpuRenderer, folder: Path) -> None:
         (lit, ("projector",), "projector", (300, 640)),
         (lit, REALISM_PARTS, "all, projector on", (300, 640)),
     ):
-        part = image(renderer, capture, parts, color=False)[row : row + 120, column : column + 160]
+        part = left_image(renderer, capture, parts, color=False)[row : row + 120, column : column + 160]
         panels.append(captioned(cv2.resize(part, (480, 360), interpolation=cv2.INTER_NEAREST), caption))
-    write(folder / "realism-parts.webp", np.vstack([np.hstack(panels[k : k + 3]) for k in (0, 3, 6)]))
+    write_webp(folder / "realism-parts.webp", np.vstack([np.hstack(panels[k : k + 3]) for k in (0, 3, 6)]))
 
 
 def print_times(renderer: CpuRenderer, seconds: float) -> None:
+    """Print the CPU time without and with each part, measured for ``seconds`` each."""
     print("CPU ms of both grey images")
     for capture in captures():
         print("projector on" if capture.out1_high else "projector off")
         for parts in ((), *((part,) for part in REALISM_PARTS), REALISM_PARTS):
-            imaging = imaging_of(StereoConfig(realism=frozenset(parts)), renderer)
+            imaging = make_imaging(StereoConfig(realism=frozenset(parts)), renderer)
             exposure = imaging.meter(capture, read_settings(Parameters())).exposure
             costs: list[float] = []
             end = time.monotonic() + seconds
@@ -139,7 +147,7 @@ def main() -> None:
     options = parser.parse_args()
     renderer = CpuRenderer(2)
     if options.folder is not None:
-        write_pictures(renderer, options.folder)
+        write_images(renderer, options.folder)
     else:
         print_times(renderer, options.seconds)
     renderer.close()

@@ -1,6 +1,7 @@
-"""Errors of the stereo camera's depth, by mode: ``python -m bench.sensor [--pictures FOLDER]``.
+"""Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--realism] [--pictures FOLDER]``.
 
-On the ten scenes of ``sensor_scenes``, without and with the projector, at High quality unless said otherwise.
+Measured on the ten scenes of ``sensor_scenes``, without and with the projector, at High quality unless a table says
+otherwise.
 """
 
 from __future__ import annotations
@@ -17,22 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, samples
-from gateway.stereo.depth import ground_truth_depth, matched_depth, modelled_depth
+from gateway.stereo.depth import ground_truth_depth, modelled_depth
+from gateway.stereo.matched_depth import matched_depth
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.filters import Filters
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 
 SEEDS: Final = (1, 2, 3, 4, 5)
-"""Seeds of the scenes; all are compared with the promised confidence, the first is shown scene by scene. The fit
-(``sensor_fit``) has others, and therefore other textures and places."""
+"""Seeds of the scenes. The tables by scene use the first one, the tables by confidence use all. ``sensor_fit``
+has others, and therefore other textures and places."""
 NO_FILTERS: Final = Filters(minconf=0.0, seg=0, fill=0)
+"""Filters that keep every measured pixel, and only these."""
 BINS: Final = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
-"""Borders of the confidences that are compared with the share of right pixels."""
+"""Borders of the bins of confidence, in each of which it is compared with the share of right pixels."""
 MODES: Final[dict[str, Callable[[Sample], DepthImages]]] = {
     "modelled": lambda s: modelled_depth(s.imaging.config, *s.depth, s.pair, s.settings, SEEDS[0]),
     "matched": lambda s: matched_depth(s.imaging.config, s.pair, s.settings, None),
     "ground_truth": lambda s: ground_truth_depth(s.imaging.config, *s.depth, s.settings),
 }
+"""Function that makes the depth images of a sample, by mode."""
 
 
 def deviation_of(sample: Sample, images: DepthImages) -> NDArray[np.float32]:
@@ -42,7 +46,7 @@ def deviation_of(sample: Sample, images: DepthImages) -> NDArray[np.float32]:
 
 
 def correlation(deviation: NDArray[np.float32], lag: int = 1) -> float:
-    """Return the correlation of the errors of pixels ``lag`` apart in a row, of those below a pixel."""
+    """Return the correlation of the errors of two pixels ``lag`` columns apart, from errors below a pixel."""
     small = np.where(np.abs(deviation) < 1.0, deviation, np.nan)
     left, right = small[:, :-lag].reshape(-1), small[:, lag:].reshape(-1)
     both = np.isfinite(left) & np.isfinite(right)
@@ -50,15 +54,15 @@ def correlation(deviation: NDArray[np.float32], lag: int = 1) -> float:
 
 
 def high_frequency(deviation: NDArray[np.float32]) -> float:
-    """Return the standard deviation of the errors from their mean over 3 x 3 pixels, pixels."""
+    """Return the standard deviation of errors below a pixel from their mean over 3 x 3 pixels, pixels."""
     small = np.abs(deviation) < 1.0
     mean = cv2.blur(np.where(small, deviation, np.float32(0.0)), (3, 3))
-    whole = cv2.erode(small.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return float((deviation - mean)[whole].std()) if whole.any() else float("nan")
+    is_complete = cv2.erode(small.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return float((deviation - mean)[is_complete].std()) if is_complete.any() else float("nan")
 
 
 def second_difference(sample: Sample, images: DepthImages) -> float:
-    """Return the median of |z(x-1) - 2 z(x) + z(x+1)|, millimetres."""
+    """Return the median of |z(x-1) - 2 z(x) + z(x+1)| along rows of the depth image, millimetres."""
     factor = sample.imaging.config.model.focal_times_baseline(sample.settings.quality.divisor)
     with np.errstate(divide="ignore"):
         z = np.where(images.disparity > 0, factor / (images.disparity * DISPARITY_SCALE), np.nan)
@@ -66,7 +70,12 @@ def second_difference(sample: Sample, images: DepthImages) -> float:
 
 
 def points_of(sample: Sample, disparity: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the points of a disparity image in the left optical frame, (H, W, 3) float64, metres; NaN: none."""
+    """Return the points of a disparity image in the left optical frame, (H, W, 3) float64, metres; NaN: no point.
+
+    Args:
+        sample: sample with the camera's model.
+        disparity: (H, W), pixels, 0: invalid.
+    """
     model, divisor = sample.imaging.config.model, sample.settings.quality.divisor
     k = model.intrinsics(divisor)
     rows, columns = np.mgrid[0 : k.height, 0 : k.width] + 0.5
@@ -75,7 +84,12 @@ def points_of(sample: Sample, disparity: NDArray[np.floating]) -> NDArray[np.flo
 
 
 def normals_of(points: NDArray[np.float64], reach: int = 4) -> NDArray[np.float64]:
-    """Return unit normals from the differences over ``2 * reach`` pixels, (H - 2 reach, W - 2 reach, 3)."""
+    """Return the unit normals of an image of points, (H - 2 reach, W - 2 reach, 3) float64.
+
+    Args:
+        points: (H, W, 3) float64.
+        reach: half the distance of the pixels whose difference is taken, pixels.
+    """
     across = points[reach:-reach, 2 * reach :] - points[reach:-reach, : -2 * reach]
     down = points[2 * reach :, reach:-reach] - points[: -2 * reach, reach:-reach]
     normal: NDArray[np.float64] = np.cross(across, down)
@@ -84,17 +98,17 @@ def normals_of(points: NDArray[np.float64], reach: int = 4) -> NDArray[np.float6
 
 
 def normal_error(sample: Sample, images: DepthImages) -> float:
-    """Return the median angle between the measured and the exact normals, degrees, where surfaces are smooth."""
+    """Return the median angle between measured and exact normals, degrees."""
     measured = normals_of(points_of(sample, images.disparity * DISPARITY_SCALE))
     exact = normals_of(points_of(sample, sample.exact))
     angle = np.degrees(np.arccos(np.clip((measured * exact).sum(axis=2), -1.0, 1.0)))
     return float(np.nanmedian(angle))
 
 
-def reliability(all_images: list[tuple[Sample, DepthImages]]) -> list[tuple[float, float, int]]:
+def reliability(pairs: list[tuple[Sample, DepthImages]]) -> list[tuple[float, float, int]]:
     """Return mean confidence, share of right pixels and number of pixels, for each of ``BINS``."""
     confidence, is_right = [], []
-    for sample, images in all_images:
+    for sample, images in pairs:
         deviation = deviation_of(sample, images)
         known = np.isfinite(deviation)
         confidence.append(images.confidence[known] / 255.0)
@@ -109,6 +123,7 @@ def reliability(all_images: list[tuple[Sample, DepthImages]]) -> list[tuple[floa
 
 
 def report_scenes(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
+    """Print the errors of each sample."""
     print(f"\n{mode}: scene, projector, valid, off by > 1 px, correlation of neighbours, high-frequency part px,")
     print("  standard deviation px, second difference mm, normals degrees")
     for sample, images in pairs:
@@ -124,6 +139,7 @@ def report_scenes(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
 
 
 def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
+    """Print confidence and share of right pixels, without and with the projector."""
     for projector in (False, True):
         rows = reliability([pair for pair in pairs if pair[0].projector == projector])
         print(f"\n{mode}, projector {'on' if projector else 'off'}: confidence promised, share right, pixels")
@@ -133,6 +149,7 @@ def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> Non
 
 
 def report_density() -> None:
+    """Print the share of valid pixels of matched depth by quality."""
     print("\nmatched, share of valid pixels of all, projector on: Low, Medium, High")
     by_quality = [
         [(MODES["matched"](s).disparity > 0).mean() for s in samples(quality, SEEDS[0]) if s.projector]
@@ -141,8 +158,8 @@ def report_density() -> None:
     print("  " + " ".join(f"{np.mean(values):.2f}" for values in by_quality))
 
 
-def picture(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
-    """Return left image, disparity and error side by side, (H, 3 W, 3) uint8 BGR; the error from -1 to 1 pixel."""
+def comparison_image(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
+    """Return left image, disparity, and error from -1 to 1 pixel side by side, (H, 3 W, 3) uint8 BGR."""
     disparity = np.clip(images.disparity / 16.0 * 2.0, 0, 255).astype(np.uint8)
     coloured = cv2.applyColorMap(disparity, cv2.COLORMAP_TURBO)
     coloured[images.disparity == 0] = 0
@@ -169,7 +186,7 @@ def write_sheet(folder: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
-    parser.add_argument("--pictures", type=Path, help="a folder for pictures: left image, disparity, error")
+    parser.add_argument("--pictures", type=Path, help="folder for images: left image, disparity and error side by side")
     options = parser.parse_args()
     first_samples = list(samples(Quality.HIGH, SEEDS[0], realism=options.realism))
     for mode, measure in MODES.items():
@@ -179,7 +196,7 @@ def main() -> None:
             options.pictures.mkdir(parents=True, exist_ok=True)
             for sample, images in pairs:
                 name = f"{sample.name}-{'on' if sample.projector else 'off'}-{mode}.png"
-                cv2.imwrite(str(options.pictures / name), picture(sample, images))
+                cv2.imwrite(str(options.pictures / name), comparison_image(sample, images))
     if options.pictures:
         write_sheet(options.pictures)
     unfiltered = [

@@ -1,6 +1,7 @@
 """Fit the statistics of our matcher: ``python -m bench.sensor_fit`` writes ``renderers/stereo/matcher_statistics.py``.
 
-Matches images of the ten scenes of ``sensor_scenes`` and compares the result with the exact disparity, class by class.
+Matches images of the ten scenes of ``sensor_scenes``, and compares the matches with the exact disparity in each class
+of pixels (``pixel_classes``).
 """
 
 from __future__ import annotations
@@ -22,54 +23,62 @@ from renderers.stereo.pixel_classes import CLASSES, DISAGREEMENTS, EDGES, TEXTUR
 
 TARGET: Final = Path(__file__).parents[1] / "renderers/stereo/matcher_statistics.py"
 SEEDS: Final = range(100, 108)
+"""Seeds of the scenes."""
 PRIOR: Final = 200.0
-"""Weight of the mean of classes of equal texture and edge, pixels: classes that hardly occur get that mean."""
+"""Weight of the mean of the classes of equal texture and edge, pixels. Rare classes get about that mean."""
 TEXTURELESS: Final = 3
-"""Number of textures that hardly exceed the noise."""
+"""Number of the lowest classes of texture, which hardly exceed the noise."""
 LAGS: Final = 40
+"""Number of distances for which the autocorrelation of errors is measured: 0 to 39 pixels."""
 
 
-def _by_class() -> NDArray[np.float64]:
+def _zeros() -> NDArray[np.float64]:
+    """Return a sum of 0 for each class."""
     return np.zeros(CLASSES)
 
 
 @dataclass
 class Totals:
-    """Sums over all pixels; arrays are (``CLASSES``,)."""
+    """Sums over all pixels by class, (``CLASSES``,) float64 each. A match is right within 3 disparity errors."""
 
-    matched: NDArray[np.float64] = field(default_factory=_by_class)
-    """Pixels that have a match, by their class at the match."""
-    matched_right: NDArray[np.float64] = field(default_factory=_by_class)
-    matched_small: NDArray[np.float64] = field(default_factory=_by_class)
-    """Matches that are off by less than a pixel."""
-    matched_square: NDArray[np.float64] = field(default_factory=_by_class)
-    """Sum of their squared errors, pixels squared."""
-    visible: NDArray[np.float64] = field(default_factory=_by_class)
-    """Pixels that both cameras see, by their class at the exact disparity."""
-    found: NDArray[np.float64] = field(default_factory=_by_class)
-    right: NDArray[np.float64] = field(default_factory=_by_class)
-    small: NDArray[np.float64] = field(default_factory=_by_class)
-    square: NDArray[np.float64] = field(default_factory=_by_class)
+    matched: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of pixels with a match, by the class at their match; so are all of ``matched_*``."""
+    matched_right: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of right matches."""
+    matched_small: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of matches that are off by less than a pixel."""
+    matched_square: NDArray[np.float64] = field(default_factory=_zeros)
+    """Sum of the squared errors of ``matched_small``, pixels squared."""
+    visible: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of pixels that both cameras see, by the class at their exact disparity; so are the next four fields."""
+    found: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of visible pixels with a match."""
+    right: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of visible pixels with a right match."""
+    small: NDArray[np.float64] = field(default_factory=_zeros)
+    """Number of visible pixels with a match that is off by less than a pixel."""
+    square: NDArray[np.float64] = field(default_factory=_zeros)
+    """Sum of the squared errors of ``small``, pixels squared."""
     hidden: float = 0.0
-    """Pixels beside a nearer surface that cannot be measured."""
+    """Number of pixels of all classes that cannot be measured, beside a nearer surface."""
     hidden_found: float = 0.0
-    """Those of them that have its disparity."""
+    """Number of hidden pixels with the disparity of that surface."""
     hidden_right: float = 0.0
-    """Those of them for which that is right: the surface is their own."""
+    """Number of hidden pixels with the disparity of that surface, which is right: the surface is their own."""
     wrong_excess: float = 0.0
-    """Sum of the errors beyond the limit, of wrong pixels without an edge, pixels."""
+    """Sum of the errors beyond 3 disparity errors, of wrong pixels without an edge, pixels."""
     wrong: float = 0.0
-    """Number of these."""
+    """Number of wrong pixels without an edge."""
 
 
-def measure(totals: Totals, sample: Sample, matches: NDArray[np.uint16], error: NDArray[np.float64]) -> None:
+def add_sample(totals: Totals, sample: Sample, matches: NDArray[np.uint16], error: NDArray[np.float64]) -> None:
     """Add a sample to the totals.
 
     Args:
         totals: sums to add to.
         sample: images and exact disparity.
-        matches: (H, W) uint16, ``find_matches``.
-        error: (``CLASSES``,) disparity error of a match, pixels.
+        matches: (H, W) uint16, units of 1/16 pixel, 0: no match (``find_matches``).
+        error: (``CLASSES``,) float64, disparity error of a match by its class, pixels.
     """
     noise = max(sample.noise_sigma, MIN_NOISE_SIGMA)
     deviation = matches / 16.0 - sample.exact
@@ -98,11 +107,11 @@ def measure(totals: Totals, sample: Sample, matches: NDArray[np.uint16], error: 
     totals.right += count(classes[is_right])
     totals.small += count(classes[off < 1.0])
     totals.square += count(classes[off < 1.0], off[off < 1.0] ** 2)
-    like_nearest = np.abs(matches.astype(np.int32) - nearest) < 16
+    has_nearest = np.abs(matches.astype(np.int32) - nearest) < 16
     column = np.arange(sixteenths.shape[1]) * 16
     hidden = ~visible & (nearest > 0) & (column >= nearest)
     totals.hidden += float(hidden.sum())
-    hidden_found = hidden & has_match & like_nearest
+    hidden_found = hidden & has_match & has_nearest
     totals.hidden_found += float(hidden_found.sum())
     totals.hidden_right += float((hidden_found & (np.abs(deviation) <= 3.0 * error[at_truth])).sum())
     wrong = ~is_right & (classes % EDGES == 0)
@@ -111,7 +120,10 @@ def measure(totals: Totals, sample: Sample, matches: NDArray[np.uint16], error: 
 
 
 def autocovariance(sample: Sample, matches: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Return, for each distance in a row, the sum of products of the errors and their number, (``LAGS``, 2)."""
+    """Return sums for the autocorrelation of the errors below a pixel along rows, (``LAGS``, 2) float64.
+
+    A row has the sum of the products of two errors at that distance, and the number of products.
+    """
     deviation = matches / 16.0 - sample.visible
     small = (matches > 0) & (sample.visible > 0) & (np.abs(deviation) < 1.0)
     values = np.where(small, deviation, 0.0)
@@ -123,7 +135,7 @@ def autocovariance(sample: Sample, matches: NDArray[np.uint16]) -> NDArray[np.fl
 
 
 def box_correlation(box: int) -> NDArray[np.float64]:
-    """Return the autocorrelation of ``smooth_noise`` at each distance, (``LAGS``,)."""
+    """Return the autocorrelation of ``smooth_noise`` at the distances 0, 1, …, (``LAGS``,) float64."""
     weights = np.convolve(np.ones(box), np.ones(box))
     correlation = np.correlate(weights, weights, "full")[len(weights) - 1 :]
     padded = np.zeros(LAGS)
@@ -132,7 +144,11 @@ def box_correlation(box: int) -> NDArray[np.float64]:
 
 
 def fit_boxes(correlation: NDArray[np.float64]) -> tuple[int, int, float]:
-    """Return the boxes of near and wide noise, and the share of the variance that is wide, by least squares."""
+    """Return the boxes of near and wide noise, pixels, and the share of wide noise in the variance, by least squares.
+
+    Args:
+        correlation: (``LAGS``,) float64, autocorrelation of the errors.
+    """
     best = (np.inf, 0, 0, 0.0)
     for near in range(2, 9):
         for wide in range(near + 1, 33):
@@ -144,46 +160,51 @@ def fit_boxes(correlation: NDArray[np.float64]) -> tuple[int, int, float]:
 
 
 def shares(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``part / whole`` by class, drawn to the mean of the classes of equal texture and edge.
+    """Return ``part / whole`` by class, (``CLASSES``,) float64, shrunk towards the mean of equal texture and edge.
 
-    Without texture it is that mean: there the agreement of the windows says nothing, and the share of a class depends
-    on the scene.
+    Classes without texture get that mean: there, the agreement of the windows depends on the scene alone.
     """
     shape = (TEXTURES, DISAGREEMENTS, EDGES)
     parts, wholes = part.reshape(shape), whole.reshape(shape)
     mean = parts.sum(axis=1, keepdims=True) / np.maximum(wholes.sum(axis=1, keepdims=True), 1.0)
     weight = np.full((TEXTURES, 1, 1), PRIOR)
-    weight[:TEXTURELESS] = 1e12
+    weight[:TEXTURELESS] = 1e12  # nothing but the mean
     values: NDArray[np.float64] = (parts + weight * mean) / (wholes + weight)
     return values.reshape(-1)
 
 
 def tables(totals: Totals, error: NDArray[np.float64]) -> Tables:
-    """Return the tables for the totals of all samples; ``error`` is the one with which these were measured."""
+    """Return the tables for the totals of all samples.
+
+    Args:
+        totals: totals of all samples.
+        error: (``CLASSES``,) float64, disparity error with which the totals were counted, pixels.
+    """
     right = shares(totals.right, totals.found)
     by_edge = (TEXTURES, DISAGREEMENTS, EDGES)
     is_right, is_wrong = (
         totals.right.reshape(by_edge).sum(axis=1),
         (totals.found - totals.right).reshape(by_edge).sum(axis=1),
     )
-    # Pixels that have the disparity of the front side of an edge: those on it, those behind it, hidden ones.
-    part = is_right[:, 1] / is_right[:, 1].sum()
-    front_right = is_right[:, 1] + part * totals.hidden_right
-    front_found = is_right[:, 1] + is_wrong[:, 2] + part * totals.hidden_found
+    # Pixels with the disparity of the front side of an edge: right ones in front, wrong ones behind, and hidden ones.
+    # Hidden ones have no class. They are distributed over the textures as the right ones are.
+    texture_share = is_right[:, 1] / is_right[:, 1].sum()
+    front_right = is_right[:, 1] + texture_share * totals.hidden_right
+    front_found = is_right[:, 1] + is_wrong[:, 2] + texture_share * totals.hidden_found
     front = (front_right + 1.0) / (front_found + 2.0)
     back = (is_right[:, 2] + 1.0) / (is_right[:, 2] + is_wrong[:, 1] + 2.0)
     confidence, neighbour = right.reshape(by_edge).copy(), right.reshape(by_edge).copy()
     confidence[:, :, 1], neighbour[:, :, 2] = front[:, None], front[:, None]
     confidence[:, :, 2], neighbour[:, :, 1] = back[:, None], back[:, None]
     spread = np.sqrt(shares(totals.square, totals.small))
-    best = CLASSES // TEXTURES * (TEXTURES - 2)
-    on_texture = np.sqrt(totals.square[best:].sum() / totals.small[best:].sum())
+    good_texture = np.s_[CLASSES // TEXTURES * (TEXTURES - 2) :]  # the two highest classes of texture
+    best_spread = np.sqrt(totals.square[good_texture].sum() / totals.small[good_texture].sum())
     return Tables(
         shares(totals.found, totals.visible),
         right,
         confidence.reshape(-1),
         neighbour.reshape(-1),
-        np.maximum(spread / on_texture, 1.0),
+        np.maximum(spread / best_spread, 1.0),
         error,
         shares(totals.matched_right, totals.matched),
         totals.hidden_found / totals.hidden,
@@ -192,12 +213,12 @@ def tables(totals: Totals, error: NDArray[np.float64]) -> Tables:
 
 
 def fitted_tables(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Tables, Totals]:
-    """Return the tables for samples and their matches, and the totals they follow from."""
+    """Return the tables for samples with their matches, and the totals from which the tables follow."""
     error = np.full(CLASSES, 0.2)
-    for _ in range(2):  # the limits of right matches follow from the errors, which the first pass measures
+    for _ in range(2):  # the first pass measures the errors that limit right matches in the second one
         totals = Totals()
         for sample, matches in pairs:
-            measure(totals, sample, matches, error)
+            add_sample(totals, sample, matches, error)
         new_error = np.maximum(np.rint(np.sqrt(shares(totals.matched_square, totals.matched_small)) * 16), 1) / 16
         used, error = error, new_error
     return tables(totals, used), totals
@@ -206,6 +227,7 @@ def fitted_tables(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table
 def all_samples(
     qualities: tuple[Quality, ...], seeds: range, *, realism: bool
 ) -> Iterator[tuple[Sample, NDArray[np.uint16]]]:
+    """Yield all samples with their matches, (H, W) uint16 each."""
     for quality in qualities:
         for seed in seeds:
             for sample in samples(quality, seed, realism=realism):

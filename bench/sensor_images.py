@@ -1,4 +1,4 @@
-"""Images of the scenes of ``sensor_scenes`` as the stereo camera takes them, with their exact disparity."""
+"""Stereo images of the scenes of ``sensor_scenes``, with their exact disparity."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from bench.sensor_scenes import POSE, SCENES, make_scene
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import ImagePair, depth_pair, measurable_depths, noise_of
+from gateway.stereo.depth import ImagePair, depth_noise_sigma, depth_pair, measurable_depths
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import imaging_of
+from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -26,24 +26,28 @@ from renderers.stereo.truth import true_disparity
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """A pair at the resolution of the depth images."""
+    """Image pair at the resolution of the depth images, and the inputs of depth."""
 
     name: str
+    """Name of the scene's function."""
     projector: bool
+    """The projector is on."""
     left: NDArray[np.uint8]
     """(H, W) uint8."""
     right: NDArray[np.uint8]
     """(H, W) uint8."""
     noise_sigma: float
-    """Standard deviation of the noise, grey levels."""
+    """Standard deviation of the noise in both images at mid grey, grey levels."""
     exact: NDArray[np.float32]
     """(H, W) float32, disparity of every surface in the left image, pixels, 0: background."""
     visible: NDArray[np.float32]
-    """(H, W) float32, the same where both cameras see the surface within the measurable range, 0 elsewhere."""
+    """(H, W) float32, pixels: ``exact`` where both cameras see the surface in the measurable range, 0 elsewhere."""
     disparity_count: int
     """Number of disparities to search."""
     imaging: Imaging
+    """Source of the images, with the configuration."""
     settings: StreamSettings
+    """Parameters of the frame."""
     pair: ImagePair
     """Images at full resolution."""
     depth: tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -56,15 +60,15 @@ def _renderer() -> CpuRenderer:
 
 
 def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[Sample]:
-    """Yield every scene without and with the projector.
+    """Yield a sample of every scene without and with the projector.
 
     Args:
         quality: resolution of the depth images.
-        seed: seed of the scenes and of the noise.
+        seed: seed of scenes, noise and fixed pattern.
         realism: images with all parts of ``--stereo-realism``.
     """
     config = StereoConfig(seed=seed, realism=frozenset(REALISM_PARTS if realism else ()))
-    imaging, settings = imaging_of(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
+    imaging, settings = make_imaging(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
     for scene in SCENES:
         draw_list = make_scene(scene, seed)
         for projector in (False, True):
@@ -81,12 +85,12 @@ def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capt
     pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
     small_left, small_right = depth_pair(pair, model, divisor)
     with (
-        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
-        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
+        imaging.render(capture, 0.0, divisor, Output.DEPTH) as left_view,
+        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as right_view,
     ):
-        assert seen.depth is not None
-        assert other.depth is not None
-        depth = seen.depth.copy(), other.depth.copy()
+        assert left_view.depth is not None
+        assert right_view.depth is not None
+        depth = left_view.depth.copy(), right_view.depth.copy()
     factor, limits = model.focal_times_baseline(divisor), measurable_depths(model, settings)
     filters = settings.filters
     return Sample(
@@ -94,7 +98,7 @@ def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capt
         capture.out1_high,
         small_left,
         small_right,
-        noise_of(pair, imaging.config, settings),
+        depth_noise_sigma(pair, imaging.config, settings),
         np.asarray(np.where(np.isfinite(depth[0]), factor / depth[0], 0.0), np.float32),
         true_disparity(*depth, factor, limits),
         model.disparity_count(divisor, limits.min_depth, filters.maxdepth),

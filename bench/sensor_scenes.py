@@ -1,4 +1,4 @@
-"""Ten indoor scenes for the statistics of the stereo camera's errors: textured, plain, shiny, clear, near and far.
+"""Ten indoor scenes for statistics of the stereo camera's errors: textured, plain, shiny, translucent, near and far.
 
 A scene is a function of a seed, which chooses textures and places: fits and tests use different seeds. The camera is at
 half a metre above the origin and looks along +x and down; z is up; walls close the view, 1.5 to 5 m away.
@@ -19,16 +19,17 @@ from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import AlphaMode, DrawList, Image, Material, Texture
 
 POSE: Final = look_at((-0.2, 0.0, 0.5), (1.7, 0.0, -0.25), (0.0, 0.0, 1.0))
-"""X_world_left, (4, 4)."""
-_NAMES = iter(range(1 << 30))
+"""X_world_left, (4, 4) float64."""
+_IMAGE_NUMBERS = iter(range(1 << 30))
+"""Source of different names of images."""
 
 
 def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, size: int = 256) -> Image:
-    """Return a random texture: noise of several octaves, ``contrast`` its standard deviation in sRGB (0 to 1).
+    """Return a tinted random texture: the sum of noise with patches of 1, 2, 4, … times ``finest`` texels.
 
     Args:
         random: source of the noise.
-        contrast: standard deviation.
+        contrast: standard deviation of the sRGB values, 0 to 1.
         finest: side of the smallest patches, texels.
         size: side of the image, texels.
     """
@@ -41,31 +42,34 @@ def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, s
     tint = random.uniform(0.4, 0.75, 3)
     pixels = np.full((size, size, 4), 255, np.uint8)
     pixels[:, :, :3] = np.clip((tint + field[:, :, None]) * 255.0, 0.0, 255.0)
-    return Image(f"scenegate bench {next(_NAMES)}".encode(), lambda: pixels)
+    return Image(f"scenegate bench {next(_IMAGE_NUMBERS)}".encode(), lambda: pixels)
 
 
 def textured(random: np.random.Generator, contrast: float = 0.15, finest: int = 1) -> Material:
+    """Return a matte material with a random texture (``noise_image``)."""
     texture = Texture(noise_image(random, contrast, finest))
     return Material(base_color_texture=texture, metallic=0.0, roughness=0.8, double_sided=True)
 
 
 def plain(random: np.random.Generator, roughness: float = 0.8, metallic: float = 0.0, alpha: float = 1.0) -> Material:
+    """Return a material of one random colour, translucent if ``alpha`` is below 1."""
     r, g, b = random.uniform(0.15, 0.7, 3)
     mode = AlphaMode.OPAQUE if alpha == 1.0 else AlphaMode.BLEND
     return Material((r, g, b, alpha), metallic=metallic, roughness=roughness, alpha_mode=mode, double_sided=True)
 
 
 def at(x: float, y: float, z: float, shape: Shape, material: Material) -> Part:
+    """Return a part with its origin at (x, y, z) in the world, metres."""
     return Part(shape, material, translation(x, y, z))
 
 
 def box(x: float, y: float, z: float, sides: tuple[float, float, float], material: Material) -> Part:
-    """Return a box, with the material's texture on each face."""
+    """Return a box with the material's texture on each face. Centre and sides are in metres."""
     return at(x, y, z, Surface(textured_box(*sides)), material)
 
 
 def room(back: Material, floor: Material, depth: float = 3.0) -> list[Part]:
-    """Return a wall at x = ``depth``, side walls and a floor 0.7 m below the camera."""
+    """Return a wall at x = ``depth`` metres, two side walls, and a floor at z = -0.7 m."""
     turned: Matrix = np.array(((0, 0, 1, depth), (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1)), np.float64)
     side: Matrix = np.array(((1, 0, 0, depth), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1)), np.float64)
     walls = [Part(Surface(tile(6.0, 8)), back, turned), at(depth, 0.0, -0.7, Surface(tile(6.0, 8)), floor)]
@@ -97,7 +101,7 @@ def plain_room(random: np.random.Generator) -> list[Part]:
 
 
 def mixed_room(random: np.random.Generator) -> list[Part]:
-    """A plain room with textured things, as most offices are."""
+    """Plain and textured boxes in a plain room with a faintly textured floor, as in most offices."""
     parts = room(plain(random), textured(random, 0.05), 2.8)
     for index in range(8):
         side = random.uniform(0.2, 0.5, 3)
@@ -118,7 +122,7 @@ def clutter(random: np.random.Generator) -> list[Part]:
 
 
 def poles(random: np.random.Generator) -> list[Part]:
-    """Thin upright poles before a textured wall: fattening."""
+    """Thin upright poles before a textured wall, which a matcher makes too wide."""
     parts = room(textured(random), textured(random), 2.2)
     for y in np.linspace(-0.7, 0.7, 8):
         x, width = random.uniform(0.9, 1.8), random.uniform(0.01, 0.08)
@@ -127,7 +131,7 @@ def poles(random: np.random.Generator) -> list[Part]:
 
 
 def spheres(random: np.random.Generator) -> list[Part]:
-    """Curved plain and textured surfaces before a textured wall."""
+    """Plain spheres and cylinders before a textured wall."""
     parts = room(textured(random, 0.08), textured(random, 0.08), 2.4)
     for index in range(9):
         x, radius = random.uniform(1.1, 2.0), random.uniform(0.08, 0.25)
@@ -138,7 +142,7 @@ def spheres(random: np.random.Generator) -> list[Part]:
 
 
 def shiny(random: np.random.Generator) -> list[Part]:
-    """Polished metal and lacquer with highlights on a textured floor."""
+    """Spheres of polished metal and lacquer, with highlights, before a textured wall."""
     parts = room(textured(random), textured(random), 2.4)
     for index in range(8):
         x, radius = random.uniform(1.0, 2.0), random.uniform(0.1, 0.25)
@@ -170,7 +174,7 @@ def steep(random: np.random.Generator) -> list[Part]:
 
 
 def far(random: np.random.Generator) -> list[Part]:
-    """Things of little contrast, 2 to 5 m away."""
+    """Boxes of little contrast, 2 to 5 m away."""
     parts = room(textured(random, 0.03, 4), textured(random, 0.02, 2), 5.0)
     for _ in range(14):
         side = random.uniform(0.2, 0.8, 3)
@@ -183,10 +187,11 @@ def far(random: np.random.Generator) -> list[Part]:
 SCENES: Final[tuple[Callable[[np.random.Generator], list[Part]], ...]] = (
     textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far,
 )  # fmt: skip
+"""Functions that return the parts of a scene."""
 
 
 def make_scene(scene: Callable[[np.random.Generator], list[Part]], seed: int) -> DrawList:
-    """Return the draw list of a scene."""
+    """Return the draw list of one of ``SCENES``."""
     edit = TreeEdit(Node())
     edit.set_parts(("scene",), tuple(scene(np.random.default_rng((seed, SCENES.index(scene))))))
     return flatten(edit.commit())

@@ -13,7 +13,10 @@ from renderers.stereo.pixel_classes import TEXTURES
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """Values of ``matcher_statistics`` for one kind of images."""
+    """Values of ``matcher_statistics`` for one kind of images.
+
+    Arrays are (``CLASSES``,) float64. ``TABLES`` has their meanings, and ``source`` those of the single values.
+    """
 
     found: NDArray[np.float64]
     right: NDArray[np.float64]
@@ -27,7 +30,12 @@ class Tables:
 
 
 def literal(by_kind: list[NDArray[np.float64]], digits: int) -> str:
-    """Return a tuple of tuples as Python source, two lines for each class of texture."""
+    """Return a tuple of tuples as Python source, two lines for each class of texture.
+
+    Args:
+        by_kind: values of each kind of images, (``CLASSES``,) each.
+        digits: number of decimals.
+    """
     lines = []
     for values in by_kind:
         rows = (", ".join(f"{value:.{digits}f}" for value in row) for row in values.reshape(2 * TEXTURES, -1))
@@ -60,7 +68,13 @@ TABLES: Final = (
 
 
 def source(tables: list[Tables], wrong_spread: float, boxes: tuple[int, int, float]) -> str:
-    """Return ``matcher_statistics.py``; ``tables`` are in the order of ``ImageKind``."""
+    """Return the text of ``matcher_statistics.py``.
+
+    Args:
+        tables: values in the order of ``ImageKind``.
+        wrong_spread: ``WRONG_SPREAD``, units of 1/16 pixel.
+        boxes: ``NEAR_BOX`` and ``WIDE_BOX``, pixels, and ``WIDE_SHARE``.
+    """
     text = [HEAD]
     for name, digits, meaning in TABLES:
         values = literal([getattr(table, name) for table in tables], digits)

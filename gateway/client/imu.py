@@ -1,4 +1,4 @@
-"""Record the samples of a camera's IMU from a gateway, for ``stream``."""
+"""Record the samples of a camera's IMU from a gateway, for ``scenegate stream --imu``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HEADER: Final = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
 )
-"""First line of the file, as in EuRoC's and TUM VI's data sets."""
+"""First line of the file, as in the data sets EuRoC and TUM VI."""
 
 
 class ImuFailure(RuntimeError):  # noqa: N818 - public name
@@ -52,7 +52,7 @@ class ImuRecorder:
         self._newest = -1
         """Timestamp of the newest sample, nanoseconds since the epoch."""
         self._changed = threading.Condition()
-        """Guards all fields above."""
+        """Guards ``samples``, ``lost``, ``_newest``, ``_ended`` and ``_closing``; notified of samples and the end."""
         self._ended = False
         self._closing = False
         self._socket, self._response = _open(address, credentials, pipeline)
@@ -69,7 +69,7 @@ class ImuRecorder:
         self.close()
 
     def wait_for_sample(self, timestamp: int, seconds: float) -> bool:
-        """Wait until there is a sample at or after a time; return False if there is none after ``seconds``.
+        """Wait for a sample at or after a time; return True if there is one.
 
         Args:
             timestamp: nanoseconds since the epoch.
@@ -98,6 +98,7 @@ class ImuRecorder:
         self._socket.close()
 
     def _read(self) -> None:
+        """Write the lines of the response to the file until the connection ends."""
         try:
             with self._path.open("a", encoding="ascii") as file:
                 for line in self._response:
@@ -110,6 +111,7 @@ class ImuRecorder:
                 self._changed.notify_all()
 
     def _write(self, file: Any, message: dict[str, Any]) -> None:
+        """Write a sample to the file, or count the lost samples that a message reports."""
         if "lost" in message:
             with self._changed:
                 self.lost += message["lost"]
@@ -125,7 +127,12 @@ class ImuRecorder:
 
 
 def _open(address: str, credentials: Credentials, pipeline: int) -> tuple[socket.socket, http.client.HTTPResponse]:
-    """Return the connection and the response of ``GET /stereo/imu``; its body has not been read."""
+    """Return the connection and the response of ``GET /stereo/imu``, of which only the headers have been read.
+
+    Raises:
+        ImuFailure: the gateway does not respond, or the camera has no IMU.
+        OSError: a certificate cannot be read.
+    """
     url = urlsplit(address)
     if url.scheme not in ("http", "https") or not url.hostname:
         raise ImuFailure(f"the address for IMU samples is {address!r}; it must be like http://HOST:PORT")
@@ -155,7 +162,7 @@ def _open(address: str, credentials: Credentials, pipeline: int) -> tuple[socket
 
 
 def _port(url: Any) -> int | None:
-    """Return the port of a URL; raise ImuFailure if it is no number."""
+    """Return the port of a URL, None if it has none; raise ImuFailure if it is not valid."""
     try:
         port: int | None = url.port
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""One frame: its images, meshes and serialised sets, each made once for all clients."""
+"""One frame: its images, meshes and serialised image sets, each made once for all clients."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
-from gateway.stereo.depth import ImagePair, matched_depth
+from gateway.stereo.depth import ImagePair
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import StreamSettings
@@ -88,12 +89,13 @@ class Frame:
         """Tasks of ``_make_once`` by key."""
 
     async def serialised(self, kind: SetKind) -> bytes:
-        """Return the bytes of an ``ImageSet``."""
+        """Return the serialised ``ImageSet`` of a kind."""
         return await self._make_once(kind, lambda: self._serialise(kind))
 
     async def depth_images(self) -> DepthImages:
         """Return the disparity, error and confidence images."""
-        make = self._match if self._imaging.config.depth_mode == "matched" else self._measure
+        is_matched = self._imaging.config.depth_mode == "matched"
+        make = self._depth_from_matching if is_matched else self._depth_from_rendering
         return await self._make_once("depth", make)
 
     async def metered(self, capture: Capture) -> MeteredExposure:
@@ -110,11 +112,12 @@ class Frame:
         return images[color]
 
     def cancel(self) -> None:
-        """Cancel everything that is still being made."""
+        """Cancel all unfinished tasks."""
         for task in self._tasks.values():
             task.cancel()
 
     async def _serialise(self, kind: SetKind) -> bytes:
+        # Field numbers of the message ImageSet.
         fields: list[tuple[int, Coroutine[Any, Any, list[Chunk]]]] = []
         if kind.left:
             fields.append((2, self._image_message(NoiseStream.LEFT, kind.color)))
@@ -128,11 +131,11 @@ class Frame:
             fields.append((6, self._depth_message("confidence", kind)))
         if kind.mesh is not None:
             fields.append((7, self._mesh_message(kind.mesh, kind.color)))
-        parts = await _gather([part for _, part in fields])
+        values = await _gather([value for _, value in fields])
         capture = self.depth_capture if kind.has_depth else self.camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
-        for (number, _), part in zip(fields, parts, strict=True):
-            chunks += wire.field(number, part)
+        for (number, _), value in zip(fields, values, strict=True):
+            chunks += wire.field(number, value)
         return await self._workers.run(wire.join, chunks) if fields else wire.join(chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
@@ -165,7 +168,7 @@ class Frame:
         if colors and self.depth_capture.timestamp == self.camera_capture.timestamp:
             try:
                 return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
-            except ImageError:  # a broken texture breaks the left image, but not the depth of all modes
+            except ImageError:  # a broken texture prevents images, but not depth in every mode
                 return 0.0
         if self._imaging.config.measures_images:
             return (await self._depth_image(self.depth_capture, NoiseStream.LEFT_DEPTH)).brightness
@@ -197,7 +200,7 @@ class Frame:
         request = ImageRequest(exposure, stream, colors, averaged_images)
         return await self._workers.run(self._imaging.expose, capture, request)
 
-    async def _measure(self) -> DepthImages:
+    async def _depth_from_rendering(self) -> DepthImages:
         """Return depth images from rendered depth."""
         capture, config = self.depth_capture, self._imaging.config
         pair = None
@@ -211,7 +214,7 @@ class Frame:
         )
         return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number, pair)
 
-    async def _match(self) -> DepthImages:
+    async def _depth_from_matching(self) -> DepthImages:
         """Return depth images by matching."""
         settings, capture, config = self.settings, self.depth_capture, self._imaging.config
         pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
@@ -228,7 +231,10 @@ class Frame:
         return ImagePair(left, right, exposure, self._imaging.image_kind(capture))
 
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
-        """Return a grey image from which depth is measured: the streamed one, unless depth has its own exposure."""
+        """Return a grey image from which depth is measured: the streamed one unless depth needs another.
+
+        Depth needs another image if its timestamp differs, or if several images are averaged.
+        """
         if self._measures_streamed_images:
             return await self.image(NoiseStream.RIGHT if stream.is_right else NoiseStream.LEFT, color=False)
         averaged_images, grey = self.settings.averaged_images, frozenset((False,))

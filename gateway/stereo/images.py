@@ -40,7 +40,7 @@ class Capture:
     """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
     frame_number: int = 0
     earlier: EarlierFrame | None = None
-    """Frame before this one, for motion blur; None: not known, or not needed."""
+    """Frame before this one, for motion blur; None: there is none, or motion blur is off."""
 
     @property
     def out1_high(self) -> bool:
@@ -58,7 +58,7 @@ class ImageRequest:
 
     exposure: Exposure
     stream: NoiseStream
-    """Random numbers of the noise; also selects the left or right camera."""
+    """Stream of random numbers for the noise; it also selects the left or right camera."""
     colors: frozenset[bool]
     """Images to make: True for one in colour, False for one in grey."""
     averaged_images: int = 1
@@ -103,8 +103,9 @@ class Imaging:
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         """Return the exposure of a capture's images, and the mean brightness of the left image.
 
-        If a texture is broken, the exposure is the manual one.
+        The exposure is the manual one if a texture cannot be decoded.
         """
+        # Render depth even if Out1 is low: metering compares the images without and with the projector's light.
         lit_capture = replace(capture, gpio=capture.gpio | 1)
         try:
             frame = self.render(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
@@ -120,7 +121,7 @@ class Imaging:
         return MeteredExposure(exposure, float(brightness), out1_reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        """Return the requested images of one camera at full resolution: colour by the key True, grey by False."""
+        """Return the requested images of one camera at full resolution; keys are True for colour, False for grey."""
         config, exposure = self.config, request.exposure
         offset = config.model.baseline if request.stream.is_right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)

@@ -1,7 +1,8 @@
-"""The camera's IMU: gets the camera's poses and publishes samples while clients are connected.
+"""The camera's IMU: publishes samples while clients are connected.
 
-With the system clock, each change of the live tree is a pose of that moment (``PoseLog``), and samples are made every
-``PUBLISH_SECONDS``. With the simulated clock, each captured frame has a pose, and samples are made at each frame.
+With the system clock, each change of the live tree gives a pose at that time (``PoseLog``), and samples are published
+every ``PUBLISH_SECONDS``. With the simulated clock, each captured frame gives a pose, and samples are published at each
+frame.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from gateway.stereo.imu_sampler import ImuSampler
 from renderers.stereo.imu import ImuNoise
 
 PUBLISH_SECONDS: Final = 0.05
-"""Interval at which samples are sent with the system clock: ten samples."""
+"""Interval between batches with the system clock, seconds: ten samples each."""
 
 _log = structlog.get_logger("stereo")
 
 
 class PoseLog:
-    """Poses of the camera with the times at which the live tree was changed."""
+    """Poses of the camera, with the times of the changes of the live tree."""
 
     def __init__(
         self,
@@ -50,7 +51,7 @@ class PoseLog:
         self._pose_in = pose_in
         self._tree = tree
         self._entries: deque[tuple[int, Snapshot]] = deque()
-        """Filled by the threads that change the tree."""
+        """Times, nanoseconds since the epoch, and snapshots. The threads that change the tree append them."""
         self._stop_listening: Callable[[], None] = lambda: None
 
     def start(self) -> None:
@@ -60,12 +61,12 @@ class PoseLog:
             self._stop_listening = self._tree.listen(self._record)
 
     def stop(self) -> None:
-        """Stop recording, and drop what was not taken."""
+        """Stop recording, and discard the poses that were not taken."""
         self._stop_listening()
         self._entries.clear()
 
     def take(self) -> list[tuple[int, NDArray[np.float64]]]:
-        """Return the poses recorded since the last call, with their times in nanoseconds since the epoch."""
+        """Return the poses since the last call: time, nanoseconds since the epoch, and (4, 4) float64 X_world_left."""
         poses = []
         while self._entries:
             timestamp, snapshot = self._entries.popleft()
@@ -89,7 +90,7 @@ class Imu:
         self._config = config
         self._poses = poses
         self._sampler: ImuSampler | None = None
-        """Sampler of the captured frames; None while there is no client."""
+        """Sampler of the captured frames' poses; None while there is no client."""
 
     async def run(self) -> None:
         """Publish samples until cancelled."""
@@ -99,12 +100,13 @@ class Imu:
             await self.hub.connected.wait()
             try:
                 await self._publish_while_connected(self._poses)
-            except Exception:  # noqa: BLE001 - the images go on
+            except Exception:  # noqa: BLE001 - the image streams continue
                 _log.exception("the IMU has ended")
                 self.hub.close("the IMU has ended by an internal error")
                 return
 
     async def _publish_while_connected(self, poses: PoseLog) -> None:
+        """Publish samples of the recorded poses until the last client disconnects."""
         sampler = self._new_sampler()
         poses.start()
         try:
@@ -118,7 +120,7 @@ class Imu:
             poses.stop()
 
     def frame_captured(self, timestamp: int, pose: NDArray[np.float64]) -> None:
-        """Publish samples up to a frame, if frames are the source of poses.
+        """Publish samples up to a captured frame. Does nothing if a ``PoseLog`` is the source of poses.
 
         Args:
             timestamp: nanoseconds since the epoch.

@@ -15,7 +15,7 @@ from gateway.stereo.hub import LimitError, StreamError
 from gateway.stereo.imu_sampler import ImuSamples
 
 _DECIMALS = 9
-"""Decimals of the numbers: far below the noise, and above differences between CPUs in the last bit."""
+"""Decimals of the numbers: the last one is far below the noise, and above rounding that differs between CPUs."""
 _encoder = msgspec.json.Encoder()
 
 
@@ -23,7 +23,7 @@ def json_lines(samples: ImuSamples) -> bytes:
     """Return the samples as lines of JSON, with the fields of the device's message ``Imu``."""
     seconds, nanoseconds = np.divmod(samples.timestamps, NANOSECONDS_PER_SECOND)
     vectors = (samples.linear_acceleration, samples.angular_velocity)
-    # + 0.0: no negative zeros.
+    # Adding 0.0 makes 0.0 of -0.0.
     forces, rates = (np.round(array, _DECIMALS) + 0.0 for array in vectors)
     return _encoder.encode_lines(
         [
@@ -49,16 +49,17 @@ class ImuQueue:
         """
         self._max_samples = max_samples
         self._batches: deque[tuple[bytes, int]] = deque()
-        """Lines of JSON, and their number."""
+        """Lines of JSON and their number, of each call of ``put``."""
         self._waiting = 0
         """Number of samples in the queue."""
         self._lost = 0
-        """Number of samples dropped since the client was last told."""
+        """Number of samples dropped since the last ``get``."""
         self._close_reason = ""
+        """Reason for the end of the stream; empty while it is open."""
         self._changed = asyncio.Event()
 
     def put(self, lines: bytes, count: int) -> None:
-        """Add ``count`` samples."""
+        """Add ``count`` samples as lines of JSON. Drop the oldest batches beyond the limit."""
         self._batches.append((lines, count))
         self._waiting += count
         while self._waiting > self._max_samples:
@@ -68,7 +69,7 @@ class ImuQueue:
         self._changed.set()
 
     def close(self, reason: str) -> None:
-        """End the stream once the queue is empty."""
+        """End the stream when the queue is empty."""
         self._close_reason = reason
         self._changed.set()
 
@@ -76,7 +77,7 @@ class ImuQueue:
         """Wait for samples and return all of them, after a line with the number of samples lost before them, if any.
 
         Raises:
-            StreamError: the stream has ended.
+            StreamError: the stream has ended, and the queue is empty.
         """
         while not self._batches and not self._lost:
             if self._close_reason:

@@ -21,14 +21,14 @@ from gateway.stereo.service import StereoService
 
 _MEDIA_TYPE: Final = "application/x-ndjson"
 _NO_IMU: Final = "recorded pairs have no IMU"
-_LINE: Final = (
+_EXAMPLE_LINE: Final = (
     '{"timestamp":{"sec":1700000000,"nsec":40000000},'
     '"linear_acceleration":{"x":0.051,"y":-9.803,"z":0.012},"angular_velocity":{"x":0.004,"y":-0.002,"z":0.006}}\n'
 )
 _RESPONSES: Final[Responses] = {
     200: {
         "description": "Samples until the client disconnects.",
-        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}, "example": _LINE}},
+        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}, "example": _EXAMPLE_LINE}},
     },
     **error_responses(
         {
@@ -86,7 +86,7 @@ def imu_router(*services: StereoService) -> APIRouter:
 
 
 def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: ExitStack) -> ImuQueue:
-    """Return the queue of a new client, which ends with ``exit_stack``.
+    """Return the queue of a new client. Closing ``exit_stack`` unsubscribes it.
 
     Raises:
         RestError: there is no such pipeline, the camera has no IMU now, or there are too many clients.
@@ -101,7 +101,7 @@ def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: E
 
 
 class _ImuResponse(StreamingResponse):
-    """Lines of JSON until the stream ends."""
+    """HTTP response with lines of JSON until the stream ends."""
 
     def __init__(self, queue: ImuQueue, exit_stack: ExitStack) -> None:
         """
@@ -118,7 +118,8 @@ class _ImuResponse(StreamingResponse):
 
 
 async def _lines(queue: ImuQueue) -> AsyncIterator[bytes]:
-    yield b""  # HEAD ends here instead of at the first sample
+    """Yield lines of JSON until the stream ends."""
+    yield b""  # a HEAD request ends here instead of at the first sample
     try:
         while True:
             yield await queue.get()
@@ -134,4 +135,4 @@ async def _send(socket: WebSocket, queue: ImuQueue) -> None:
     except StreamError as error:
         await socket.close(1001, str(error))
     except (WebSocketDisconnect, RuntimeError):
-        return  # disconnected: the receiving loop ends, too
+        return  # disconnected; the receiving loop ends as well

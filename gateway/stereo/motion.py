@@ -1,4 +1,4 @@
-"""Rectangles of an image in which something moves during the exposure, and the scene at other times of it."""
+"""Rectangles of an image in which something moves during the exposure, and the scene at other times within it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from renderers.drawlist import DrawList, Instance
 from renderers.stereo.motion_blur import pose_at
 
 MIN_BLUR: Final = 1.0
-"""Minimum motion during the exposure that is blurred, pixels: the lens blurs more than less motion does."""
+"""Minimum motion during the exposure that is blurred, pixels. The lens's blur hides smaller motions."""
 MAX_SUBFRAMES: Final = 7
-"""Maximum number of images of a rectangle that are averaged, an odd number: the middle one is already rendered."""
+"""Maximum number of images of a rectangle to average. It is odd, because the middle image is rendered already."""
 MAX_EXTRA_IMAGES: Final = 4.0
-"""Maximum size of all further images together, relative to the whole image."""
+"""Maximum number of pixels of all further images together, relative to the whole image."""
 MAX_INTERVAL: Final = 0.5
-"""Maximum time since the frame before, seconds: an older one says nothing about the velocity."""
+"""Maximum time since the frame before, seconds. The velocity since an older one may have changed."""
 _MARGIN: Final = 2
-"""Pixels around what moves."""
+"""Pixels to add on each side of a rectangle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,10 +68,12 @@ class MovingRectangle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of scene and camera between two frames of equal instances."""
+    """Motion of scene and camera between two frames with the same meshes (``has_equal_instances``)."""
 
     before: DrawList
+    """Scene of the frame before."""
     now: DrawList
+    """Scene of this frame."""
     X_world_camera_before: NDArray[np.float64]
     """(4, 4) float64, pose of the rendered camera in the frame before."""
     X_world_camera: NDArray[np.float64]
@@ -99,22 +101,24 @@ class Motion:
 
 
 def has_equal_instances(before: DrawList, now: DrawList) -> bool:
-    """Return True if two scenes differ in poses only, as far as the meshes tell."""
+    """Return True if two scenes have the same meshes in the same order. Poses and materials may differ."""
     if len(before.instances) != len(now.instances):
         return False
     return all(old is new or old.mesh is new.mesh for old, new in zip(before.instances, now.instances, strict=True))
 
 
-def moving_rectangles(motion: Motion, camera: Camera, exposure: float) -> list[MovingRectangle]:
+def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) -> list[MovingRectangle]:
     """Return disjoint rectangles of the image in which something moves by ``MIN_BLUR`` or more.
 
     Args:
         motion: motion between the frames.
         camera: camera of the image.
-        exposure: exposure time in units of the time between the frames; it is centred on now.
+        relative_exposure: exposure time in units of the time between the frames. Its middle is this frame.
     """
     camera_moves = not np.array_equal(motion.X_world_camera_before, motion.X_world_camera)
-    views = [np.linalg.inv(motion.camera_at(interval)) for interval in (-0.5 * exposure, 0.5 * exposure)]
+    views = [
+        np.linalg.inv(motion.camera_at(interval)) for interval in (-0.5 * relative_exposure, 0.5 * relative_exposure)
+    ]
     rectangles: list[MovingRectangle] = []
     for old, new in zip(motion.before.instances, motion.now.instances, strict=True):
         if old is new and not camera_moves:
@@ -125,39 +129,39 @@ def moving_rectangles(motion: Motion, camera: Camera, exposure: float) -> list[M
         corners = np.concatenate((corners_of(bounds), np.ones((8, 1))), axis=1)
         begin, end = (
             corners @ (view @ pose_at(old.X_world_mesh, new.X_world_mesh, interval)).T[:, :3]
-            for view, interval in zip(views, (-0.5 * exposure, 0.5 * exposure), strict=True)
+            for view, interval in zip(views, (-0.5 * relative_exposure, 0.5 * relative_exposure), strict=True)
         )
-        rectangle = _rectangle(begin, end, camera)
+        rectangle = _moving_rectangle(begin, end, camera)
         if rectangle is not None:
-            rectangles = _with(rectangles, rectangle)
+            rectangles = _add_disjoint(rectangles, rectangle)
     return rectangles
 
 
 def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int) -> int:
-    """Return the number of images to average for a rectangle, odd: one per pixel of blur within the limits.
+    """Return the number of images to average for a rectangle, odd: one per pixel of blur, within the limits.
 
     Args:
-        rectangle: rectangle.
-        total_area: pixels of all rectangles of the image.
-        image_area: pixels of the image.
+        rectangle: rectangle to blur.
+        total_area: number of pixels of all rectangles of the image.
+        image_area: number of pixels of the image.
     """
     affordable = 1 + int(MAX_EXTRA_IMAGES * image_area / max(total_area, 1))
     count = min(math.ceil(rectangle.blur) | 1, MAX_SUBFRAMES, (affordable - 1) | 1)
     return max(count, 3)
 
 
-def _rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera) -> MovingRectangle | None:
-    """Return the part of the image that a moving box covers; None if it moves too little or is outside.
+def _moving_rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera) -> MovingRectangle | None:
+    """Return the part of the image that a moving box covers; None if it moves less than ``MIN_BLUR`` or is outside.
 
     Args:
-        begin: (8, 3) float64, corners in the camera's frame at the begin of the exposure.
+        begin: (8, 3) float64, corners in the camera's frame at the beginning of the exposure.
         end: (8, 3) float64, likewise at its end.
         camera: camera of the image.
     """
     depth = np.concatenate((begin[:, 2], end[:, 2]))
     if depth.max() <= camera.near:
         return None
-    if depth.min() <= camera.near:  # around the camera: how far its points move in the image is unknown
+    if depth.min() <= camera.near:  # it reaches behind the camera: its motion in the image has no limit
         return MovingRectangle(0, 0, camera.width, camera.height, float(MAX_SUBFRAMES))
     focal, center = np.array((camera.fx, camera.fy)), np.array((camera.cx, camera.cy))
     first, last = (points[:, :2] / points[:, 2:] * focal + center for points in (begin, end))
@@ -173,12 +177,12 @@ def _rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Cam
     return MovingRectangle(int(low[0]), int(low[1]), int(high[0]), int(high[1]), blur)
 
 
-def _with(rectangles: list[MovingRectangle], new: MovingRectangle) -> list[MovingRectangle]:
-    """Return rectangles that cover those given and a new one, disjoint."""
+def _add_disjoint(rectangles: list[MovingRectangle], new: MovingRectangle) -> list[MovingRectangle]:
+    """Return disjoint rectangles that cover disjoint ones and a new one. Overlapping rectangles are merged."""
     for other in rectangles:
         overlaps = (
             new.left < other.right and other.left < new.right and new.top < other.bottom and other.top < new.bottom
         )
         if overlaps:
-            return _with([each for each in rectangles if each is not other], new.union(other))
+            return _add_disjoint([each for each in rectangles if each is not other], new.union(other))
     return [*rectangles, new]

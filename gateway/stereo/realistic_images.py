@@ -1,4 +1,4 @@
-"""Camera images with the parts of ``--stereo-realism``."""
+"""Camera images with the effects that ``--stereo-realism`` enables."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ from renderers.stereo.optics import LENS_BLUR, Lens, SceneLight, brightness_of_l
 from renderers.stereo.sensor import SensorImage, image_from_light
 
 _GEOMETRY: Final = Output.DEPTH | Output.NORMAL
+"""Outputs from which the factors of the key light follow."""
 
 
-def imaging_of(config: StereoConfig, renderer: Renderer) -> Imaging:
-    """Return the source of rendered images for a configuration."""
+def make_imaging(config: StereoConfig, renderer: Renderer) -> Imaging:
+    """Return the source of images for a configuration: with realism if any part is enabled."""
     return RealisticImaging(config, renderer) if config.realism else Imaging(config, renderer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RealisticImaging(Imaging):
-    """Source of images with the parts of ``config.realism``. Depth from rendered depth is as without them."""
+    """Source of images with the parts of ``config.realism``. Rendered depth does not depend on them."""
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         config, exposure = self.config, request.exposure
@@ -80,7 +81,13 @@ class RealisticImaging(Imaging):
         return unlit, unlit if dots is None else brightness(dots)
 
     def _light_factors(self, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint8] | None:
-        """Return the factors of the key light at half the resolution of an image; None if they are all 1."""
+        """Return ``key_light.light_factors`` at half the resolution of an image; None: all factors are 1.
+
+        Args:
+            capture: scene and pose.
+            offset: metres along the left camera's x axis.
+            divisor: width of the camera images divided by that of the image.
+        """
         if "shadows" not in self.config.realism:
             return None
         camera = self._camera(capture, offset, 2 * divisor)
@@ -96,10 +103,10 @@ class RealisticImaging(Imaging):
             return light_factors(geometry.depth, geometry.normal, camera, shadows.depth, light)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
-        """Blur what moves in a rendered image, by the mean of further renderings of the parts in which it moves.
+        """Blur the parts of a rendered image in which something moves, by averaging further renderings of them.
 
         Args:
-            capture: scene, pose and those of the frame before.
+            capture: scene and pose of this frame and of the frame before.
             offset: metres along the left camera's x axis.
             exposure_time: seconds.
             color: (H, W, 3) uint8, rendered image, changed.
@@ -111,11 +118,11 @@ class RealisticImaging(Imaging):
         if not 0.0 < seconds <= MAX_INTERVAL or not has_equal_instances(earlier.scene, capture.scene):
             return
         camera = self._camera(capture, offset, 1)
-        before = earlier.X_world_left.copy()
-        before[:3, 3] += before[:3, 0] * offset
-        motion = Motion(earlier.scene, capture.scene, before, camera.X_world_camera)
-        exposure = exposure_time / seconds
-        rectangles = moving_rectangles(motion, camera, exposure)
+        X_world_before = earlier.X_world_left.copy()
+        X_world_before[:3, 3] += X_world_before[:3, 0] * offset
+        motion = Motion(earlier.scene, capture.scene, X_world_before, camera.X_world_camera)
+        relative_exposure = exposure_time / seconds
+        rectangles = moving_rectangles(motion, camera, relative_exposure)
         total_area = sum(rectangle.area for rectangle in rectangles)
         look = Look(self.config.look, self.config.background)
         for rectangle in rectangles:
@@ -123,8 +130,8 @@ class RealisticImaging(Imaging):
             with ExitStack() as stack:
                 others: list[NDArray[np.uint8]] = []
                 for index in range(count):
-                    interval = ((index + 0.5) / count - 0.5) * exposure
-                    if 2 * index + 1 == count:  # the middle one is rendered already
+                    interval = ((index + 0.5) / count - 0.5) * relative_exposure
+                    if 2 * index + 1 == count:  # the middle of the exposure is rendered already
                         continue
                     view = Camera(
                         rectangle.right - rectangle.left,
@@ -145,6 +152,7 @@ class RealisticImaging(Imaging):
                 write_mean_light(color, rectangle.left, rectangle.top, others)
 
     def _camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
+        """Return the camera of ``render`` with the same arguments."""
         config = self.config
         return config.model.camera(
             capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far

@@ -23,7 +23,7 @@ from gateway.stereo.images import Imaging, MeteredExposure
 from gateway.stereo.imu import Imu, PoseLog
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import imaging_of
+from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from renderers.interface import Renderer
 
@@ -57,7 +57,7 @@ class StereoService:
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
         file."""
-        self.scene_imaging = imaging_of(config, renderer)
+        self.scene_imaging = make_imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)

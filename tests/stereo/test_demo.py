@@ -11,8 +11,9 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import ImagePair, matched_depth, measurable_depths
+from gateway.stereo.depth import ImagePair, measurable_depths
 from gateway.stereo.images import Capture, ImageRequest, Imaging
+from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import read_settings
 from renderers.interface import Output

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.stereo import depth
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import ImagePair, matched_depth
+from gateway.stereo.depth import ImagePair
+from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.stereo.depth_images import DepthImages
@@ -63,7 +63,7 @@ def pair(gain: float = 0.0) -> ImagePair:
 
 
 def match(monkeypatch: pytest.MonkeyPatch, matcher: FakeMatcher, *given: Any, **config: Any) -> DepthImages:
-    monkeypatch.setattr(depth, "match_pair", matcher)
+    monkeypatch.setattr("gateway.stereo.matched_depth.match_pair", matcher)
     return matched_depth(StereoConfig(model=MODEL, **config), *given)
 
 

@@ -16,11 +16,12 @@ from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import ImagePair, matched_depth
+from gateway.stereo.depth import ImagePair
 from gateway.stereo.images import Capture, ImageRequest
+from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import imaging_of
+from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -49,7 +50,7 @@ def moving_demo(gpio: int) -> Capture:
 @pytest.mark.parametrize(("gpio", "checksum"), [(0, 4009308581), (1, 350211001)])
 def test_off_is_byte_for_byte_as_before_realism(renderer: CpuRenderer, gpio: int, checksum: int) -> None:
     """The checksums are those of the last commit before realism."""
-    imaging = imaging_of(StereoConfig(model=SMALL), renderer)
+    imaging = make_imaging(StereoConfig(model=SMALL), renderer)
     capture = Capture(0, table(), 1, pose(), gpio, 1)
     exposure = imaging.meter(capture, read_settings(Parameters())).exposure
     value = 0
@@ -66,7 +67,7 @@ def test_equal_inputs_give_equal_bytes(renderer: CpuRenderer, gpio: int) -> None
     config = replace(ALL, model=SMALL)
     images = []
     for each in (renderer, other):
-        imaging, capture = imaging_of(config, each), moving_demo(gpio)
+        imaging, capture = make_imaging(config, each), moving_demo(gpio)
         exposure = imaging.meter(capture, read_settings(Parameters())).exposure
         request = ImageRequest(exposure, NoiseStream.RIGHT, frozenset((True,)))
         images.append(imaging.expose(capture, request)[True].image)
@@ -80,7 +81,7 @@ def test_each_part_changes_the_image_by_itself(renderer: CpuRenderer, part: Real
     request = ImageRequest(read_settings(Parameters()).manual_exposure, NoiseStream.LEFT, frozenset((False,)))
     request = replace(request, exposure=replace(request.exposure, time=0.018))
     without, with_part = (
-        imaging_of(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
+        make_imaging(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
         for parts in (frozenset[RealismPart](), frozenset((part,)))
     )
     assert (without != with_part).mean() > 0.001
@@ -90,7 +91,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
     capture = moving_demo(1)
     for parts in (REALISM_PARTS, ("projector",)):
         config = StereoConfig(realism=frozenset(parts))
-        imaging = imaging_of(config, renderer)
+        imaging = make_imaging(config, renderer)
         metered = imaging.meter(capture, read_settings(Parameters()))
         request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
         image = imaging.expose(capture, request)[False]
@@ -102,7 +103,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM])
 def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: Quality) -> None:
     capture, model, divisor = moving_demo(1), ALL.model, quality.divisor
-    imaging = imaging_of(ALL, renderer)
+    imaging = make_imaging(ALL, renderer)
     settings = replace(read_settings(Parameters()), quality=quality)
     exposure = imaging.meter(capture, settings).exposure
     left, right = (
