@@ -23,6 +23,7 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.server import error_handlers, health, openapi
+from gateway.server.early_response import EarlyResponse
 from gateway.server.index_page import index_page
 from gateway.server.middleware import RequestContext, StartGate
 from gateway.server.security import Security
@@ -140,6 +141,7 @@ def _add_middleware(context: Context) -> None:
     context.security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
     app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.PATHS | POLLED_PATHS)
+    app.add_middleware(EarlyResponse)
 
 
 def __getattr__(name: str) -> Any:

@@ -13,7 +13,6 @@ import uvicorn
 from fastapi import FastAPI
 
 from gateway.runtime import process_tuning
-from gateway.server.early_response import EarlyResponse
 from gateway.server.http_protocol import BoundedHttpProtocol
 from gateway.server.websocket_protocol import BoundedWebSocketProtocol
 
@@ -34,7 +33,7 @@ def server_config(
         tls: certificate and key, PEM.
     """
     return uvicorn.Config(
-        EarlyResponse(app),
+        app,
         http=BoundedHttpProtocol,
         ws=BoundedWebSocketProtocol,
         ws_max_size=MAX_WEBSOCKET_BYTES,

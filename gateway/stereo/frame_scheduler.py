@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
+from renderers.compiler.pending import is_compiling
 from renderers.drawlist import DrawList
 
 SceneSource = Callable[[], tuple[DrawList, int]]
@@ -29,6 +31,10 @@ SceneSource = Callable[[], tuple[DrawList, int]]
 PoseSource = Callable[[], NDArray[np.float64]]
 """Returns X_world_left, the pose of the left optical frame, (4, 4) float64. Called right after the scene source, in the
 same thread."""
+
+_KERNEL_PARTS: Final = ("stereo", "normals")
+"""Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
+_KERNEL_POLL_SECONDS: Final = 0.1
 
 
 class FrameScheduler:
@@ -91,8 +97,13 @@ class FrameScheduler:
         return self._publisher.last_metered
 
     async def run(self) -> None:
-        """Capture frames until cancelled."""
+        """Capture frames until cancelled.
+
+        The first one waits for the kernels: compiling them is no part of a frame's time limit.
+        """
         try:
+            while any(is_compiling(part) for part in _KERNEL_PARTS):  # noqa: ASYNC110 - other threads load them
+                await asyncio.sleep(_KERNEL_POLL_SECONDS)
             while True:
                 await self._step()
         finally:

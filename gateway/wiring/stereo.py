@@ -17,6 +17,7 @@ from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
 from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
+from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
 from gateway.settings import Settings
@@ -65,6 +66,7 @@ async def setup(context: Context) -> None:
         rest.add_exception_handler(RequestValidationError, invalid_parameters)
         context.security.protect(rest)
         rest.add_middleware(HeadAsGet)
+        rest.add_middleware(EarlyResponse)
         apps.append(rest)
         context.run_service(
             "rest", PortService(rest, settings.host, settings.rest_port, context.security.tls), where="/api"

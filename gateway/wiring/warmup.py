@@ -42,7 +42,7 @@ def _kernels_of(*names: str, excluding: tuple[str, ...] = (), modules: tuple[str
     return compile_them
 
 
-_STUDIO: Final = ("renderers.shading.studio", "renderers.shading.mipmaps")
+_STUDIO: Final = ("renderers.shading.studio",)
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
 _SETUP: Final = ("renderers.raster.setup",)
@@ -80,10 +80,10 @@ NEEDED: Final[Mapping[str, Callable[[], None]]] = {
 }
 """Parts that the default settings need, longest first, so that children end together."""
 BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
-    "formats": _kernels_of(*_FORMATS, modules=_FORMATS),
     "stereo": _kernels_of("renderers.stereo", modules=_STEREO),
-    "antialiasing": _kernels_of(*_ANTIALIASING),
     "normals": _kernels_of(*_NORMALS),
+    "formats": _kernels_of(*_FORMATS, modules=_FORMATS),
+    "antialiasing": _kernels_of(*_ANTIALIASING),
     "studio": _kernels_of(*_STUDIO),
 }
 """Parts that are compiled after the server is ready."""

@@ -65,6 +65,11 @@ def is_pending(part: str) -> bool:
     return part in _pending
 
 
+def is_compiling(part: str) -> bool:
+    """Return whether a part is pending and its compilation has not failed."""
+    return part in _pending and _pending[part] is None
+
+
 def wait_until_compiled(part: str) -> None:
     """Return once a part is compiled, at once if it is not pending.
 

@@ -11,6 +11,7 @@ import pytest
 from fastapi import FastAPI, Request, Response
 
 from gateway.server import http_protocol
+from gateway.server.early_response import EarlyResponse
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 
@@ -43,6 +44,7 @@ async def serving(held: asyncio.Event | None = None) -> AsyncIterator[int]:
     async def full() -> Response:
         return Response("busy", 503, headers={"Retry-After": "7"})
 
+    app.add_middleware(EarlyResponse)
     async with listening(app) as port:
         yield port
 

@@ -13,10 +13,13 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
+from gateway.stereo.config import StereoConfig
 from gateway.stereo.truth import find_frame, ground_truth_npz
+from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
+from renderers.raster import CpuRenderer
 from renderers.stereo.model import MODELS
-from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
+from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running
 from tests.stereo.scenes import table
 from tests.support.waiting import until
 
@@ -306,3 +309,16 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
     clock.shift = 3600 * 10**9
     second = await call.read()
     assert second.timestamp.sec < first.timestamp.sec - 3000
+
+
+async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRenderer) -> None:
+    """Their time is no part of a frame's time limit."""
+    scene, config = table(), StereoConfig(port=0, model=SMALL)
+    with pending.announced(("stereo",)):
+        async with running(renderer, config, lambda: (scene, 1), None) as camera:
+            first = asyncio.ensure_future(camera.stream(left_enabled=True).read())
+            await until(lambda: len(camera.service.hub) == 1)
+            assert not camera.service.history
+            assert not first.done()
+            pending.finish("stereo")
+            assert (await first).left.width == SMALL.width
