@@ -1,14 +1,14 @@
 """Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--realism] [--pictures FOLDER]``.
 
-Measured on the ten scenes of ``sensor_scenes``, without and with the projector, at High quality unless a table says
-otherwise.
+Measured on the ten scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless a
+table says otherwise.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.sensor_images import Sample, samples
+from bench.sensor_images import Sample, demo_samples, samples
 from gateway.stereo.depth import ground_truth_depth, modelled_depth
 from gateway.stereo.matched_depth import matched_depth
 from renderers.stereo.depth_images import DepthImages
@@ -29,6 +29,8 @@ SEEDS: Final = (1, 2, 3, 4, 5)
 has others, and therefore other textures and places."""
 NO_FILTERS: Final = Filters(minconf=0.0, seg=0, fill=0)
 """Filters that keep every measured pixel, and only these."""
+FORMATS: Final = ("5.2f", "6.3f", "6.2f", "6.3f", "6.3f", "7.2f", "6.2f")
+"""Formats of the columns of ``report_scenes``."""
 BINS: Final = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
 """Borders of the bins of confidence, in each of which it is compared with the share of right pixels."""
 MODES: Final[dict[str, Callable[[Sample], DepthImages]]] = {
@@ -123,19 +125,31 @@ def reliability(pairs: list[tuple[Sample, DepthImages]]) -> list[tuple[float, fl
 
 
 def report_scenes(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
-    """Print the errors of each sample."""
+    """Print the errors of each sample, and their medians."""
     print(f"\n{mode}: scene, projector, valid, off by > 1 px, correlation of neighbours, high-frequency part px,")
     print("  standard deviation px, second difference mm, normals degrees")
+    rows = []
     for sample, images in pairs:
         deviation = deviation_of(sample, images)
         known = deviation[np.isfinite(deviation)]
         small = known[np.abs(known) < 1.0]
-        print(
-            f"  {sample.name:15} {'on' if sample.projector else 'off':3} {(images.disparity > 0).mean():5.2f} "
-            f"{(np.abs(known) > 1.0).mean() if known.size else 0:6.3f} {correlation(deviation):6.2f} "
-            f"{high_frequency(deviation):6.3f} {small.std() if small.size else 0:6.3f} "
-            f"{second_difference(sample, images):7.2f} {normal_error(sample, images):6.2f}"
+        row = (
+            float((images.disparity > 0).mean()),
+            float((np.abs(known) > 1.0).mean()) if known.size else 0.0,
+            correlation(deviation),
+            high_frequency(deviation),
+            float(small.std()) if small.size else 0.0,
+            second_difference(sample, images),
+            normal_error(sample, images),
         )
+        rows.append(row)
+        print_row(sample.name, "on" if sample.projector else "off", row)
+    print_row("median", "", np.median(rows, axis=0))
+
+
+def print_row(name: str, projector: str, row: Iterable[float]) -> None:
+    numbers = " ".join(f"{value:{width}}" for value, width in zip(row, FORMATS, strict=True))
+    print(f"  {name:15} {projector:3} {numbers}")
 
 
 def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
@@ -146,6 +160,11 @@ def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> Non
         for promised, right, count in rows:
             if count:
                 print(f"  {promised:.3f} {right:.3f} {right - promised:+.3f} {count:9d}")
+
+
+def unfiltered(sample: Sample) -> Sample:
+    """Return the sample without post-processing: confidences are those of the measurement."""
+    return replace(sample, settings=replace(sample.settings, filters=NO_FILTERS))
 
 
 def report_density() -> None:
@@ -199,13 +218,13 @@ def main() -> None:
                 cv2.imwrite(str(options.pictures / name), comparison_image(sample, images))
     if options.pictures:
         write_sheet(options.pictures)
-    unfiltered = [
-        replace(sample, settings=replace(sample.settings, filters=NO_FILTERS))
-        for seed in SEEDS
-        for sample in samples(Quality.HIGH, seed, realism=options.realism)
-    ]
-    for mode in ("modelled", "matched"):
-        report_confidence(mode, [(sample, MODES[mode](sample)) for sample in unfiltered])
+    demo = list(demo_samples(realism=options.realism))
+    for mode, measure in MODES.items():
+        report_scenes(mode, [(sample, measure(sample)) for sample in demo])
+    ten_scenes = [sample for seed in SEEDS for sample in samples(Quality.HIGH, seed, realism=options.realism)]
+    for title, group in (("ten scenes", ten_scenes), ("demo", demo)):
+        for mode in ("modelled", "matched"):
+            report_confidence(f"{title}, {mode}", [(unfiltered(s), MODES[mode](unfiltered(s))) for s in group])
     report_density()
 
 

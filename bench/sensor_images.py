@@ -10,6 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_scenes import POSE, SCENES, make_scene
+from gateway.demo import Demo
+from gateway.scene.flatten import flatten
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import parse_mount_pose
+from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair, depth_noise_sigma, depth_pair, measurable_depths
 from gateway.stereo.images import Capture, ImageRequest, Imaging
@@ -73,6 +78,20 @@ def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[S
         draw_list = make_scene(scene, seed)
         for projector in (False, True):
             yield _sample(scene.__name__, imaging, settings, Capture(0, draw_list, 1, POSE, int(projector), seed))
+
+
+def demo_samples(*, realism: bool = False) -> Iterator[Sample]:
+    """Yield the demo at three times, without and with the projector, from the camera's default pose at ``High``."""
+    tree = LiveTree()
+    demo = Demo(tree)
+    demo.populate()
+    imaging = make_imaging(StereoConfig(realism=frozenset(REALISM_PARTS if realism else ())), _renderer())
+    settings, pose = read_settings(Parameters()), parse_mount_pose(Settings(only=()).stereo_pose)
+    for frame, seconds in enumerate((1.3, 4.0, 7.0)):
+        demo.move_to(seconds)
+        draw_list = flatten(tree.snapshot.root)
+        for projector in (False, True):
+            yield _sample("demo", imaging, settings, Capture(0, draw_list, 1, pose, int(projector), frame))
 
 
 def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capture) -> Sample:
