@@ -1,7 +1,7 @@
 """Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--realism] [--pictures FOLDER]``.
 
-Measured on the ten scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless a
-table says otherwise.
+Measured on the ten scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless
+a table says otherwise.
 """
 
 from __future__ import annotations

@@ -82,16 +82,15 @@ def choose_error_scale(sigma: float, disparity_count: int) -> float:
     return scale
 
 
-def exact_images(true_disparity: NDArray[np.float32], error_scale: float = DISPARITY_SCALE) -> DepthImages:
+def exact_images(true_disparity: NDArray[np.float32]) -> DepthImages:
     """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1.
 
     Args:
         true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
-        error_scale: pixels per unit of the error image.
     """
     disparity = _sixteenths(true_disparity)
     valid = disparity > 0
-    return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)), error_scale)
+    return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)))
 
 
 def measured_images(

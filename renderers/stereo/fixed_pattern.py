@@ -7,11 +7,12 @@ global shutter, after the camera's own correction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from renderers.cache import Cache
 
 PIXEL_OFFSET: Final = 0.1
 """Standard deviation of the pixels' offsets at 0 dB, grey levels. Offsets are amplified by the gain."""
@@ -23,8 +24,8 @@ OFFSET_UNIT: Final = 1.0 / 128.0
 """Grey levels at 0 dB per unit of ``FixedPattern.offset``."""
 GAIN_UNIT: Final = 1.0 / 4096.0
 """Relative light per unit of ``FixedPattern.gain``."""
-_CACHED_PATTERNS: Final = 8
-"""Number of patterns kept, 2.5 MB each at 1280x960: both cameras at two resolutions of two stereo cameras."""
+MAX_PATTERN_BYTES: Final = 256 << 20
+"""Maximum number of bytes of cached patterns: both sensors of the largest camera, 8192x8192."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,9 +38,11 @@ class FixedPattern:
     """(H, W) int8, units of ``GAIN_UNIT``; 0: the mean gain."""
 
 
-@lru_cache(_CACHED_PATTERNS)
+_cached_patterns: Cache[tuple[int, bool, int, int], FixedPattern] = Cache(MAX_PATTERN_BYTES)
+
+
 def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:
-    """Return the pattern of a sensor, which depends on the arguments only.
+    """Return the pattern of a sensor, from the cache if possible. It depends on the arguments only.
 
     Args:
         seed: seed of the stereo camera.
@@ -47,6 +50,15 @@ def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPa
         height: rows.
         width: columns.
     """
+    key = (seed, right, height, width)
+    pattern = _cached_patterns.get(key)
+    if pattern is None:
+        pattern = _make_pattern(*key)
+        _cached_patterns.put(key, pattern, pattern.offset.nbytes + pattern.gain.nbytes)
+    return pattern
+
+
+def _make_pattern(seed: int, right: bool, height: int, width: int) -> FixedPattern:
     random = np.random.Generator(np.random.Philox(key=(seed << 1 | int(right)) & (2**128 - 1)))
 
     def normal(*shape: int) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from gateway.scene.mount import Mount
 from gateway.server.http_server import PortService
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.imu import PoseLog
+from gateway.stereo.imu import Imu, PoseLog
 from gateway.stereo.imu_routes import imu_router
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.scene_view import SceneView
@@ -109,27 +109,27 @@ async def test_a_resting_camera_and_the_systems_clock(renderer: CpuRenderer) -> 
         await until(lambda: len(service.imu.hub) == 0)
 
 
-async def test_nothing_runs_without_clients(renderer: CpuRenderer) -> None:
+async def test_nothing_runs_without_clients() -> None:
     tree = LiveTree()
     set_pose(tree, np.eye(4))
-    resolved = 0
-    async with moving(renderer, tree) as service, served(service) as client:
-        log = service.imu._poses  # noqa: SLF001 - what is counted is inside
-        assert log is not None
-        pose_in = log._pose_in  # noqa: SLF001
+    stopped = asyncio.Event()
 
-        def counted(snapshot: Any) -> Any:
-            nonlocal resolved
-            resolved += 1
-            return pose_in(snapshot)
+    class Log(PoseLog):
+        def stop(self) -> None:
+            super().stop()
+            stopped.set()
 
-        log._pose_in = counted  # noqa: SLF001
-        await read(client, 5)
-        await until(lambda: not service.imu.hub.connected.is_set())
-        await until(lambda: not tree._listeners)  # noqa: SLF001
-        count = resolved
-        set_pose(tree, matrices(rest, np.zeros(1))[0])
-        assert resolved == count >= 1
+    log = Log(lambda: tree.snapshot, lambda _: np.eye(4), tree)
+    imu = Imu(StereoConfig(), log)
+    running = asyncio.create_task(imu.run())
+    set_pose(tree, np.eye(4))
+    assert not log.take()
+    with imu.hub.subscribe() as queue:
+        assert await queue.get()
+    await stopped.wait()
+    set_pose(tree, np.eye(4))
+    assert not log.take()
+    running.cancel()
 
 
 async def test_a_moving_node_is_felt(renderer: CpuRenderer) -> None:
