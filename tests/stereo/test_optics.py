@@ -50,6 +50,8 @@ def test_names_of_parts() -> None:
     assert parse_realism("vignetting, shadows") == ("shadows", "vignetting")
     with pytest.raises(ValueError, match="'haze' is not a part; use 'off', 'all' or some of shadows, lens-blur"):
         parse_realism("shadows,haze")
+    with pytest.raises(ValueError, match="'all' cannot be combined with other names"):
+        parse_realism("shadows,all")
 
 
 @pytest.mark.parametrize("color", [True, False])
