@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.cli.publish import _geometries, _read_request
+from gateway.cli.publish import _read_request
 from gateway.client.tree.geometry import Mesh, PointCloud
+from gateway.client.tree.parts import geometries_of
 from gateway.client.tree.published import Changes, Entry
 from gateway.scene.geometry import Box, Part
 from gateway.scene.geometry import PointCloud as Points
@@ -64,7 +65,7 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
     material = Material(base_color=(0.5, 0.0, 2.0, 0.25))
     mirror = np.diag((-1.0, 1.0, 1.0, 1.0))
     for X in (translation(10.0, 0.0, 0.0), translation(10.0, 0.0, 0.0) @ mirror):
-        (mesh,) = _geometries(Part(Box((2.0, 4.0, 6.0)), material, X))
+        (mesh,) = geometries_of(Part(Box((2.0, 4.0, 6.0)), material, X))
         assert isinstance(mesh, Mesh)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         assert vertices.min(0) == pytest.approx((9, -2, -3))
@@ -78,7 +79,7 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
 def test_points_are_moved_and_keep_their_colours() -> None:
     rgb = np.array([(1, 0, 0), (0, 1, 0)], np.float32)
     shape = Points(np.array([(0, 0, 0), (1, 2, 3)], np.float32), {"rgb": rgb})
-    (points,) = _geometries(Part(shape, Material(), translation(0.0, 0.0, 3.0)))
+    (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)))
     assert isinstance(points, PointCloud)
     np.testing.assert_array_equal(points.points, [(0, 0, 3), (1, 2, 6)])
     np.testing.assert_array_equal(points.rgb, rgb)
