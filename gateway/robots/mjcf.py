@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from typing import Any, Final, Literal
 
@@ -67,7 +68,7 @@ def _mujoco() -> Any:
 
 
 class _Kinematics:
-    """MuJoCo's forward kinematics."""
+    """MuJoCo's forward kinematics. Thread-safe."""
 
     def __init__(self, mujoco: Any, model: Any, addresses: Mapping[str, int]) -> None:
         """
@@ -77,16 +78,19 @@ class _Kinematics:
         self._mujoco = mujoco
         self._model = model
         self._addresses = addresses
+        self._data = mujoco.MjData(model)
+        self._lock = threading.Lock()
+        """Held while the data is used: callers may be in several threads."""
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
-        data = self._mujoco.MjData(self._model)  # not shared: callers may be in several threads
-        for name, address in self._addresses.items():
-            data.qpos[address : address + len(values[name])] = values[name]
-        self._mujoco.mj_kinematics(self._model, data)
         X_robot_link = np.tile(np.eye(4), (self._model.nbody, 1, 1))
-        X_robot_link[:, :3, :3] = data.xmat.reshape(-1, 3, 3)
-        X_robot_link[:, :3, 3] = data.xpos
+        with self._lock:
+            for name, address in self._addresses.items():
+                self._data.qpos[address : address + len(values[name])] = values[name]
+            self._mujoco.mj_kinematics(self._model, self._data)
+            X_robot_link[:, :3, :3] = self._data.xmat.reshape(-1, 3, 3)
+            X_robot_link[:, :3, 3] = self._data.xpos
         return X_robot_link
 
 

@@ -26,6 +26,7 @@ from gateway.scene.transforms import scaling
 
 DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
 """Colour of geometry without a material, as in Drake."""
+_LFS_POINTER: Final = b"version https://git-lfs"
 
 
 class UrdfParts:
@@ -79,8 +80,11 @@ class UrdfParts:
             raise RobotFileError(f"{name} is none of the formats {', '.join(sorted(FORMATS))}")
         path = self._files.find(name)
         if path not in self._meshes:
+            data = self._files.read(path)
+            if data.startswith(_LFS_POINTER):
+                raise RobotFileError(f"{name} is a pointer of Git LFS, not the mesh: run git lfs pull")
             self._meshes[path] = parse_mesh(
-                self._files.read(path),
+                data,
                 extension,
                 lambda other: self._files.resolve_beside(path, other),
                 self._limits.mesh,

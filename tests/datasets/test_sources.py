@@ -45,7 +45,7 @@ def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None
     path.write_text("{}")
     assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
     with pytest.raises(
-        SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.tree\.json, \.multipart$"
+        SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.urdf, \.mjcf, \.tree\.json, \.multipart$"
     ):
         find_sources([path.parent])
 
