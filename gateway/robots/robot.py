@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gateway.robots.errors import RobotFileError, similar_names
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, PathElement
 
 JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
-JointValue: TypeAlias = float | Sequence[float]
+JointValue: TypeAlias = ArrayLike
 """Value of a joint: one number, or as many as the joint has."""
 
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {

@@ -57,7 +57,7 @@ def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
         [Sphere(1.0)],
     ]
     box = robot.parts[1][0]
-    assert box.material.base_color == (1, 0, 0, 1)
+    assert box.material.base_color == (1.0, 0.0, 0.0, 1.0)
     np.testing.assert_allclose(box.X_node_part[:3, 3], (0, 0, 0.5))
     _, a, b, _ = robot.link_poses({"turn": np.pi / 2, "slide": 1.5})
     np.testing.assert_allclose(a, [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]], atol=1e-15)
@@ -93,7 +93,7 @@ def test_materials_and_textures(tmp_path: Path) -> None:
     pixels = plane.base_color_texture.image.decode()
     assert pixels.shape == (4, 8, 4)
     assert pixels[0, 0].tolist() == pytest.approx([51, 102, 153, 255], abs=1)
-    assert plane.base_color == (1, 1, 1, 1)
+    assert plane.base_color == (1.0, 1.0, 1.0, 1.0)
     assert plane.roughness == 1.0
     surface = robot.parts[0][0].shape
     assert isinstance(surface, Surface)
@@ -102,9 +102,10 @@ def test_materials_and_textures(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), (3, 5))
     # without texture coordinates: the mean colour
     assert ball.base_color[2] == pytest.approx(linear_from_srgb(0.6), abs=0.01)
-    assert green.base_color == (0, 1, 0, 1)
+    assert green.base_color == (0.0, 1.0, 0.0, 1.0)
     assert gold.base_color == pytest.approx((1, linear_from_srgb(0.8), 0, 1))
-    assert (gold.metallic, gold.roughness) == (1.0, pytest.approx(0.3))
+    assert gold.metallic == 1.0
+    assert gold.roughness == pytest.approx(0.3)
 
 
 def test_meshes_keep_their_place(tmp_path: Path) -> None:

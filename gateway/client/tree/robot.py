@@ -72,7 +72,7 @@ class PublishedRobot:
         return self._robot.joint_values(self._values)
 
     def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
-        """Move the links. Only the transforms of links that move are sent, in one message.
+        """Move the links. Only the transforms of links that move are sent, in one message; nothing if none moves.
 
         Args:
             values: Values in radians or metres, by joint name. The other joints keep theirs.
@@ -87,7 +87,7 @@ class PublishedRobot:
             moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
             changes = Changes()
             _add_poses(changes, self.path, [self.links[index] for index in moved], poses[moved])
-            answer = self._viewer.send(changes)
+            answer = self._viewer.send(changes) if moved.size else Answer(0)
             self._values, self._poses = merged, poses
         return answer
 
