@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.robot import NEUTRAL, Joint, JointKind, Mimic
+from gateway.robots.urdf_model import UrdfGeometry, UrdfJoint, UrdfLink, UrdfMaterial, UrdfMesh, UrdfModel
 from gateway.robots.xml_text import Element, length, numbers, required
 from gateway.scene.geometry import Box, Capsule, Cylinder, Sphere
 
@@ -23,67 +23,6 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "floating": "floating",
     "fixed": None,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class UrdfMesh:
-    """A mesh file."""
-
-    filename: str
-    scale: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class UrdfMaterial:
-    """A material."""
-
-    rgba: tuple[float, float, float, float] | None
-    """sRGB and opacity, 0 to 1; None: the file gives no colour."""
-    texture: str | None
-    """Name of an image file."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UrdfGeometry:
-    """Visual or collision geometry of a link."""
-
-    shape: Box | Sphere | Cylinder | Capsule | UrdfMesh
-    X_link_geometry: NDArray[np.float64]
-    """(4, 4) float64."""
-    material: UrdfMaterial | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UrdfLink:
-    """A link."""
-
-    name: str
-    visual: tuple[UrdfGeometry, ...]
-    collision: tuple[UrdfGeometry, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UrdfJoint:
-    """A joint, fixed joints included."""
-
-    name: str
-    parent: str
-    child: str
-    X_parent_joint: NDArray[np.float64]
-    """(4, 4) float64: pose of the joint's frame, which is the child's for neutral values."""
-    axis: tuple[float, float, float]
-    """Unit vector in the joint's frame."""
-    motion: Joint | None
-    """None: fixed."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UrdfModel:
-    """Content of a URDF file."""
-
-    name: str
-    links: tuple[UrdfLink, ...]
-    joints: tuple[UrdfJoint, ...]
 
 
 def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError, similar_names
-from gateway.robots.urdf import UrdfJoint
+from gateway.robots.urdf_model import UrdfJoint
 from gateway.scene.transforms import from_pose
 
 

@@ -20,7 +20,7 @@ from gateway.gltf import GltfError
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.urdf import UrdfGeometry, UrdfMaterial, UrdfMesh
+from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.transforms import scaling
 
