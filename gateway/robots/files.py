@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -118,7 +119,10 @@ class RobotFiles:
         return any(path.is_relative_to(folder) for folder in self._allowed)
 
     def _read(self, path: Path, limit: int) -> bytes:
-        size = path.stat().st_size
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise RobotFileError(f"{path.name} is not a regular file")
+        size = status.st_size
         if size > min(limit, self._remaining_bytes):
             raise RobotFileError(
                 f"{path.name} has {size} bytes; {min(limit, self._remaining_bytes)} are the most that are left to it"

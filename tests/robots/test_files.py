@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,16 @@ def test_other_names_are_rejected(tmp_path: Path, name: str, message: str) -> No
     with pytest.raises(RobotFileError, match=message) as caught:
         read_robot(write(tmp_path, mesh(name)))
     assert "link 'a'" in str(caught.value)
+
+
+def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+    """It would block for ever."""
+    os.mkfifo(tmp_path / "m.mtl")
+    write(tmp_path, "mtllib m.mtl\n" + TRIANGLE, "m.obj")
+    assert read_robot(write(tmp_path, mesh("m.obj"))).parts[0]
+    os.mkfifo(tmp_path / "m.stl")
+    with pytest.raises(RobotFileError, match=r"link 'a': the file m.stl does not exist"):
+        read_robot(write(tmp_path, mesh("m.stl")))
 
 
 def test_a_package_without_the_file_is_named(tmp_path: Path) -> None:

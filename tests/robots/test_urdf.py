@@ -80,7 +80,8 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("<robot", "it is not XML: "),
-        ("<!DOCTYPE a><robot/>", "XML with a DOCTYPE or entities is refused"),
+        ("<!DOCTYPE a><robot/>", "XML with a DOCTYPE is refused"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', "XML with a DOCTYPE is refused"),
         ("<sdf/>", "its first element is <sdf>; URDF starts with <robot>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
         ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro/></robot>', "expand it first"),
