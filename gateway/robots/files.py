@@ -39,7 +39,10 @@ class RobotFiles:
         self._remaining_bytes = limits.max_total_bytes
         self._packages_around = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
         self._folders_by_package: dict[str, list[Path]] = {}
-        self._allowed = [*self._roots, self._folder.parent, *self._packages_around]
+        above = self._folder.parent
+        self._allowed = [*self._roots, self._folder, *self._packages_around]
+        if above != Path(above.anchor):  # else everything would be allowed
+            self._allowed.append(above)
         self.digests: dict[str, str] = {}
         """SHA-256 in hexadecimal of each file read so far, by path relative to the robot file's folder."""
 
@@ -97,7 +100,7 @@ class RobotFiles:
 
         These are folders around the robot file, folders beside the packages around it, and packages below the roots.
         """
-        folders = self._folders_by_package.get(package) if package else []
+        folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
         if folders is None:
             around = [
                 folder for folder in self.path.parents if folder.name == package or self._is_named(folder, package)

@@ -90,6 +90,7 @@ def test_other_folders_are_not_read(tmp_path: Path) -> None:
     [
         ("http://example.com/m.obj", "only package:// and file:// can be read, nothing is fetched"),
         ("m.step", "m.step is none of the formats dae, glb, gltf, obj, ply, stl"),
+        ("package://../m.obj", "the package '..', which is not around the robot file"),
         ("package:///m.obj", "the package 'm.obj', which is not around the robot file"),
         ("a&#10;b.obj", "does not exist"),
     ],
