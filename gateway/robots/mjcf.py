@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -17,6 +18,8 @@ from gateway.robots.mjcf_geometry import MjcfGeometry
 from gateway.robots.robot import Joint, JointKind, Mimic, Robot
 from gateway.robots.xml_text import Element
 
+_handler_lock: Final = threading.Lock()
+"""Held while the process's handler of warnings is replaced."""
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
@@ -30,7 +33,7 @@ def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "col
     mujoco = _mujoco()
     mentioned = MjcfFiles(root, files)
     try:
-        model = mujoco.MjModel.from_xml_path(str(files.path))
+        model, compiler_warnings = _compile(mujoco, files.path)
     except ValueError as error:
         reason = " ".join(str(error).removeprefix("Error: ").split())
         raise RobotFileError(f"{mentioned.user_of(reason)}MuJoCo cannot compile it: {reason}") from None
@@ -54,7 +57,9 @@ def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "col
     kinematics = _Kinematics(
         mujoco, model, {joint: int(adr) for joint, adr in zip(joints, model.jnt_qposadr, strict=True)}
     )
-    return Robot(name, links, joints, parts, kinematics, (*warnings, *converter.warnings), files.digests)
+    return Robot(
+        name, links, joints, parts, kinematics, (*warnings, *converter.warnings, *compiler_warnings), files.digests
+    )
 
 
 def _mujoco() -> Any:
@@ -65,6 +70,21 @@ def _mujoco() -> Any:
             f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
         ) from None
     return mujoco
+
+
+def _compile(mujoco: Any, path: Path) -> tuple[Any, tuple[str, ...]]:
+    """Return the model of a file, and the compiler's warnings; raises ValueError.
+
+    Without a handler, MuJoCo prints warnings, and writes them to a file in the working directory.
+    """
+    texts: dict[str, None] = {}
+    with _handler_lock:
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda text: texts.setdefault(f"MuJoCo: {' '.join(text.split())}"))
+        try:
+            return mujoco.MjModel.from_xml_path(str(path)), tuple(texts)
+        finally:
+            mujoco.set_mju_user_warning(handler)
 
 
 class _Kinematics:

@@ -168,6 +168,26 @@ def test_errors_are_mujocos(tmp_path: Path, content: str, message: str) -> None:
     assert str(caught.value).startswith(str(tmp_path / "robot.xml"))
 
 
+def test_warnings_of_the_compiler_are_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo would write them to a file in the working directory. A program's own handler stays."""
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    heard: list[str] = []
+    model = '<body><joint/><geom size="1"/></body>'
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        robot = read(tmp_path, mjcf(model, '<compiler settotalmass="1"/>'))
+        assert mujoco.get_mju_user_warning() is not None
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    assert not heard
+    if mujoco.__version__ >= "4":  # earlier versions have nothing against it
+        (warning,) = robot.warnings
+        assert warning.startswith("MuJoCo: compiler attribute 'settotalmass' is deprecated")
+
+
 def test_included_files_are_recorded(tmp_path: Path) -> None:
     write(tmp_path, "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "part.xml")
     robot = read(tmp_path, '<mujoco><include file="part.xml"/></mujoco>')

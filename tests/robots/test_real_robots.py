@@ -110,7 +110,8 @@ def difference(ours: dict[str, Any], theirs: dict[str, Any]) -> float:
     return max(float(np.abs(first @ ours[name] - other_first @ np.array(theirs[name])).max()) for name in names)
 
 
-def test_mjcf_poses_equal_mujocos(folder: Path) -> None:
+def test_mjcf_poses_equal_mujocos(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there when a program calls it directly
     mujoco: Any = pytest.importorskip("mujoco", reason="the package mujoco is not installed (scenegate[robots])")
     paths = sorted(path for pattern in MJCF for path in folder.glob(pattern))
     assert len(paths) >= 30
