@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
+    from gateway.client.tree.answer import Answer
     from gateway.client.tree.geometry import (
         Box,
         Capsule,
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
         Transform,
         Triad,
     )
-    from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer, TreeViewerError
+    from gateway.client.tree.robot import PublishedRobot
+    from gateway.client.tree.viewer import Batch, Node, TreeViewer, TreeViewerError
 
 __all__ = [
     "Answer",
@@ -42,6 +44,7 @@ __all__ = [
     "Node",
     "PlanarLidar",
     "PointCloud",
+    "PublishedRobot",
     "Sphere",
     "Transform",
     "TreeViewer",
@@ -54,9 +57,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, geometry, viewer
+    from gateway.client.tree import aio, geometry, robot, viewer
 
-    for module in (viewer, geometry, aio):
+    for module in (viewer, geometry, robot, aio):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)
