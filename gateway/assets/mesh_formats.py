@@ -36,7 +36,7 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
 
     glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
     axis. Files of the other formats state neither; they are taken as metres and Z up. A file without materials is
-    white, so that callers can apply a colour. Textures that cannot be decoded are left out.
+    white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
 
     Args:
         data: The file.
@@ -163,7 +163,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     if not len(faces):
         if hasattr(geometry, "faces"):
             return None
-        return PointCloud(positions, {} if colors is None else {"rgb": colors}), _DEFAULT_MATERIAL
+        return PointCloud(positions, {} if colors is None else {"rgb": colors}), PLAIN_MATERIAL
     if colors is not None:
         colors = linear_colors_from_srgb(colors)  # the files have sRGB colours, a Mesh has linear ones
     if faces.min() < 0 or faces.max() >= len(positions):
@@ -186,7 +186,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
 
 
-_DEFAULT_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
+PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
 """White, diffuse and double-sided, as Director draws meshes without a material."""
 
 
@@ -213,7 +213,7 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
         return None, _diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
     file_material = getattr(visual, "material", None)
     if file_material is None:
-        return None, _DEFAULT_MATERIAL
+        return None, PLAIN_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
     if coordinates is not None and np.shape(coordinates) == (vertex_count, 2) and np.isfinite(coordinates).all():

@@ -33,7 +33,7 @@ def cut(channel: str, data: bytes, sequence: int = 7) -> list[bytes]:
 
 
 def make_assembler(max_message: int = 1 << 28, max_bytes: int = 1 << 28, clock: Clock | None = None) -> Assembler:
-    return Assembler(PREFIX, max_message, max_bytes, clock or Clock())
+    return Assembler((PREFIX,), max_message, max_bytes, clock or Clock())
 
 
 def fragment(sequence: int, size: int, offset: int, number: int, fragments: int, data: bytes) -> bytes:
