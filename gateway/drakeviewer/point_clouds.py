@@ -66,8 +66,10 @@ def _view(cloud: Cloud, field: CloudField, dtype: np.dtype[np.generic]) -> NDArr
     count = cloud.width * cloud.height
     end = field.offset + dtype.itemsize
     last = (cloud.height - 1) * row_step + (cloud.width - 1) * cloud.point_step + end
-    if not (field.offset >= 0 and end <= cloud.point_step and row_step >= cloud.width * cloud.point_step):
+    if not 0 <= field.offset <= end <= cloud.point_step:
         raise MessageError(f"the field {field.name} ends at byte {end} of points of {cloud.point_step} bytes")
+    if row_step < cloud.width * cloud.point_step:
+        raise MessageError(f"rows of {cloud.width} points of {cloud.point_step} bytes are {row_step} bytes apart")
     if count and last > len(cloud.data):
         raise MessageError(f"{cloud.width} x {cloud.height} points have {len(cloud.data)} bytes instead of {last}")
     if not count:
