@@ -34,6 +34,8 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Mesh files", "gateway.assets.mesh_files", "MeshFileLimits"),
     ("Tree viewer: one message, and the tree", "gateway.treeviewer.config", "Limits"),
     ("Tree viewer: scheduling", "gateway.treeviewer.config", "TreeViewerConfig"),
+    ("Drake's visualizer: one message", "gateway.drakeviewer.config", "Limits"),
+    ("Drake's visualizer: scheduling", "gateway.drakeviewer.config", "DrakeViewerConfig"),
     ("LCM transports", "gateway.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.stereo.config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),

@@ -23,6 +23,8 @@ PROXIMITY: Final = "proximity"
 INERTIA: Final = "inertia"
 HIDDEN: Final = frozenset((PROXIMITY, INERTIA))
 """Families that are hidden at first: their shapes enclose those of the illustration."""
+HIDDEN_OPACITY: Final = 0.5
+"""Opacity of those families once they are shown, as in Drake's own viewer."""
 INERTIA_MARK: Final = "::InertiaVisualizer::"
 """Part of the names of the links that Drake's ``InertiaVisualizer`` publishes, on the channels of the illustration."""
 
@@ -141,6 +143,7 @@ def show_family(edit: TreeEdit, family: str) -> None:
     """Create the node of a family, hidden if its geometry is hidden at first. An existing node is not changed."""
     if edit.root.find((ROOT, family)) is None:
         edit.set_visible((ROOT, family), family not in HIDDEN)
+        edit.set_opacity((ROOT, family), HIDDEN_OPACITY if family in HIDDEN else 1.0)
 
 
 def clear_children(edit: TreeEdit, path: Path) -> None:

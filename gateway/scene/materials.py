@@ -30,6 +30,13 @@ def material(rgba: Color) -> Material:
     )
 
 
+@lru_cache(maxsize=4096)
+def faded(source: Material, opacity: float) -> Material:
+    """Return a material whose alpha is multiplied by the opacity of its node, 0 to 1."""
+    r, g, b, alpha = source.base_color
+    return replace(source, base_color=(r, g, b, alpha * opacity), alpha_mode=AlphaMode.BLEND)
+
+
 def tinted(source: Material, rgba: Color) -> Material:
     """Return the material of a mesh file, multiplied by the command's colour."""
     if rgba == WHITE:
