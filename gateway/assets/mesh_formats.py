@@ -1,4 +1,4 @@
-"""Parses mesh files: OBJ, STL, PLY and COLLADA with trimesh, glTF with ``gateway.gltf``."""
+"""Parses mesh files: OBJ, STL, PLY and COLLADA with trimesh, glTF with ``gateway.gltf``, VTK with ``vtk_format``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.assets.vtk_format import VtkError, parse_vtk
 from gateway.gltf import GltfLimits, read_gltf
 from gateway.scene.broken_textures import without_broken_textures
 from gateway.scene.geometry import Part, PointCloud, Shape, Surface
@@ -20,7 +21,7 @@ from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
 _GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
-FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae"}
+FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae", "vtk"}
 """File name extensions that can be read."""
 
 Resolve = Callable[[str], bytes]
@@ -50,6 +51,8 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
     """
     if extension in _GLTF_FORMATS:
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
+    if extension == "vtk":
+        return _parts_of_vtk(data, limits)
     X_part_file = _collada_axes(data) if extension == "dae" else IDENTITY
     parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), X_part_file, limits)
     if not parts:
@@ -67,6 +70,21 @@ def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[P
         parts.extend(Part(part.shape, part.material, X @ part.X_node_part) for part in node.parts or ())
         stack.extend((child, X) for child in reversed(node.children.values()))
     return tuple(parts)
+
+
+def _parts_of_vtk(data: bytes, limits: GltfLimits) -> tuple[Part, ...]:
+    from gateway.scene.crease_normals import with_creases  # here, because it loads kernels
+
+    try:
+        positions, triangles = parse_vtk(data, limits.max_vertices, limits.max_elements)
+    except VtkError as error:
+        raise MeshFormatError(str(error)) from None
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
+    triangles = triangles[finite[triangles].all(axis=1)]
+    positions[~finite] = 0.0
+    if not len(triangles):
+        raise MeshFormatError("the file holds no triangles")
+    return (Part(Surface(with_creases(positions, np.ascontiguousarray(triangles))), PLAIN_MATERIAL),)
 
 
 def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
