@@ -23,7 +23,7 @@ def render(
         typer.Argument(
             metavar="SCENES...",
             exists=True,
-            help="glTF files, mesh files (.obj, .stl, .ply, .dae), tree viewer requests (.json), recorded render "
+            help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), tree viewer requests (.json), recorded render "
             "requests (.multipart), or folders of such files.",
         ),
     ],

@@ -18,6 +18,7 @@ from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceError, Source
         ("a.STL", SourceKind.MESH),
         ("a.ply", SourceKind.MESH),
         ("a.dae", SourceKind.MESH),
+        ("a.vtk", SourceKind.MESH),
         ("a.tree.json", SourceKind.TREE),
         ("a.json", None),
         ("a.multipart", SourceKind.REQUEST),
@@ -45,7 +46,8 @@ def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None
     path.write_text("{}")
     assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
     with pytest.raises(
-        SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.tree\.json, \.multipart$"
+        SourceError,
+        match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.vtk, \.tree\.json, \.multipart$",
     ):
         find_sources([path.parent])
 
