@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 import msgspec
 
-from gateway.assets.mesh_formats import FORMATS, MeshFormatError, parse_mesh
+from gateway.assets.mesh_formats import FORMATS, MeshFormatError, Resolve, parse_mesh
 from gateway.assets.ros_packages import Packages
 from gateway.gltf import GltfError, GltfLimits
 from gateway.scene.geometry import Part, PointCloud, Surface
@@ -103,10 +103,51 @@ class MeshFiles:
         finally:
             with self._lock:
                 self._loading.pop(key, None)
-        if scale == (1.0, 1.0, 1.0):
-            return loaded.parts
-        X = scaling(*scale)
-        return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in loaded.parts)
+        return _scaled(loaded.parts, scale)
+
+    def parse(
+        self, data: bytes, extension: str, resolve: Resolve, name: str, scale: tuple[float, float, float]
+    ) -> tuple[Part, ...]:
+        """Return the parts of a mesh file that is in memory, Z up and in metres, scaled along its axes.
+
+        Args:
+            extension: One of ``FORMATS``.
+            resolve: Returns the files that the mesh file refers to.
+            name: Name for messages, and source of the parts.
+            scale: Factors along x, y, z.
+
+        Raises:
+            MeshFileError: The data cannot be used.
+        """
+        if extension not in FORMATS:
+            formats = ", ".join(sorted(FORMATS))
+            raise MeshFileError(f"{_quoted(name)} is not a file of a known format ({formats})")
+        if len(data) > self._limits.max_bytes:
+            raise MeshFileError(f"{_quoted(name)} has {len(data)} bytes, the limit is {self._limits.max_bytes}")
+        try:
+            parts = parse_mesh(data, extension, resolve, self._limits.gltf)
+        except (MeshFormatError, GltfError) as error:
+            raise MeshFileError(f"{_quoted(name)}: {error}") from error
+        return _scaled(tuple(msgspec.structs.replace(part, kind="mesh_file", source=name) for part in parts), scale)
+
+    def read(self, filename: str) -> bytes:
+        """Return the bytes of a file that a client names.
+
+        Raises:
+            MeshFileError: The file is not allowed, missing or unreadable.
+        """
+        allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
+        if not allowed:
+            raise MeshFileError(f"{_quoted(filename)} lies outside of the folders that are open to clients")
+        for path in allowed:
+            if _is_file(path):
+                try:
+                    return _FileReader(path, self._roots, self._limits).read(path)
+                except _NotAllowedError as error:
+                    raise MeshFileError(str(error)) from error
+                except OSError as error:
+                    raise MeshFileError(f"{_quoted(filename)} cannot be read: {error.strerror}") from error
+        raise MeshFileError(f"{_quoted(filename)}: there is no such file", missing=True)
 
     def _find(self, filename: str) -> Path:
         """Return the real path of an existing, allowed file of a known format."""
@@ -227,6 +268,13 @@ class _FileReader:
         if stamp is not None:
             self.stamps.append(stamp)
         return data
+
+
+def _scaled(parts: tuple[Part, ...], scale: tuple[float, float, float]) -> tuple[Part, ...]:
+    if scale == (1.0, 1.0, 1.0):
+        return parts
+    X = scaling(*scale)
+    return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
 def _is_file(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Parses mesh files: OBJ, STL, PLY and COLLADA with trimesh, glTF with ``gateway.gltf``."""
+"""Parses mesh files: OBJ, STL, PLY and COLLADA with trimesh, glTF with ``gateway.gltf``, VTK with ``vtk_format``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.assets.vtk_format import VtkError, parse_vtk
 from gateway.gltf import GltfLimits, read_gltf
 from gateway.scene.broken_textures import without_broken_textures
 from gateway.scene.geometry import Part, PointCloud, Shape, Surface
@@ -20,7 +21,7 @@ from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
 _GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
-FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae"}
+FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae", "vtk"}
 """File name extensions that can be read."""
 
 Resolve = Callable[[str], bytes]
@@ -42,7 +43,7 @@ def parse_mesh(
 
     glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
     axis. Files of the other formats state neither; they are taken as metres and Z up. A file without materials is
-    white, so that callers can apply a colour. Textures that cannot be decoded are left out.
+    white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
 
     Args:
         data: The file.
@@ -57,6 +58,8 @@ def parse_mesh(
     """
     if extension in _GLTF_FORMATS:
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
+    if extension == "vtk":
+        return _parts_of_vtk(data, limits)
     X_part_file = _collada_axes(data, collada_up_axis) if extension == "dae" else IDENTITY
     parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), X_part_file, limits)
     if not parts:
@@ -74,6 +77,21 @@ def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[P
         parts.extend(Part(part.shape, part.material, X @ part.X_node_part) for part in node.parts or ())
         stack.extend((child, X) for child in reversed(node.children.values()))
     return tuple(parts)
+
+
+def _parts_of_vtk(data: bytes, limits: GltfLimits) -> tuple[Part, ...]:
+    from gateway.scene.crease_normals import with_creases  # here, because it loads kernels
+
+    try:
+        positions, triangles = parse_vtk(data, limits.max_vertices, limits.max_elements)
+    except VtkError as error:
+        raise MeshFormatError(str(error)) from None
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
+    triangles = triangles[finite[triangles].all(axis=1)]
+    positions[~finite] = 0.0
+    if not len(triangles):
+        raise MeshFormatError("the file holds no triangles")
+    return (Part(Surface(with_creases(positions, np.ascontiguousarray(triangles))), PLAIN_MATERIAL),)
 
 
 def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
@@ -172,7 +190,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     if not len(faces):
         if hasattr(geometry, "faces"):
             return None
-        return PointCloud(positions, {} if colors is None else {"rgb": colors}), DEFAULT_MATERIAL
+        return PointCloud(positions, {} if colors is None else {"rgb": colors}), PLAIN_MATERIAL
     if colors is not None:
         colors = linear_colors_from_srgb(colors)  # the files have sRGB colours, a Mesh has linear ones
     if faces.min() < 0 or faces.max() >= len(positions):
@@ -195,7 +213,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
 
 
-DEFAULT_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
+PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
 """White, diffuse and double-sided, as Director draws meshes without a material."""
 
 
@@ -222,7 +240,7 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
         return None, diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
     file_material = getattr(visual, "material", None)
     if file_material is None:
-        return None, DEFAULT_MATERIAL
+        return None, PLAIN_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
     if coordinates is not None and np.shape(coordinates) == (vertex_count, 2) and np.isfinite(coordinates).all():

@@ -35,6 +35,8 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Robot files", "gateway.robots.limits", "RobotLimits"),
     ("Tree viewer: one message, and the tree", "gateway.treeviewer.config", "Limits"),
     ("Tree viewer: scheduling", "gateway.treeviewer.config", "TreeViewerConfig"),
+    ("Drake's visualizer: one message", "gateway.drakeviewer.config", "Limits"),
+    ("Drake's visualizer: scheduling", "gateway.drakeviewer.config", "DrakeViewerConfig"),
     ("LCM transports", "gateway.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.stereo.config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),

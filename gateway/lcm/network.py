@@ -20,12 +20,17 @@ def resolve_url(url: str | None) -> str:
     return url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
 
 
-def open_transport(url: str, prefix: str, config: LcmConfig) -> Transport:
+def channel_pattern(prefixes: tuple[str, ...]) -> str:
+    """Return a regular expression of the channels whose names start with one of ``prefixes``."""
+    return f"{prefixes[0]}.*" if len(prefixes) == 1 else f"({'|'.join(prefixes)}).*"
+
+
+def open_transport(url: str, prefixes: tuple[str, ...], config: LcmConfig) -> Transport:
     """Return the transport that connects to the network at ``url``.
 
     Args:
         url: LCM URL.
-        prefix: start of the channel names to receive.
+        prefixes: starts of the channel names to receive.
         config: limits.
     Raises:
         LcmUnavailableError: the transport cannot be opened.
@@ -33,8 +38,8 @@ def open_transport(url: str, prefix: str, config: LcmConfig) -> Transport:
     max_message = config.message_bytes + MAX_HEADER_BYTES
     match url.partition(":")[0]:
         case "tcpq":
-            return TcpqTransport(url, f"{prefix}.*", max_message)
+            return TcpqTransport(url, channel_pattern(prefixes), max_message)
         case "udpm":
-            return UdpmTransport(url, prefix, config, max_message)
+            return UdpmTransport(url, prefixes, config, max_message)
         case _:
-            return LiblcmTransport(url, f"{prefix}.*", config.queued_bytes)
+            return LiblcmTransport(url, channel_pattern(prefixes), config.queued_bytes)

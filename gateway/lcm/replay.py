@@ -135,7 +135,7 @@ async def _play_once(
 
 async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Transport:
     """Return a connected transport that receives the channels with ``prefix``."""
-    transport = open_transport(resolve_url(url), prefix, LcmConfig())
+    transport = open_transport(resolve_url(url), (prefix,), LcmConfig())
     connected = asyncio.Event()
     transport.start(on_message, connected.set)
     try:

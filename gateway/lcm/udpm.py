@@ -83,10 +83,10 @@ def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes |
         offset += size
 
 
-def parse_short(datagram: bytes, prefix: bytes) -> Message | None:
-    """Return the message in a short datagram, or None if it is malformed or its channel lacks the ``prefix``."""
+def parse_short(datagram: bytes, prefixes: tuple[bytes, ...]) -> Message | None:
+    """Return the message in a short datagram; None if it is malformed, or its channel has none of the ``prefixes``."""
     begin = _SHORT_HEADER.size
-    if not datagram.startswith(prefix, begin):
+    if not datagram.startswith(prefixes, begin):
         return None
     end = _channel_end(datagram, begin)
     return None if end < 0 else Message(datagram[begin:end].decode("utf-8", "replace"), datagram[end + 1 :])

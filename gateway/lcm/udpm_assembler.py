@@ -49,20 +49,20 @@ class _PartialMessage:
 
 
 class Assembler:
-    """Assembles the messages of wanted channels: those whose names start with ``prefix``."""
+    """Assembles the messages of wanted channels: those whose names start with one of ``prefixes``."""
 
     def __init__(
-        self, prefix: bytes, max_message: int, max_bytes: int, clock: Callable[[], float] = time.monotonic
+        self, prefixes: tuple[bytes, ...], max_message: int, max_bytes: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
         """Create an assembler without messages.
 
         Args:
-            prefix: start of the channel names to receive.
+            prefixes: starts of the channel names to receive.
             max_message: maximum bytes of one message.
             max_bytes: maximum bytes of all incomplete messages. Beyond it, the oldest ones are discarded.
             clock: monotonic time in seconds.
         """
-        self._prefix = prefix
+        self._prefixes = prefixes
         self._max_message = max_message
         self._max_bytes = max_bytes
         self._clock = clock
@@ -79,7 +79,7 @@ class Assembler:
     def receive(self, datagram: bytes, sender: Address) -> udpm.Message | None:
         """Add a datagram; return the message that it completes, or None."""
         if datagram.startswith(udpm.SHORT_MAGIC):
-            return udpm.parse_short(datagram, self._prefix)
+            return udpm.parse_short(datagram, self._prefixes)
         fragment = udpm.parse_fragment(datagram) if datagram.startswith(udpm.LONG_MAGIC) else None
         return None if fragment is None else self._add(fragment, (sender, fragment.sequence))
 
@@ -96,7 +96,7 @@ class Assembler:
         if partial is not None and (partial.size, partial.fragment_count) != (size, count):
             self._discard(key)
             partial = None
-        wanted = fragment.channel is None or fragment.channel.startswith(self._prefix)
+        wanted = fragment.channel is None or fragment.channel.startswith(self._prefixes)
         if size > self._max_message or count > size // MIN_FRAGMENT_BYTES + 2:
             self.refused += fragment.channel is not None and wanted
             return None

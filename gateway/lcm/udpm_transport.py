@@ -31,12 +31,12 @@ MAX_READ_BYTES: Final = 1024 * 1024
 class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
-    def __init__(self, url: str, prefix: str, config: LcmConfig, max_message: int) -> None:
+    def __init__(self, url: str, prefixes: tuple[str, ...], config: LcmConfig, max_message: int) -> None:
         """Join the multicast group and test the route.
 
         Args:
             url: ``udpm://`` URL.
-            prefix: start of the channel names to receive.
+            prefixes: starts of the channel names to receive.
             config: sizes of buffers and queues.
             max_message: maximum bytes of one message.
         Raises:
@@ -45,7 +45,7 @@ class UdpmTransport:
         self.url = url
         network = udpm_socket.parse_url(url)
         self.queue = ReceiveQueue(config.queued_bytes)
-        self._assembler = Assembler(prefix.encode(), max_message, config.queued_bytes)
+        self._assembler = Assembler(tuple(map(str.encode, prefixes)), max_message, config.queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._receiver = udpm_socket.receive_socket(url, network)
         sender = udpm_socket.send_socket(network)

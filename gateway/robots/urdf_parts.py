@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 
 from gateway.assets.mesh_formats import (
-    DEFAULT_MATERIAL,
     FORMATS,
+    PLAIN_MATERIAL,
     EmptyMeshError,
     MeshFormatError,
     diffuse_material,
@@ -96,7 +96,7 @@ class UrdfParts:
 def _has_no_material(part: Part) -> bool:
     """Return True for geometry whose file gives no colours. The robot file's colour is for these, as in RViz."""
     colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
-    return part.material == DEFAULT_MATERIAL and not colored
+    return part.material == PLAIN_MATERIAL and not colored
 
 
 def _rgba(material: UrdfMaterial | None) -> np.ndarray:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
+from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import IDENTITY, Matrix, from_poses
 from gateway.scene.tree import Node, Path, PathElement
@@ -45,6 +46,7 @@ class _Entry:
         "instances",
         "meshes",
         "node",
+        "opacity",
         "path",
         "subtree_changed",
         "subtree_instances",
@@ -56,6 +58,8 @@ class _Entry:
         """The node in the last tree; None for a new entry."""
         self.X_world_node: Matrix = IDENTITY
         """(4, 4) float64."""
+        self.opacity = 1.0
+        """Product of the opacities of the node and its ancestors."""
         self.children: dict[PathElement, _Entry] = {}
         """Entries of the children that are visible and have geometry below them."""
         self.meshes: list[tuple[Mesh, Material, int]] = []
@@ -70,6 +74,9 @@ class _Entry:
         """All instances of the subtree in the last draw list; None if they are not kept."""
         self.subtree_changed = True
         """True if ``subtree_instances`` is out of date."""
+
+
+_Outdated = tuple[_Entry, Node, Matrix, float, bool]
 
 
 def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
@@ -139,21 +146,24 @@ class _TreeFlattener:
     def _update_entries(self, tree: Node) -> list[_Entry]:
         """Update entries and world matrices level by level; return the entries whose instances are out of date."""
         outdated: list[_Entry] = []
-        # (entry, node, world matrix of the parent, True if that matrix has changed)
-        level: list[tuple[_Entry, Node, Matrix, bool]] = [(self._root, tree, IDENTITY, False)]
+        # (entry, node, world matrix of the parent, opacity of the parent, True if one of those has changed)
+        level: list[_Outdated] = [(self._root, tree, IDENTITY, 1.0, False)]
         while level:
             moved_entries: list[_Entry] = []
             moved_nodes: list[Node] = []
             parent_matrices: list[Matrix] = []
             parents: list[tuple[_Entry, Node, bool]] = []
-            for entry, node, X_world_parent, parent_moved in level:
+            for entry, node, X_world_parent, parent_opacity, parent_changed in level:
                 old_node = entry.node
                 entry.subtree_changed = True
                 entry.node = node
-                parts_changed = node.parts is not (None if old_node is None else old_node.parts)
+                opacity = parent_opacity * node.opacity
+                faded_anew = opacity != entry.opacity
+                entry.opacity = opacity
+                parts_changed = faded_anew or node.parts is not (None if old_node is None else old_node.parts)
                 if parts_changed:
                     self._update_meshes(entry, node.parts or ())
-                moved = parent_moved or old_node is None or not old_node.same_transform(node)
+                moved = parent_changed or old_node is None or not old_node.same_transform(node)
                 if moved:
                     moved_entries.append(entry)
                     moved_nodes.append(node)
@@ -161,7 +171,7 @@ class _TreeFlattener:
                 elif parts_changed:
                     outdated.append(entry)
                 if node.children or entry.children:
-                    parents.append((entry, node, moved))
+                    parents.append((entry, node, moved or faded_anew))
             if moved_entries:
                 with np.errstate(all="ignore"):
                     worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
@@ -169,8 +179,8 @@ class _TreeFlattener:
                     entry.X_world_node = X_world_node
                 outdated.extend(moved_entries)
             level = []
-            for entry, node, moved in parents:
-                self._add_children(entry, node, moved, level)
+            for entry, node, changed in parents:
+                self._add_children(entry, node, changed, level)
         return outdated
 
     def _update_meshes(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
@@ -181,25 +191,23 @@ class _TreeFlattener:
             check_stop()
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
-                entry.meshes.append((mesh, material, label))
+                entry.meshes.append((mesh, material if entry.opacity == 1.0 else faded(material, entry.opacity), label))
                 matrices.append(X_part_mesh if part.X_node_part is IDENTITY else part.X_node_part @ X_part_mesh)
         entry.X_node_mesh = np.array(matrices) if matrices else None
 
-    def _add_children(
-        self, entry: _Entry, node: Node, moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
-    ) -> None:
+    def _add_children(self, entry: _Entry, node: Node, changed: bool, level: list[_Outdated]) -> None:
         """Append the children that need an update to ``level``, the next one, and drop the entries of removed children.
 
         Args:
-            moved: True if the world matrix of ``entry`` has changed.
+            changed: True if the world matrix or the opacity of ``entry`` has changed.
         """
         drawn = {name: child for name, child in node.children.items() if child.visible and child.nodes_with_parts}
         if list(entry.children) != list(drawn):
             self._materials_changed = True
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
         for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
-            if moved or child_entry.node is not child:
-                level.append((child_entry, child, entry.X_world_node, moved))
+            if changed or child_entry.node is not child:
+                level.append((child_entry, child, entry.X_world_node, entry.opacity, changed))
 
     def _make_instances(self, entries: list[_Entry]) -> None:
         """Create the instances of entries from their world matrices, with one matrix product for all of them."""

@@ -33,6 +33,7 @@ class Node:
         "children",
         "node_count",
         "nodes_with_parts",
+        "opacity",
         "owner",
         "parts",
         "visible",
@@ -48,6 +49,8 @@ class Node:
     """Number of nodes of this subtree, this node included."""
     visible: bool
     """False hides the whole subtree in images."""
+    opacity: float
+    """Factor, 0 to 1, of the alpha of the whole subtree."""
     owner: object | None
     """Token of the ``TreeEdit`` that created or copied the node; any other edit must copy the node first."""
 
@@ -60,6 +63,7 @@ class Node:
         self.parts = parts
         self.children = {} if children is None else children
         self.visible = True
+        self.opacity = 1.0
         self.nodes_with_parts = (parts is not None) + sum(c.nodes_with_parts for c in self.children.values())
         self.node_count = 1 + sum(c.node_count for c in self.children.values())
         self._matrix: NDArray[np.float64] | None = matrix
@@ -142,6 +146,7 @@ class Node:
         node.parts = self.parts
         node.children = self.children.copy()
         node.visible = self.visible
+        node.opacity = self.opacity
         node.nodes_with_parts = self.nodes_with_parts
         node.node_count = self.node_count
         if self._pose is not None:
@@ -195,6 +200,10 @@ class TreeEdit:
     def set_visible(self, path: Path, visible: bool) -> None:
         """Hide or show the subtree at ``path``, creating nodes as needed."""
         self._own(path)[-1].visible = visible
+
+    def set_opacity(self, path: Path, opacity: float) -> None:
+        """Set the factor, 0 to 1, of the alpha of the subtree at ``path``, creating nodes as needed."""
+        self._own(path)[-1].opacity = opacity
 
     def set_subtree(self, path: Path, node: Node) -> None:
         """Replace the subtree at ``path`` by a committed tree with its own transform."""
@@ -274,7 +283,7 @@ class TreeEdit:
 class Change(NamedTuple):
     """One difference between two trees."""
 
-    kind: Literal["added", "removed", "reordered", "geometry", "transform", "visible"]
+    kind: Literal["added", "removed", "reordered", "geometry", "transform", "visible", "opacity"]
     """``added``: the node is new; further changes add its children. ``removed``: the node and its descendants were
     removed. ``reordered``: the node's position among its siblings changed. Otherwise, the property that changed."""
     path: Path
@@ -304,6 +313,8 @@ def changes(old: Node, new: Node) -> Iterator[Change]:
             yield Change("transform", path, after)
         if before.visible != after.visible:
             yield Change("visible", path, after)
+        if before.opacity != after.opacity:
+            yield Change("opacity", path, after)
         previous = before.children
         if not previous and not after.children:
             continue

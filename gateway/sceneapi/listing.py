@@ -27,6 +27,8 @@ class ListedNode(msgspec.Struct):
     """True if a client has set the node's geometry, even if it is empty."""
     visible: bool
     """The node's own flag. A node is also hidden if an ancestor's flag is false."""
+    opacity: float
+    """The node's own factor of alpha, 0 to 1, which also applies to its descendants."""
     label: int | None
     """Label in label images, as red + 256 green + 65536 blue; null without geometry."""
     bounds: list[list[float]] | None
@@ -85,6 +87,7 @@ def _listed_node(path: Path, node: Node, X_world_node: NDArray[np.float64], labe
         kinds=[part.kind or type(part.shape).__name__.lower() for part in node.parts or ()],
         has_geometry=node.parts is not None,
         visible=node.visible,
+        opacity=node.opacity,
         label=None if label == LABEL_NONE else label,
         bounds=None,
         transform=X_world_node.tolist(),

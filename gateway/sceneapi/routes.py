@@ -36,6 +36,7 @@ _LISTING_EXAMPLE: Final = {
             "kinds": ["box"],
             "has_geometry": True,
             "visible": True,
+            "opacity": 1.0,
             "label": 1,
             "bounds": [[-0.1, -0.1, 0.9], [0.1, 0.1, 1.1]],
             "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]],

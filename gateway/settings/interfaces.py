@@ -80,11 +80,17 @@ class InterfaceSettings(BaseSettings):
     tcpq_port: PortOrOff = option(
         7700, "Tree viewer", "Port of the built-in TCPQ hub, for clients without multicast; 'off': no hub."
     )
+    drake_viewer: bool = option(
+        True,
+        "Tree viewer",
+        "Show what Drake's simulations publish over LCM: the channels DRAKE_VIEWER_*, CONTACT_RESULTS, "
+        "DRAKE_POINT_CLOUD* and DRAKE_DRAW_FRAMES*.",
+    )
     mesh_root: Paths = option(
         (),
         "Tree viewer",
-        f"Folders from which mesh_file and package:// may read, separated by '{os.pathsep}'. Without it, none are "
-        "read.",
+        f"Folders from which mesh_file, package:// and Drake's meshes may read, separated by '{os.pathsep}'. Without "
+        "it, none are read.",
     )
 
     def is_enabled(self, interface: str) -> bool:

@@ -27,5 +27,6 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
             PRIMARY KEY (camera, node, name)
         ) WITHOUT ROWID""",
     ),
+    ("ALTER TABLE tree_node ADD COLUMN opacity REAL NOT NULL DEFAULT 1",),
 )
 """Statements of each migration. Migration number N, counted from 1, leads to schema version N."""

@@ -69,21 +69,22 @@ class TreeStore:
             DamagedError: The tables contain data that this class does not write.
         """
         rows = []
-        for key, seq, digest, transform, visible in connection.execute(
-            "SELECT path, seq, parts, transform, visible FROM tree_node"
+        for key, seq, digest, transform, visible, opacity in connection.execute(
+            "SELECT path, seq, parts, transform, visible, opacity FROM tree_node"
         ):
             path = _path_of_key(key)
             self._seq = max(self._seq, seq)
             if not path or path[0] not in self._excluded:
-                rows.append((len(path), seq, path, digest, transform, visible))
+                rows.append((len(path), seq, path, digest, transform, visible, opacity))
         rows.sort(key=lambda row: row[:2])  # parents first, siblings in order
-        if len(rows) <= 1 and rows[0][3:] == (None, None, 1):  # a root without content
+        if len(rows) <= 1 and rows[0][3:] == (None, None, 1, 1.0):  # a root without content
             return
         decoder = PartDecoder(lambda digest: _read_data(connection, "tree_blob", digest))
         decoded: dict[bytes, tuple[Part, ...]] = {}
         with self._live.edit() as edit:
-            for _, _, path, digest, transform, visible in rows:
+            for _, _, path, digest, transform, visible, opacity in rows:
                 edit.set_visible(path, bool(visible))
+                edit.set_opacity(path, opacity)
                 _set_transform(edit, path, transform)
                 if digest is not None:
                     if digest not in decoded:
@@ -107,6 +108,7 @@ class _TreeChanges:
         self._geometry: list[tuple[bytes, Node]] = []
         self._transforms: list[tuple[bytes | None, bytes]] = []
         self._visible: list[tuple[bool, bytes]] = []
+        self._opacity: list[tuple[float, bytes]] = []
         self._digests: dict[Hashable, bytes] = {}
         """Digests of parts by ``memo_key``, so that equal geometry is encoded once per transaction."""
         self._released: set[bytes] = set()
@@ -130,12 +132,14 @@ class _TreeChanges:
             elif kind == "reordered":
                 self.seq += 1
                 self._reordered.append((self.seq, key))
+            elif kind == "opacity":
+                self._opacity.append((node.opacity, key))
             else:
                 self._visible.append((node.visible, key))
 
     def write(self) -> bool:
         """Write the rows; return False if there are none."""
-        updates = (self._reordered, self._geometry, self._transforms, self._visible)
+        updates = (self._reordered, self._geometry, self._transforms, self._visible, self._opacity)
         if not (self._removed or self._added or any(updates)):
             return False
         execute_many = self._connection.executemany
@@ -151,14 +155,15 @@ class _TreeChanges:
         for begin in range(0, len(self._geometry), MAX_KEYS):
             self._replace_parts(self._geometry[begin : begin + MAX_KEYS])
         execute_many(
-            "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
+            "INSERT INTO tree_node (path, seq, parts, transform, visible, opacity) VALUES (?, ?, ?, ?, ?, ?)",
             [
-                (key, seq, self._store_parts(node.parts), _encode_transform(node), node.visible)
+                (key, seq, self._store_parts(node.parts), _encode_transform(node), node.visible, node.opacity)
                 for key, seq, node in self._added
             ],
         )
         execute_many("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
         execute_many("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
+        execute_many("UPDATE tree_node SET opacity = ? WHERE path = ?", self._opacity)
         execute_many("UPDATE tree_node SET seq = ? WHERE path = ?", self._reordered)
         for digest in self._released:
             self._delete_unused(digest)

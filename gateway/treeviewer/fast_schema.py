@@ -12,11 +12,11 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere
+from gateway.scene.materials import WHITE, material
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.scene.tree import Pose
 from gateway.treeviewer import fields
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.materials import WHITE, material
 
 _Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 _Length = Annotated[float, msgspec.Meta(ge=0.0, le=fields.MAX_DISTANCE)]

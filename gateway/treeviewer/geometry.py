@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, PointCloud, Shape, Sphere, Triad
+from gateway.scene.materials import Color, material, tinted
 from gateway.scene.transforms import IDENTITY
 from gateway.treeviewer import array_geometry, fields
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
-from gateway.treeviewer.materials import Color, material, tinted
 
 MIN_TRIAD_SCALE: Final = 1e-6
 """Minimum length of a triad's axes, in metres."""

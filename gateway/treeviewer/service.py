@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
@@ -13,7 +13,8 @@ from urllib.parse import urlsplit
 import structlog
 
 from gateway.lcm import tcpq_transport
-from gateway.lcm.network import open_transport, resolve_url
+from gateway.lcm.listener import ChannelListener
+from gateway.lcm.network import channel_pattern, open_transport, resolve_url
 from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.lcm.transport import LcmUnavailableError, Transport
 from gateway.runtime.scheduling import yield_to_event_loop
@@ -28,8 +29,6 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 OFF: Final = "off"
 """LCM URL that disables the transport, but not the TCPQ hub."""
-REQUEST_PATTERN: Final = f"{REQUEST}.*"
-"""Channels of requests, with and without a client id, as Director subscribes to them."""
 _LOCAL_HOSTS: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - compared only
 
 
@@ -43,6 +42,7 @@ class TreeViewerService:
         meshfiles: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
         durable: DurableStore | None = None,
+        listeners: Sequence[ChannelListener] = (),
     ) -> None:
         """Create the service; ``run`` starts it.
 
@@ -52,6 +52,7 @@ class TreeViewerService:
             meshfiles: loader of mesh files; None: requests cannot load files.
             clock: monotonic time in seconds.
             durable: storage of the tree; None: responses do not wait for storage.
+            listeners: receive other channels of the transport and the hub.
         """
         self._config = config
         self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
@@ -59,6 +60,9 @@ class TreeViewerService:
         self._dispatcher = Dispatcher(self.protocol, config, self._executor, durable)
         self._transport: Transport | None = None
         self.hub: TcpqHub | None = None
+        self._listeners = tuple(listeners)
+        self._prefixes = (REQUEST, *(prefix for listener in listeners for prefix in listener.prefixes))
+        """Starts of the names of all channels to receive."""
         self._problems: dict[str, str] = {}
         """Reason why a transport could not start, by its name."""
         self._started = asyncio.Event()
@@ -118,7 +122,9 @@ class TreeViewerService:
             transport.start(partial(self._on_message, transport), partial(_announce, transport, ready_message))
 
     async def _start_hub(self, ready_message: bytes) -> None:
-        hub = TcpqHub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready_message))
+        hub = TcpqHub(
+            self._config.lcm, self._on_hub_message, channel_pattern(self._prefixes), (RESPONSE, ready_message)
+        )
         try:
             await hub.start()
         except LcmUnavailableError as error:
@@ -128,7 +134,7 @@ class TreeViewerService:
 
     def _open_transport(self, url: str) -> None:
         try:
-            self._transport = open_transport(url, REQUEST, self._config.lcm)
+            self._transport = open_transport(url, self._prefixes, self._config.lcm)
         except LcmUnavailableError as error:
             self._add_problem("lcm", error)
 
@@ -160,15 +166,27 @@ class TreeViewerService:
         return self.hub is not None and parts.scheme == "tcpq" and is_local and port == self.hub.port
 
     def _on_message(self, transport: Transport, channel: str, data: bytes | memoryview) -> None:
-        self._dispatcher.receive("lcm", channel, data, transport.publish)
+        if channel.startswith(REQUEST):
+            self._dispatcher.receive("lcm", channel, data, transport.publish)
+        else:
+            self._pass_on(channel, data)
 
     def _on_hub_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         hub = self.hub
         if hub is None:
             return
+        if not channel.startswith(REQUEST):
+            self._pass_on(channel, data)
+            return
         waiting = self._dispatcher.receive(sender, channel, data, hub.publish, sender.resume_reading)
         if waiting > self._config.client_waiting_bytes:
             sender.pause_reading()
+
+    def _pass_on(self, channel: str, data: bytes | memoryview) -> None:
+        """Pass a message that is no request to the listeners of its channel."""
+        for listener in self._listeners:
+            if channel.startswith(listener.prefixes):
+                listener.on_message(channel, data)
 
 
 def _announce(transport: Transport, ready_message: bytes) -> None:

@@ -148,6 +148,8 @@ class Encoder:
             node_json["name"] = change.path[-1]
         if change.kind == "visible" or (added and not node.visible):
             node_json["visible"] = node.visible
+        if change.kind == "opacity" or (added and node.opacity != 1.0):
+            node_json["opacity"] = node.opacity
         if change.kind == "geometry" or (added and node.parts is not None):
             parts = None if node.parts is None else [part_json(part, self._resources) for part in node.parts]
             node_json["parts"] = parts

@@ -12,6 +12,7 @@ import structlog
 from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
+from gateway.lcm.listener import ChannelListener
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
@@ -24,6 +25,7 @@ from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
+    from gateway.assets.mesh_files import MeshFiles
     from gateway.render.events import RenderRecord
     from gateway.state.service import PersistentState
     from gateway.viewer.sources import StereoSource
@@ -56,6 +58,8 @@ class Context:
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
+    lcm_listeners: list[ChannelListener] = field(default_factory=list)
+    """Receivers of channels besides those of the tree viewer; filled before it starts."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
 
@@ -77,6 +81,7 @@ class Context:
     """Context managers that are left on close."""
 
     _renderer: Renderer | None = None
+    _mesh_files: MeshFiles | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
@@ -95,6 +100,15 @@ class Context:
             extra = max(0, threads - self.workers.threads)
             self._renderer = CpuRenderer(threads, lambda: extra + self.workers.spare)
         return self._renderer
+
+    @property
+    def mesh_files(self) -> MeshFiles:
+        """Mesh files of all interfaces (``--mesh-root``). The first use imports compiled kernels."""
+        if self._mesh_files is None:
+            from gateway.assets.mesh_files import MeshFiles
+
+            self._mesh_files = MeshFiles(self.settings.mesh_root)
+        return self._mesh_files
 
     def run_service(
         self,

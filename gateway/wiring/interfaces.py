@@ -28,6 +28,7 @@ def _setup_of(module: str) -> Setup:
 INTERFACES: Final[Mapping[str, Setup]] = {
     "render": _setup_of("render"),
     "scene": _setup_of("sceneapi"),
+    "drakeviewer": _setup_of("drakeviewer"),  # before the tree viewer, whose LCM transports it uses
     "treeviewer": _setup_of("treeviewer"),
     "stereo": _setup_of("stereo"),
     "view": _setup_of("view"),  # after the interfaces that it shows
@@ -36,9 +37,6 @@ INTERFACES: Final[Mapping[str, Setup]] = {
 
 
 def enabled_interfaces(settings: Settings) -> dict[str, Setup]:
-    """Return the interfaces that the settings enable (``--only``, ``--demo``)."""
-    return {
-        name: setup
-        for name, setup in INTERFACES.items()
-        if (settings.demo if name == "demo" else settings.is_enabled(name))
-    }
+    """Return the interfaces that the settings enable (``--only``, ``--demo``, ``--drake-viewer``)."""
+    enabled = {"demo": settings.demo, "drakeviewer": settings.drake_viewer and settings.is_enabled("treeviewer")}
+    return {name: setup for name, setup in INTERFACES.items() if enabled.get(name, settings.is_enabled(name))}

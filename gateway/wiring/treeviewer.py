@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from gateway.assets.mesh_files import MeshFiles
 from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
@@ -15,7 +14,9 @@ async def setup(context: Context) -> None:
     settings = context.settings
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
     durable = context.state.commits if context.state is not None else None
-    service = TreeViewerService(TreeViewerConfig(lcm=lcm), context.tree, MeshFiles(settings.mesh_root), durable=durable)
+    service = TreeViewerService(
+        TreeViewerConfig(lcm=lcm), context.tree, context.mesh_files, durable=durable, listeners=context.lcm_listeners
+    )
     watch_treeviewer(context.metrics, service)
     tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None
     context.run_service("treeviewer", service, where="TCPQ" if tcpq_only else settings.lcm_url or "LCM")

@@ -25,9 +25,9 @@ from gateway.client import (
     Triad,
 )
 from gateway.client.tree import wire
+from gateway.scene.materials import material
 from gateway.scene.transforms import from_pose
 from gateway.treeviewer import wire as server_wire
-from gateway.treeviewer.materials import material
 from gateway.treeviewer.packed_arrays import unpack
 from tests.treeviewer.conversation import Viewer
 

@@ -224,6 +224,16 @@ def test_hidden_and_non_finite_nodes_are_left_out() -> None:
     assert len(reread(edit.root).instances) == 1
 
 
+def test_opacity_of_nodes_is_in_the_materials() -> None:
+    edit = TreeEdit(Node())
+    edit.set_parts(("group", "box"), (Part(Box((1, 1, 1)), RED),))
+    edit.set_opacity(("group",), 0.5)
+    edit.set_opacity(("group", "box"), 0.5)
+    (instance,) = reread(edit.commit()).instances
+    assert instance.material.base_color == pytest.approx((*RED.base_color[:3], 0.25 * RED.base_color[3]))
+    assert instance.material.alpha_mode is AlphaMode.BLEND
+
+
 def test_an_empty_tree_is_a_valid_file() -> None:
     read = read_gltf(export_glb(Node()))
     assert read.instance_count == 0

@@ -101,7 +101,7 @@ def test_queue_that_is_exactly_full() -> None:
 
 def test_channel_of_the_maximum_length_over_udp() -> None:
     longest = "c" * udpm.MAX_CHANNEL_BYTES
-    assembler = Assembler(b"", 1 << 20, 1 << 20)
+    assembler = Assembler((b"",), 1 << 20, 1 << 20)
     for size in (5, 100_000):
         datagrams = [b"".join(buffers) for buffers in udpm.datagrams(longest, bytes(size), 1)]
         messages = [assembler.receive(datagram, ("x", 1)) for datagram in datagrams]
@@ -111,7 +111,7 @@ def test_channel_of_the_maximum_length_over_udp() -> None:
 
 
 def test_incomplete_messages_that_fill_the_limit_exactly() -> None:
-    assembler = Assembler(b"", 1 << 20, 200_000)
+    assembler = Assembler((b"",), 1 << 20, 200_000)
     for sequence, expected in ((1, 100_000), (2, 200_000), (3, 200_000)):
         first = b"".join(next(udpm.datagrams("c", bytes(100_000), sequence)))
         assembler.receive(first, ("x", 1))
@@ -120,7 +120,7 @@ def test_incomplete_messages_that_fill_the_limit_exactly() -> None:
 
 
 def test_number_of_incomplete_messages() -> None:
-    assembler = Assembler(b"", 1 << 20, 1 << 30)
+    assembler = Assembler((b"",), 1 << 20, 1 << 30)
     for sequence in range(MAX_PARTIAL):
         assembler.receive(b"".join(next(udpm.datagrams("c", bytes(70_000), sequence))), ("x", 1))
     assert assembler.incomplete == 0
@@ -131,7 +131,7 @@ def test_number_of_incomplete_messages() -> None:
 def test_smallest_fragments() -> None:
     size = 10 * MIN_FRAGMENT_BYTES
     for count, refused in ((12, 0), (13, 1)):
-        assembler = Assembler(b"", 1 << 20, 1 << 20)
+        assembler = Assembler((b"",), 1 << 20, 1 << 20)
         fragment = udpm.Fragment(1, size, 0, 0, count, b"c", memoryview(b"x"))
         header = b"LC03" + b"".join(n.to_bytes(4, "big") for n in fragment[:3])
         header += b"".join(n.to_bytes(2, "big") for n in fragment[3:5])

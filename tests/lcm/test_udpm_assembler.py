@@ -33,7 +33,7 @@ def cut(channel: str, data: bytes, sequence: int = 7) -> list[bytes]:
 
 
 def make_assembler(max_message: int = 1 << 28, max_bytes: int = 1 << 28, clock: Clock | None = None) -> Assembler:
-    return Assembler(PREFIX, max_message, max_bytes, clock or Clock())
+    return Assembler((PREFIX,), max_message, max_bytes, clock or Clock())
 
 
 def fragment(sequence: int, size: int, offset: int, number: int, fragments: int, data: bytes) -> bytes:
@@ -43,6 +43,14 @@ def fragment(sequence: int, size: int, offset: int, number: int, fragments: int,
 def test_short_message_is_one_datagram() -> None:
     assert cut("WANTED_x", b"data", 258) == [b"LC02\0\0\1\2WANTED_x\0data"]
     assert read(make_assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
+
+
+def test_several_prefixes_are_wanted() -> None:
+    assembler = Assembler((PREFIX, b"ALSO_"), 1 << 28, 1 << 28, Clock())
+    for sequence, (channel, wanted) in enumerate((("WANTED_x", True), ("ALSO_y", True), ("OTHER", False))):
+        for size in (4, 100_000):
+            messages = [read(assembler, datagram) for datagram in cut(channel, bytes(size), sequence)]
+            assert (messages[-1] == (channel, bytes(size))) is wanted
 
 
 def test_fragments_are_those_of_liblcm() -> None:

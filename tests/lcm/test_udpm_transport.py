@@ -25,7 +25,7 @@ from tests.treeviewer.transports import free_url, in_thread, join, lossless
 
 
 def open_udpm(url: str, message_bytes: int = 1 << 20, **limits: Any) -> UdpmTransport:
-    return UdpmTransport(url, REQUEST, replace(LcmConfig(receive_buffer_bytes=1 << 20), **limits), message_bytes)
+    return UdpmTransport(url, (REQUEST,), replace(LcmConfig(receive_buffer_bytes=1 << 20), **limits), message_bytes)
 
 
 @pytest.mark.lcm
@@ -84,7 +84,7 @@ async def test_queues_what_the_network_does_not_accept_yet() -> None:
         with pytest.raises(OSError, match=r"accepts nothing: \d+ bytes are queued"):
             sender.send("small", b"x")
         assert sender.unsent_bytes > 1 << 20
-        assembler = Assembler(b"", 1 << 30, 1 << 30)
+        assembler = Assembler((b"",), 1 << 30, 1 << 30)
         found: list[udpm.Message] = []
 
         def passed() -> list[udpm.Message]:

@@ -13,6 +13,7 @@ from gateway.scene.flatten import Flattener, flatten
 from gateway.scene.geometry import Box, Capsule, Line, Part, Sphere, Surface, Triad
 from gateway.scene.labels import MAX_LABELS, LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.materials import faded
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers import primitives
 from renderers.drawlist import LABEL_NONE, DrawList, Image, Material, Texture
@@ -35,9 +36,10 @@ def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
     from gateway.scene.meshing import meshes_of
 
     out = []
-    stack: list[tuple[Path, Node, np.ndarray]] = [((), root, np.eye(4))]
+    stack: list[tuple[Path, Node, np.ndarray, float]] = [((), root, np.eye(4), 1.0)]
     while stack:
-        path, node, world = stack.pop()
+        path, node, world, opacity = stack.pop()
+        opacity *= node.opacity
         if not node.visible:
             continue
         with np.errstate(all="ignore"):
@@ -45,9 +47,10 @@ def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
             for part in node.parts or ():
                 for mesh, material, matrix in meshes_of(part.shape, part.material):
                     X = world @ part.X_node_part @ matrix
+                    material = material if opacity == 1.0 else faded(material, opacity)
                     if (np.abs(X) < 1e15).all():
                         out.append((mesh, material, X, labels.label_of(path)))
-        stack.extend(((*path, name), child, world) for name, child in reversed(node.children.items()))
+        stack.extend(((*path, name), child, world, opacity) for name, child in reversed(node.children.items()))
     return out
 
 
@@ -73,11 +76,11 @@ class RandomEdits:
     def __init__(self, seed: int) -> None:
         self.live = LiveTree()
         self._random = random.Random(seed)
-        self._edits = (self._parts, self._poses, self._matrix, self._visible, self._delete, self._share)
+        self._edits = (self._parts, self._poses, self._matrix, self._visible, self._opacity, self._delete, self._share)
 
     def step(self) -> str:
         """Commit a batch of edits, and return its description."""
-        edits = self._random.choices(self._edits, (6, 6, 2, 3, 2, 2), k=self._random.choice((1, 1, 2, 4)))
+        edits = self._random.choices(self._edits, (6, 6, 2, 3, 3, 2, 2), k=self._random.choice((1, 1, 2, 4)))
         with self.live.edit() as batch:
             return ", ".join(f"{edit.__name__}{edit(batch)}" for edit in edits)
 
@@ -107,6 +110,11 @@ class RandomEdits:
         path, visible = self._path(), self._random.random() < 0.6
         edit.set_visible(path, visible)
         return path, visible
+
+    def _opacity(self, edit: TreeEdit) -> tuple[Any, ...]:
+        path, opacity = self._path(), self._random.choice((1.0, 1.0, 0.5, 0.25, 0.0))
+        edit.set_opacity(path, opacity)
+        return path, opacity
 
     def _delete(self, edit: TreeEdit) -> tuple[Any, ...]:
         path = self._path()

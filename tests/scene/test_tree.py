@@ -16,18 +16,22 @@ from renderers.drawlist import Material
 BOX = Part(Box((1.0, 1.0, 1.0)), Material())
 
 Model = dict[Path, dict[str, Any]]
-"""Path to {"parts", "pose", "visible"}: the tree as the dullest possible data structure."""
+"""Path to {"parts", "pose", "visible", "opacity"}: the tree as the dullest possible data structure."""
 
 paths = st.lists(st.sampled_from(["a", "b", 1, "1", "a/b"]), max_size=4).map(tuple)
 poses = st.tuples(*[st.floats(-9, 9)] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3)
 
 
 def blank() -> dict[str, Any]:
-    return {"parts": None, "pose": None, "visible": True}
+    return {"parts": None, "pose": None, "visible": True, "opacity": 1.0}
+
+
+def properties(node: Node) -> dict[str, Any]:
+    return {"parts": node.parts, "pose": node.pose, "visible": node.visible, "opacity": node.opacity}
 
 
 def as_model(root: Node) -> Model:
-    return {path: {"parts": node.parts, "pose": node.pose, "visible": node.visible} for path, node in root.walk()}
+    return {path: properties(node) for path, node in root.walk()}
 
 
 def touch(model: Model, path: Path) -> dict[str, Any]:
@@ -47,13 +51,13 @@ def replay(old: Node, new: Node) -> Model:
         assert change.node is not None
         if change.kind == "reordered":
             continue
-        now = {"parts": change.node.parts, "pose": change.node.pose, "visible": change.node.visible}
+        now = properties(change.node)
         if change.kind == "added":
             assert change.path not in model
             assert change.path[:-1] in model
             model[change.path] = now
         else:
-            field = {"geometry": "parts", "transform": "pose", "visible": "visible"}[change.kind]
+            field = {"geometry": "parts", "transform": "pose"}.get(change.kind, change.kind)
             model[change.path][field] = now[field]
     return model
 
@@ -94,6 +98,11 @@ class TreeMachine(RuleBasedStateMachine):
     def set_visible(self, path: Path, visible: bool) -> None:
         self.edit.set_visible(path, visible)
         touch(self.model, path)["visible"] = visible
+
+    @rule(path=paths, opacity=st.sampled_from([0.0, 0.5, 1.0]))
+    def set_opacity(self, path: Path, opacity: float) -> None:
+        self.edit.set_opacity(path, opacity)
+        touch(self.model, path)["opacity"] = opacity
 
     @rule(path=paths)
     def delete(self, path: Path) -> None:

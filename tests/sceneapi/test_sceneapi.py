@@ -82,11 +82,13 @@ async def test_unchanged_scene_is_304(world: World) -> None:
         assert again.headers["etag"] == first.headers["etag"]
     with world.tree.edit() as edit:
         edit.set_visible(("robot",), False)
+        edit.set_opacity(("robot",), 0.5)
     changed = await world.client.get("/scene", headers={"If-None-Match": first.headers["etag"]})
     assert changed.status_code == 200
     assert changed.headers["x-scene-revision"] == "2"
     assert changed.headers["etag"] != first.headers["etag"]
     robot = changed.json()["nodes"][1]
+    assert robot["opacity"] == 0.5
     assert (robot["visible"], robot["bounds"], changed.json()["bounds"]) == (False, None, None)
 
 

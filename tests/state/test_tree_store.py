@@ -102,6 +102,11 @@ class StoreMachine(RuleBasedStateMachine):
         with self.live.edit() as edit:
             edit.set_visible(path, visible)
 
+    @rule(path=paths, opacity=st.sampled_from([0.0, 0.5, 1.0]))
+    def opacity(self, path: Path, opacity: float) -> None:
+        with self.live.edit() as edit:
+            edit.set_opacity(path, opacity)
+
     @rule(path=paths)
     def delete(self, path: Path) -> None:
         with self.live.edit() as edit:

@@ -141,6 +141,6 @@ def tree(root: Node, excluded: tuple[Path, ...] = ()) -> list[Any]:
         pose = node.pose
         transform = ("pose", described(pose)) if pose is not None else ("matrix", described(node.matrix))
         hidden = sum(c.nodes_with_parts for name, c in node.children.items() if (*path, name) in excluded)
-        own = described(node.parts), transform, node.visible, node.nodes_with_parts - hidden
+        own = described(node.parts), transform, (node.visible, node.opacity), node.nodes_with_parts - hidden
         found.append(([(type(e), e) for e in path], own))
     return found

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Sphere, Triad
+from gateway.scene.materials import material
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.materials import material
 from renderers.drawlist import AlphaMode
 from tests.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
 from tests.treeviewer.differences import UNRECORDED, Difference

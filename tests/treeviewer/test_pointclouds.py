@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.geometry import PointCloud
-from gateway.treeviewer.materials import material
+from gateway.scene.materials import material
 from tests.treeviewer.conversation import CLOUD, Viewer
 
 NAN, INF = float("nan"), float("inf")

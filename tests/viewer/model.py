@@ -24,6 +24,7 @@ class PageNode:
     parent: int | None
     parts: list[dict[str, Any]] | None = None
     visible: bool = True
+    opacity: float = 1.0
     pose: tuple[float, ...] = IDENTITY
     """7 numbers of a pose or 16 of a column-major matrix."""
     children: set[int] = field(default_factory=set)
@@ -82,6 +83,8 @@ class Model:
         node = self.nodes[number]
         if "visible" in entry:
             node.visible = entry["visible"]
+        if "opacity" in entry:
+            node.opacity = entry["opacity"]
         if "parts" in entry:
             node.parts = entry["parts"]
             for part in node.parts or ():
@@ -104,7 +107,7 @@ class Model:
 
 def described(node: PageNode) -> tuple[Any, ...]:
     parts = None if node.parts is None else [part["kind"] for part in node.parts]
-    return parts, node.visible, node.pose
+    return parts, (node.visible, node.opacity), node.pose
 
 
 def tree_of(root: Node) -> dict[Path, tuple[Any, ...]]:
@@ -113,5 +116,5 @@ def tree_of(root: Node) -> dict[Path, tuple[Any, ...]]:
     for path, node in root.walk():
         parts = None if node.parts is None else [part.kind or type(part.shape).__name__.lower() for part in node.parts]
         pose = node.matrix.T.ravel() if node.pose is None else node.pose
-        found[path] = (parts, node.visible, tuple(np.array(pose, np.float32).tolist()))
+        found[path] = (parts, (node.visible, node.opacity), tuple(np.array(pose, np.float32).tolist()))
     return found

@@ -33,6 +33,7 @@ EDITS = st.one_of(
     st.tuples(st.just("pose"), PATHS, st.floats(-10, 10, width=32)),
     st.tuples(st.just("matrix"), PATHS, st.floats(-10, 10, width=32)),
     st.tuples(st.just("visible"), PATHS, st.booleans()),
+    st.tuples(st.just("opacity"), PATHS, st.sampled_from([0.0, 0.5, 1.0])),
     st.tuples(st.just("delete"), PATHS, st.none()),
     st.tuples(st.just("subtree"), PATHS.filter(len), SHAPES),
 )
@@ -50,6 +51,8 @@ def apply(edit: TreeEdit, kind: str, path: Any, value: Any) -> None:
         edit.set_matrix(path, matrix)
     elif kind == "visible":
         edit.set_visible(path, value)
+    elif kind == "opacity":
+        edit.set_opacity(path, value)
     elif kind == "delete":
         edit.delete(path)
     else:

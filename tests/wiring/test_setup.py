@@ -150,8 +150,9 @@ async def test_where_the_tree_viewer_is(
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
-        ({}, ["render", "scene", "treeviewer", "stereo", "view"]),
-        ({"demo": True}, ["render", "scene", "treeviewer", "stereo", "view", "demo"]),
+        ({}, ["render", "scene", "drakeviewer", "treeviewer", "stereo", "view"]),
+        ({"demo": True}, ["render", "scene", "drakeviewer", "treeviewer", "stereo", "view", "demo"]),
+        ({"drake_viewer": False}, ["render", "scene", "treeviewer", "stereo", "view"]),
         ({"only": ("view", "render")}, ["render", "view"]),
         ({"only": ("render",), "demo": True}, ["render", "demo"]),
     ],

@@ -16,6 +16,7 @@ import numpy as np
 from gateway.gltf.export.glb_document import INDEX_TARGET, MAX_BYTES, VERTEX_TARGET, GltfDocument
 from gateway.gltf.export.material_writer import MaterialWriter
 from gateway.scene.geometry import Surface
+from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import json_element
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
@@ -64,10 +65,11 @@ class _Writer:
 
     def _add_nodes(self, root: Node, json_root: dict[str, Any]) -> None:
         """Add ``root`` and its descendants below the JSON node ``json_root``."""
-        stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, json_root)]
+        stack: list[tuple[str, Node, dict[str, Any], float]] = [("", root, json_root, 1.0)]
         while stack:
             check_stop()
-            name, node, json_parent = stack.pop()
+            name, node, json_parent, parent_opacity = stack.pop()
+            opacity = parent_opacity * node.opacity
             if not node.visible or not _is_writable(node.matrix):
                 continue
             json_node: dict[str, Any] = {"name": name} if name else {}
@@ -75,8 +77,9 @@ class _Writer:
                 json_node["matrix"] = _column_major(node.matrix)
             index = self._document.add("nodes", json_node)
             json_parent.setdefault("children", []).append(index)
-            self._add_geometry(node, json_node)
-            stack.extend((str(json_element(key)), child, json_node) for key, child in reversed(node.children.items()))
+            self._add_geometry(node, json_node, opacity)
+            children = reversed(node.children.items())
+            stack.extend((str(json_element(key)), child, json_node, opacity) for key, child in children)
 
     def _add_camera(self, camera: Camera, json_parent: dict[str, Any]) -> None:
         """Add a perspective camera (glTF 2.0, 3.10.3) below a JSON node."""
@@ -91,7 +94,7 @@ class _Writer:
         node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": _column_major(pose)})
         json_parent.setdefault("children", []).append(node)
 
-    def _add_geometry(self, node: Node, json_node: dict[str, Any]) -> None:
+    def _add_geometry(self, node: Node, json_node: dict[str, Any], opacity: float) -> None:
         """Add a node's meshes. ``json_node`` gets the first mesh without a transform, child nodes get the others."""
         for part in node.parts or ():
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
@@ -99,6 +102,8 @@ class _Writer:
                     X = part.X_node_part @ X_part_mesh
                 if not _is_writable(X):
                     continue
+                if opacity != 1.0:
+                    material = faded(material, opacity)
                 index = self._mesh(mesh, material, linear_colors=isinstance(part.shape, Surface))
                 if index is None:
                     continue

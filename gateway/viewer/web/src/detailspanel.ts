@@ -48,11 +48,11 @@ export class DetailsPanel {
   }
 
   private opacity(node: TreeNode): HTMLElement {
-    const output = h("output", {}, `${Math.round(node.opacity * 100)} %`);
-    const slider = h("input", { type: "range", min: 0, max: 1, step: 0.05, value: node.opacity, "aria-label": "Opacity" });
+    const output = h("output", {}, `${Math.round(node.shownOpacity * 100)} %`);
+    const slider = h("input", { type: "range", min: 0, max: 1, step: 0.05, value: node.shownOpacity, "aria-label": "Opacity" });
     slider.addEventListener("input", () => {
-      node.opacity = Number(slider.value);
-      output.textContent = `${Math.round(node.opacity * 100)} %`;
+      node.ownOpacity = Number(slider.value);
+      output.textContent = `${Math.round(node.shownOpacity * 100)} %`;
       this.actions.changed(node);
     });
     return h("label", { class: "field" }, "Opacity", slider, output);

@@ -207,12 +207,12 @@ export class Drawing {
 }
 
 function visible(node: TreeNode): boolean {
-  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) if (!ancestor.visible || !ancestor.shown) return false;
+  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) if (!ancestor.isShown) return false;
   return true;
 }
 
 function combinedOpacity(node: TreeNode): number {
   let opacity = 1;
-  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) opacity *= ancestor.opacity;
+  for (let ancestor: TreeNode | null = node; ancestor; ancestor = ancestor.parent) opacity *= ancestor.shownOpacity;
   return opacity;
 }

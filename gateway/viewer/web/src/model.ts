@@ -12,9 +12,12 @@ export class TreeNode {
   parts: Part[] | null = null;
   /** Visibility in the gateway's tree. */
   visible = true;
-  /** Visibility on this page: the eye in the tree panel. */
-  shown = true;
+  /** Visibility on this page, set by the eye in the tree panel; null: as in the gateway's tree. */
+  shown: boolean | null = null;
+  /** Opacity in the gateway's tree. */
   opacity = 1;
+  /** Opacity on this page; null: as in the gateway's tree. */
+  ownOpacity: number | null = null;
   /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
   cloudRange: Range | null = null;
@@ -29,7 +32,16 @@ export class TreeNode {
 
   /** True if this page changed nothing of the node. */
   get isUnchanged(): boolean {
-    return this.shown && this.opacity === 1 && this.cloud === null;
+    return this.shown === null && this.ownOpacity === null && this.cloud === null;
+  }
+
+  /** True if this page shows the node, unless an ancestor is hidden. */
+  get isShown(): boolean {
+    return this.shown ?? this.visible;
+  }
+
+  get shownOpacity(): number {
+    return this.ownOpacity ?? this.opacity;
   }
 
   get path(): (string | number)[] {
@@ -60,7 +72,7 @@ export class Model {
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
   /** This page's settings of removed nodes by path: a node that is published again gets them back. */
-  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "opacity" | "cloud">>();
+  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "ownOpacity" | "cloud">>();
 
   /** Apply an update; unitScale from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
@@ -79,6 +91,7 @@ export class Model {
     for (const child of [...this.root.children]) this.remove(child.id, change);
     this.root.parts = null;
     this.root.visible = true;
+    this.root.opacity = 1;
     this.root.local.identity();
     this.root.world.identity();
     change.changed.add(this.root);
@@ -91,7 +104,7 @@ export class Model {
     for (const below of node.subtree()) {
       this.nodes.delete(below.id);
       if (!below.isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
-        this.removedPageState.set(JSON.stringify(below.path), { shown: below.shown, opacity: below.opacity, cloud: below.cloud });
+        this.removedPageState.set(JSON.stringify(below.path), { shown: below.shown, ownOpacity: below.ownOpacity, cloud: below.cloud });
       change.removed.push(below);
     }
   }
@@ -109,6 +122,9 @@ export class Model {
     }
     if (entry.visible !== undefined) {
       node.visible = entry.visible;
+    }
+    if (entry.opacity !== undefined) node.opacity = entry.opacity;
+    if (entry.visible !== undefined || entry.opacity !== undefined) {
       for (const below of node.subtree()) change.changed.add(below);
     }
     if (entry.parts !== undefined) {

@@ -49,6 +49,7 @@ export interface NodeUpdate {
   parent?: number;
   name?: string | number;
   visible?: boolean;
+  opacity?: number;
   parts?: Part[] | null;
 }
 

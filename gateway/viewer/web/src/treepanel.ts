@@ -1,6 +1,7 @@
 // The tree of paths: expand, search, hide, select. Only visible rows are elements, so thousands of nodes are fast.
 
 import { counted, h } from "./dom";
+import { FamiliesPanel } from "./familiespanel";
 import { icon } from "./icons";
 import type { Model, TreeNode } from "./model";
 
@@ -17,6 +18,7 @@ export class TreePanel {
   private readonly search = h("input", { type: "search", placeholder: "Search paths", "aria-label": "Search paths" });
   private readonly list = h("div", { class: "rows", role: "tree", tabindex: 0, "aria-label": "Paths" });
   private readonly spacer = h("div", { class: "spacer" });
+  private readonly families: FamiliesPanel;
   private readonly toggled = new Map<number, boolean>();
   private rows: Row[] = [];
   private selected: TreeNode | null = null;
@@ -29,7 +31,11 @@ export class TreePanel {
     private readonly onFocus: (node: TreeNode) => void,
   ) {
     this.element.style.setProperty("--row", `${ROW}px`);
-    this.element.append(h("header", {}, this.search), this.list);
+    this.families = new FamiliesPanel(model, (node) => {
+      this.onShow(node);
+      this.paint();
+    });
+    this.element.append(h("header", {}, this.search), this.families.element, this.list);
     this.list.append(this.spacer);
     this.search.addEventListener("input", () => this.update());
     this.list.addEventListener("scroll", () => this.paint());
@@ -45,6 +51,7 @@ export class TreePanel {
     requestAnimationFrame(() => {
       this.scheduled = false;
       this.rows = this.listRows();
+      this.families.update();
       this.paint();
     });
   }
@@ -119,21 +126,21 @@ export class TreePanel {
     const eye = h("button", {
       class: "eye",
       tabindex: -1,
-      "aria-pressed": String(node.shown),
-      "aria-label": `${node.shown ? "Hide" : "Show"} ${name}`,
-      title: node.shown ? "Hide" : "Show",
+      "aria-pressed": String(node.isShown),
+      "aria-label": `${node.isShown ? "Hide" : "Show"} ${name}`,
+      title: node.isShown ? "Hide" : "Show",
       onclick: (event) => {
         event.stopPropagation();
-        this.setShown(node, !node.shown);
+        this.setShown(node, !node.isShown);
       },
     });
-    eye.append(icon(node.shown ? "eye" : "hidden"));
+    eye.append(icon(node.isShown ? "eye" : "hidden"));
     const label = h("span", { class: typeof node.name === "number" ? "name number" : "name" }, name);
     const kinds = h("span", { class: "kinds" }, counted(node.parts?.map((part) => part.kind) ?? []).join(", "));
     const element = h(
       "div",
       {
-        class: `row${node === this.selected ? " selected" : ""}${node.shown ? "" : " hidden"}`,
+        class: `row${node === this.selected ? " selected" : ""}${node.isShown ? "" : " hidden"}`,
         role: "treeitem",
         id: `row-${node.id}`,
         "aria-level": depth + 1,
@@ -162,6 +169,7 @@ export class TreePanel {
   private setShown(node: TreeNode, shown: boolean): void {
     node.shown = shown;
     this.onShow(node);
+    this.families.update();
     this.paint();
   }
 
@@ -182,7 +190,7 @@ export class TreePanel {
     else if (!row) return;
     else if (event.key === "ArrowRight" && !this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
     else if (event.key === "ArrowLeft" && this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
-    else if (event.key === "e" || event.key === " ") this.setShown(row.node, !row.node.shown);
+    else if (event.key === "e" || event.key === " ") this.setShown(row.node, !row.node.isShown);
     else if (event.key === "f" || event.key === "Enter") this.onFocus(row.node);
     else return;
     event.preventDefault();

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.treeviewer.materials import WHITE, material, tinted
+from gateway.scene.materials import WHITE, material, tinted
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Material
 

@@ -1,4 +1,4 @@
-"""Materials of the tree viewer's geometries, from the colour of a command."""
+"""Materials of geometries that clients publish with a colour."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINT_SIZE: Final = 2.0
 
 @lru_cache(maxsize=4096)
 def material(rgba: Color) -> Material:
-    """Return a diffuse, double-sided material, as Director draws geometries of this colour."""
+    """Return a diffuse, double-sided material, as Director and Drake draw geometries of this colour."""
     r, g, b, a = rgba
     return Material(
         base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),
@@ -28,6 +28,13 @@ def material(rgba: Color) -> Material:
         double_sided=True,
         point_size=POINT_SIZE,
     )
+
+
+@lru_cache(maxsize=4096)
+def faded(source: Material, opacity: float) -> Material:
+    """Return a material whose alpha is multiplied by the opacity of its node, 0 to 1."""
+    r, g, b, alpha = source.base_color
+    return replace(source, base_color=(r, g, b, alpha * opacity), alpha_mode=AlphaMode.BLEND)
 
 
 def tinted(source: Material, rgba: Color) -> Material:

@@ -1,0 +1,46 @@
+"""Limits of Drake's visualizer channels, with their reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+KIB: Final = 1024
+MIB: Final = 1024 * KIB
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of one message. A message beyond a limit is not shown; the log says why."""
+
+    links: int = 20_000
+    """Maximum number of links in a message: each costs about 400 bytes, and every image visits all of them."""
+    geometries: int = 100_000
+    """Maximum number of geometries in a message: each costs about 500 bytes."""
+    vertices: int = 5_000_000
+    """Maximum number of vertices of all meshes in a message: 60 MB of coordinates."""
+    triangles: int = 10_000_000
+    """Maximum number of triangles of all meshes in a message: 120 MB of indices."""
+    contacts: int = 10_000
+    """Maximum number of contacts in a message: each is drawn with two to five geometries."""
+    points: int = 20_000_000
+    """Maximum number of points in a point cloud: 240 MB of coordinates."""
+    name_bytes: int = 4096
+    """Maximum length of a name: names are stored, listed and shown."""
+    mesh_text_bytes: int = 256 * MIB
+    """Maximum length of a mesh that is sent as JSON, and of all files in it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrakeViewerConfig:
+    """Scheduling of messages, and limits."""
+
+    limits: Limits = Limits()
+    offload_bytes: int = 64 * KIB
+    """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
+    channels: int = 256
+    """Maximum number of channels that are shown, and of names of channels that are heard but not shown."""
+    shown_bytes: int = 4096 * MIB
+    """Maximum size of the newest messages of all channels together: the tree holds their geometry."""
+    waiting_bytes: int = 512 * MIB
+    """Maximum size of messages that wait for the worker thread. Further messages are dropped."""

@@ -1,0 +1,53 @@
+"""Deformable bodies: all vertices in every message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gateway.drakeviewer.config import Limits
+from gateway.drakeviewer.geometry import color_of, transform_of
+from gateway.drakeviewer.link_paths import split_name
+from gateway.drakeviewer.meshes import surface_of
+from gateway.drakeviewer.messages import Link
+from gateway.drakeviewer.robots import ROOT, show_family
+from gateway.scene.geometry import Part
+from gateway.scene.materials import material
+from gateway.scene.tree import Path, TreeEdit
+
+Deformables = dict[Path, tuple[Part, ...]]
+"""Parts of each body, by its path in the live tree."""
+
+
+def read_deformables(link: Link, family: str, limits: Limits) -> Deformables:
+    """Return the bodies of a message.
+
+    Raises:
+        MessageError: A mesh is damaged or beyond a limit.
+    """
+    bodies: Deformables = {}
+    for geometry in link.geometries:
+        path = (ROOT, family, *split_name(link.key[1]), *split_name(geometry.text))
+        surface = surface_of(geometry.floats, limits)
+        parts = bodies.setdefault(path, ())
+        if surface is not None:
+            part = Part(surface, material(color_of(geometry)), transform_of(geometry), "mesh_data")
+            bodies[path] = (*parts, part)
+    return bodies
+
+
+@dataclass(slots=True, eq=False)
+class DeformableChannel:
+    """The bodies of one channel that are in the live tree."""
+
+    family: str
+    shown: frozenset[Path] = frozenset()
+
+    def apply(self, bodies: Deformables, edit: TreeEdit) -> None:
+        """Replace the bodies, and delete those that are no longer in the message."""
+        if bodies:
+            show_family(edit, self.family)
+        for path in self.shown - bodies.keys():
+            edit.delete(path)
+        for path, parts in bodies.items():
+            edit.set_parts(path, parts)
+        self.shown = frozenset(bodies)

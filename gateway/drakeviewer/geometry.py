@@ -1,0 +1,94 @@
+"""Read a link's geometries as parts of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.assets.mesh_files import MeshFileError, MeshFiles
+from gateway.assets.mesh_formats import PLAIN_MATERIAL
+from gateway.drakeviewer.config import Limits
+from gateway.drakeviewer.memory_meshes import memory_mesh
+from gateway.drakeviewer.meshes import surface_of
+from gateway.drakeviewer.messages import Geometry, GeometryType, MessageError
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere
+from gateway.scene.materials import Color, material
+from gateway.scene.transforms import from_pose
+
+
+def read_geometries(
+    geometries: Iterable[Geometry], files: MeshFiles, limits: Limits, problems: list[str]
+) -> tuple[Part, ...]:
+    """Return the parts of geometries. A geometry that cannot be shown is left out; ``problems`` gets the reason."""
+    parts: list[Part] = []
+    for geometry in geometries:
+        try:
+            parts += _parts_of(geometry, files, limits)
+        except (MessageError, MeshFileError) as error:
+            problems.append(str(error))
+    return tuple(parts)
+
+
+def color_of(geometry: Geometry) -> Color:
+    """Return a geometry's colour, clipped to 0 .. 1."""
+    r, g, b, alpha = (min(max(value, 0.0), 1.0) if value == value else 0.0 for value in geometry.color)
+    return r, g, b, alpha
+
+
+def transform_of(geometry: Geometry) -> NDArray[np.float64]:
+    """Return X_link_geometry, (4, 4) float64."""
+    return from_pose(geometry.position, geometry.quaternion)
+
+
+def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits) -> tuple[Part, ...]:
+    if geometry.type == GeometryType.MESH and geometry.text:
+        return _mesh_file(geometry, files)
+    shape: Shape | None
+    kind = "mesh_data"
+    if geometry.type == GeometryType.MESH:
+        shape = surface_of(geometry.floats, limits)
+    else:
+        reader = _SHAPES.get(geometry.type)
+        if reader is None:
+            raise MessageError(f"geometry type {geometry.type} is unknown")
+        kind, count, make = reader
+        if len(geometry.floats) != count:
+            raise MessageError(f"a {kind} has {len(geometry.floats)} numbers instead of {count}")
+        shape = make(geometry.floats.tolist())
+    if shape is None:
+        return ()
+    return (Part(shape, material(color_of(geometry)), transform_of(geometry), kind),)
+
+
+def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
+    """Load a mesh file. The geometry's colour is that of meshes without a material of their own, as in Drake."""
+    numbers = [*geometry.floats.tolist(), 1.0, 1.0, 1.0]
+    scale = (numbers[0], numbers[1], numbers[2])
+    if geometry.text.startswith("{"):
+        loaded = memory_mesh(geometry.text, scale, files)
+    else:
+        loaded = files.load(geometry.text, scale)
+    X_link_geometry = transform_of(geometry)
+    own_color = material(color_of(geometry))
+    return tuple(
+        msgspec.structs.replace(
+            part,
+            material=own_color if part.material is PLAIN_MATERIAL else part.material,
+            X_node_part=X_link_geometry @ part.X_node_part,
+        )
+        for part in loaded
+    )
+
+
+_SHAPES: Final[dict[int, tuple[str, int, Callable[[list[float]], Shape]]]] = {
+    GeometryType.BOX: ("box", 3, lambda n: Box((n[0], n[1], n[2]))),
+    GeometryType.SPHERE: ("sphere", 1, lambda n: Sphere(n[0])),
+    GeometryType.CYLINDER: ("cylinder", 2, lambda n: Cylinder(n[0], n[1])),
+    GeometryType.CAPSULE: ("capsule", 2, lambda n: Capsule(n[0], n[1])),
+    GeometryType.ELLIPSOID: ("ellipsoid", 3, lambda n: Ellipsoid((n[0], n[1], n[2]))),
+}
+"""Name, number of ``float_data`` and constructor of each shape."""

@@ -1,0 +1,36 @@
+"""Names of links as paths in the tree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+from gateway.drakeviewer.messages import LinkKey
+from gateway.scene.tree import Path
+
+SEPARATOR: Final = "::"
+"""Separates source, model and link in Drake's names."""
+OWN_NODE: Final = "body"
+"""Name of a link's own node if other links are below its path: their poses are in the world, not relative to it."""
+
+
+def split_name(name: str) -> Path:
+    """Return the elements of a scoped name. A name without any is one empty element."""
+    return tuple(element for element in name.split(SEPARATOR) if element) or ("",)
+
+
+def link_paths(links: Iterable[LinkKey]) -> dict[LinkKey, Path]:
+    """Return a path for each link. No path is above another one.
+
+    Links of different models that have the same name get the model's index in parentheses, as Drake writes it.
+    """
+    keys = list(dict.fromkeys(links))
+    uses = Counter(name for _, name in keys)
+    paths: dict[LinkKey, Path] = {}
+    for key in keys:
+        robot, name = key
+        *scopes, last = split_name(name)
+        paths[key] = (*scopes, f"{last}({robot})" if uses[name] > 1 else last)
+    above = {path[:depth] for path in paths.values() for depth in range(len(path))}
+    return {key: (*path, OWN_NODE) if path in above else path for key, path in paths.items()}

@@ -1,0 +1,69 @@
+"""Triangle meshes that Drake sends as numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.drakeviewer.config import Limits
+from gateway.drakeviewer.messages import MessageError
+from gateway.scene.crease_normals import smooth_mesh
+from gateway.scene.geometry import Surface
+from renderers.drawlist import Mesh
+
+
+def surface_of(numbers: NDArray[np.float32], limits: Limits) -> Surface | None:
+    """Return the mesh in a geometry's ``float_data``; None without drawable triangles.
+
+    Args:
+        numbers: (2 + 3 V + 3 T,) float32: V, T, coordinates of V vertices, vertex indices of T triangles.
+
+    Raises:
+        MessageError: The numbers are not a mesh, or beyond a limit.
+    """
+    vertex_count, triangle_count = (_count(numbers, 0), _count(numbers, 1))
+    if vertex_count > limits.vertices or triangle_count > limits.triangles:
+        raise MessageError(
+            f"a mesh has {vertex_count} vertices and {triangle_count} triangles, "
+            f"the limits are {limits.vertices} and {limits.triangles}"
+        )
+    end = 2 + 3 * vertex_count
+    if len(numbers) != end + 3 * triangle_count:
+        raise MessageError(
+            f"a mesh of {vertex_count} vertices and {triangle_count} triangles has {len(numbers)} numbers"
+        )
+    positions = numbers[2:end].reshape(vertex_count, 3)
+    with np.errstate(invalid="ignore"):
+        indices = numbers[end:].reshape(triangle_count, 3).astype(np.int64)
+    return smooth_surface(positions, indices)
+
+
+def smooth_surface(positions: NDArray[np.floating], indices: NDArray[np.integer]) -> Surface | None:
+    """Return a mesh with normals; None without drawable triangles. Triangles with NaN or infinity are left out.
+
+    Args:
+        positions: (V, 3) metres.
+        indices: (T, 3).
+
+    Raises:
+        MessageError: An index is not below V.
+    """
+    if indices.size and not (indices.min() >= 0 and indices.max() < len(positions)):
+        raise MessageError(f"a triangle has the vertices {indices.min()} to {indices.max()} of {len(positions)}")
+    with np.errstate(over="ignore"):
+        vertices = np.array(positions, dtype=np.float32)
+    triangles = indices.astype(np.uint32)
+    finite = np.asarray(np.isfinite(vertices).all(axis=1))
+    if not finite.all():
+        triangles = triangles[finite[triangles].all(axis=1)]
+        vertices[~finite] = 0.0
+    if not len(triangles):
+        return None
+    return Surface(Mesh(*smooth_mesh(vertices, np.ascontiguousarray(triangles))))
+
+
+def _count(numbers: NDArray[np.float32], index: int) -> int:
+    value = float(numbers[index]) if len(numbers) > index else -1.0
+    if not (value >= 0.0 and value.is_integer()):
+        raise MessageError(f"a mesh starts with {value:g}, which is not a number of vertices or triangles")
+    return int(value)

@@ -1,0 +1,77 @@
+"""Point clouds of the channels ``DRAKE_POINT_CLOUD*``."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.drakeviewer.messages import Cloud, CloudField, MessageError
+from gateway.scene.geometry import Part, PointCloud
+from gateway.scene.materials import WHITE, material
+
+BIG_ENDIAN: Final = 1
+"""Bit of ``flags``."""
+_DTYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy types by ``lcmt_point_cloud_field.datatype``."""
+MAX_DISTANCE: Final = 1e15
+"""Points farther away, metres, are not drawn: their coordinates would overflow in the renderer."""
+
+
+def read_cloud(cloud: Cloud) -> tuple[Part, ...]:
+    """Return the finite points with their colours.
+
+    Raises:
+        MessageError: The cloud has no x, y or z, or its data is too short.
+    """
+    fields = {field.name: field for field in cloud.fields}
+    missing = [name for name in "xyz" if name not in fields]
+    if missing:
+        names = ", ".join(fields) or "none"
+        raise MessageError(f"the cloud has no field {' or '.join(missing)}, only {names}")
+    points = np.empty((cloud.width * cloud.height, 3), np.float32)
+    with np.errstate(all="ignore"):
+        for column, name in enumerate("xyz"):
+            points[:, column] = _column(cloud, fields[name]).ravel()
+        drawable = (np.abs(points) < MAX_DISTANCE).all(axis=1)
+    channels: dict[str, NDArray[np.float32]] = {}
+    if "rgb" in fields:
+        color = _colors(cloud, fields["rgb"])
+        channels["rgb"] = np.ascontiguousarray(color[drawable])
+    shape = PointCloud(np.ascontiguousarray(points[drawable]), MappingProxyType(channels))
+    return (Part(shape, material(WHITE), kind="pointcloud"),)
+
+
+def _column(cloud: Cloud, field: CloudField) -> NDArray[np.generic]:
+    """Return the first value of a field for each point, (height, width)."""
+    kind = _DTYPES.get(field.datatype)
+    if kind is None or field.count < 1:
+        raise MessageError(f"the field {field.name} has the type {field.datatype} and {field.count} values")
+    return _view(cloud, field, np.dtype(kind).newbyteorder(">" if cloud.flags & BIG_ENDIAN else "<"))
+
+
+def _colors(cloud: Cloud, field: CloudField) -> NDArray[np.float32]:
+    """Return red, green, blue in 0 .. 1, (N, 3): the first three bytes of the field."""
+    if field.datatype not in (5, 6, 7) or field.count != 1:
+        raise MessageError(f"the field rgb has the type {field.datatype} and {field.count} values instead of 4 bytes")
+    packed = np.ascontiguousarray(_view(cloud, field, np.dtype("<u4")))
+    return packed.view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32) / np.float32(255.0)
+
+
+def _view(cloud: Cloud, field: CloudField, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
+    """Return the values of a field in the cloud's data, (height, width)."""
+    row_step = cloud.row_step if cloud.height > 1 else cloud.point_step * cloud.width
+    count = cloud.width * cloud.height
+    end = field.offset + dtype.itemsize
+    last = (cloud.height - 1) * row_step + (cloud.width - 1) * cloud.point_step + end
+    if not 0 <= field.offset <= end <= cloud.point_step:
+        raise MessageError(f"the field {field.name} ends at byte {end} of points of {cloud.point_step} bytes")
+    if row_step < cloud.width * cloud.point_step:
+        raise MessageError(f"rows of {cloud.width} points of {cloud.point_step} bytes are {row_step} bytes apart")
+    if count and last > len(cloud.data):
+        raise MessageError(f"{cloud.width} x {cloud.height} points have {len(cloud.data)} bytes instead of {last}")
+    if not count:
+        return np.empty((cloud.height, cloud.width), dtype)
+    return np.ndarray((cloud.height, cloud.width), dtype, cloud.data, field.offset, (row_step, cloud.point_step))

@@ -1,0 +1,153 @@
+"""Links of rigid bodies: the load and draw messages of one pair of channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import Limits
+from gateway.drakeviewer.geometry import read_geometries
+from gateway.drakeviewer.link_paths import link_paths
+from gateway.drakeviewer.messages import WORLD, Draw, Link, LinkKey, LinkNames
+from gateway.scene.tree import Node, Path, TreeEdit
+
+ROOT: Final = "drake"
+"""Node of the live tree below which everything from Drake is."""
+ILLUSTRATION: Final = "illustration"
+PROXIMITY: Final = "proximity"
+INERTIA: Final = "inertia"
+HIDDEN: Final = frozenset((PROXIMITY, INERTIA))
+"""Families that are hidden at first: their shapes enclose those of the illustration."""
+HIDDEN_OPACITY: Final = 0.5
+"""Opacity of those families once they are shown, as in Drake's own viewer."""
+INERTIA_MARK: Final = "::InertiaVisualizer::"
+"""Part of the names of the links that Drake's ``InertiaVisualizer`` publishes, on the channels of the illustration."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedRobots:
+    """The links of a load message as subtrees, without poses."""
+
+    families: Mapping[str, Node]
+    """Committed subtree of each family."""
+    paths: Mapping[LinkKey, Path]
+    """Path of each link in the live tree."""
+    problems: tuple[str, ...]
+    """Reasons why geometries are not shown."""
+
+
+def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: Limits) -> LoadedRobots:
+    """Read the links of a load message. This opens the mesh files.
+
+    Args:
+        family: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
+    """
+    problems: list[str] = []
+    trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}
+    paths: dict[LinkKey, Path] = {}
+    names = {link.key: _name_below_family(link.key) for link in links}
+    own_paths = {name: link_paths(key for found, key in names.values() if found == name) for name in (None, INERTIA)}
+    for link in links:
+        found, key = names[link.key]
+        path = own_paths[found][key]
+        paths[link.key] = (ROOT, found or family, *path)
+        tree = trees.setdefault(found or family, TreeEdit(Node()))
+        tree.set_parts(path, read_geometries(link.geometries, files, limits, problems))
+    return LoadedRobots({name: tree.commit() for name, tree in trees.items()}, paths, tuple(problems))
+
+
+def _name_below_family(key: LinkKey) -> tuple[str | None, LinkKey]:
+    """Return the family that a link's name states, or None, and the link without it."""
+    robot, name = key
+    _, mark, rest = name.partition(INERTIA_MARK)
+    return (INERTIA, (robot, rest)) if mark else (None, key)
+
+
+@dataclass(slots=True, eq=False)
+class RobotChannels:
+    """The state of one pair of load and draw channels, and their edits of the live tree."""
+
+    family: str
+    names: LinkNames | None = None
+    """Links of the last draw message, for ``wire.decode_draw``."""
+    draws: int = 0
+    """Draw messages that were shown."""
+    stale: int = 0
+    """Draw messages that were ignored, because their links are not those that were loaded."""
+    unloaded: int = 0
+    """Draw messages that were ignored, because no load message was heard."""
+    _loaded: LoadedRobots | None = None
+    _is_shown: bool = False
+    """True if the loaded links are in the live tree."""
+    _paths: list[Path] = field(default_factory=list)
+    """Paths of the links in ``names``; empty if some are not loaded."""
+    _poses: NDArray[np.float64] | None = None
+    """Poses of the last shown message."""
+
+    @property
+    def links(self) -> int:
+        """Number of links that are loaded."""
+        return len(self._loaded.paths) if self._loaded is not None else 0
+
+    def load(self, loaded: LoadedRobots, edit: TreeEdit) -> None:
+        """Remove the links of earlier load messages. The new ones appear with their first poses."""
+        families = {self.family, *(self._loaded.families if self._loaded is not None else ())}
+        for family in families:
+            clear_children(edit, (ROOT, family))
+        self._loaded, self._is_shown = loaded, False
+        self.names, self._paths, self._poses = None, [], None
+
+    def draw(self, draw: Draw, edit: TreeEdit) -> str:
+        """Move the links; return the reason why the message is ignored, or an empty string."""
+        loaded = self._loaded
+        if loaded is None:
+            self.unloaded += 1
+            return "no load message was heard: start the simulation after the gateway, or let it publish again"
+        if draw.names is not self.names:
+            self.names, self._poses = draw.names, None
+            self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
+        is_complete = len(self._paths) == len(draw.names.keys)
+        if not is_complete or (not self._is_shown and len(set(draw.names.keys)) < self._movable):
+            self.stale += 1
+            return f"it has {len(draw.names.keys)} links, and {self._movable} other ones are loaded"
+        if not self._is_shown:
+            self._show(loaded, edit)
+        poses, last = draw.poses, self._poses
+        moved = range(len(poses)) if last is None else np.flatnonzero((poses != last).any(axis=1)).tolist()
+        rows, paths = poses.tolist(), self._paths
+        for index in moved:
+            edit.set_pose(paths[index], tuple(rows[index]))
+        self._poses = poses
+        self.draws += 1
+        return ""
+
+    @property
+    def _movable(self) -> int:
+        """Number of loaded links for which Drake sends poses."""
+        return 0 if self._loaded is None else sum(key != WORLD for key in self._loaded.paths)
+
+    def _show(self, loaded: LoadedRobots, edit: TreeEdit) -> None:
+        for family, subtree in loaded.families.items():
+            show_family(edit, family)
+            for name, child in subtree.children.items():
+                edit.set_subtree((ROOT, family, name), child)
+        self._is_shown = True
+
+
+def show_family(edit: TreeEdit, family: str) -> None:
+    """Create the node of a family, hidden if its geometry is hidden at first. An existing node is not changed."""
+    if edit.root.find((ROOT, family)) is None:
+        edit.set_visible((ROOT, family), family not in HIDDEN)
+        edit.set_opacity((ROOT, family), HIDDEN_OPACITY if family in HIDDEN else 1.0)
+
+
+def clear_children(edit: TreeEdit, path: Path) -> None:
+    """Delete the children of a node; it keeps its visibility."""
+    node = edit.root.find(path)
+    for name in () if node is None else tuple(node.children):
+        edit.delete((*path, name))

@@ -1,0 +1,183 @@
+"""Run Drake's visualizer channels: read big messages in a worker thread, apply all on the event loop.
+
+If messages of a channel arrive faster than they can be read, the newest one is shown.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from typing import Any, Final
+
+import structlog
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import DrakeViewerConfig
+from gateway.drakeviewer.messages import MessageError
+from gateway.drakeviewer.viewer import DrakeViewer
+from gateway.drakeviewer.wire import Message
+from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.scheduling import yield_to_event_loop
+from gateway.scene.live import LiveTree
+from renderers.compiler.pending import is_pending
+
+_log = structlog.get_logger("gateway.drakeviewer")
+
+MAX_REASONS: Final = 1000
+"""Maximum number of different reasons that are logged; later ones are only counted."""
+
+
+class DrakeViewerService:
+    """Receives messages on the event loop, and shows them in the live tree."""
+
+    def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
+        self._config = config or DrakeViewerConfig()
+        self.viewer = DrakeViewer(live, files, self._config)
+        self._executor = ThreadPoolExecutor(1, "drakeviewer", yield_to_event_loop)
+        self._waiting: dict[str, Message] = {}
+        """Newest message of each channel while the worker thread reads one, oldest first."""
+        self._waiting_bytes = 0
+        self._task: asyncio.Task[None] | None = None
+        self._channels: dict[str, int] = {}
+        """Number of messages of each channel that is shown."""
+        self._sizes: dict[str, int] = {}
+        """Size of the newest message of each channel that is shown."""
+        self._unshown: dict[str, int] = {}
+        """Number of messages of each channel that is heard but not shown."""
+        self._logged: set[tuple[str, str]] = set()
+        """Channels and reasons that were logged."""
+        self._last_problem = ""
+        self._superseded = 0
+        self._dropped = 0
+        self.ready = False
+
+    def status(self) -> dict[str, Any]:
+        """Return counters, and a warning if there are channels that are not shown, as plain JSON values."""
+        status: dict[str, Any] = {
+            **asdict(self.viewer.counters),
+            "superseded": self._superseded,
+            "dropped": self._dropped,
+            "channels": dict(self._channels),
+            "families": self.viewer.families(),
+        }
+        if self._unshown:
+            status["unshown_channels"] = dict(self._unshown)
+            status["warning"] = f"heard, but not shown: {', '.join(list(self._unshown)[:10])}"
+        if self._last_problem:
+            status["last_problem"] = self._last_problem
+        return status
+
+    async def run(self) -> None:
+        """Show messages until cancelled."""
+        self.ready = True
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.ready = False
+            self._waiting.clear()
+            if self._task is not None:
+                self._task.cancel()
+                await asyncio.gather(self._task, return_exceptions=True)
+            self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def receive(self, channel: str, message: Message) -> None:
+        """Show a message: small ones at once, others as soon as the worker thread has read them."""
+        if not self.ready:
+            return
+        if not self.viewer.is_shown(channel):
+            self._count_unshown(channel)
+            return
+        if not self._admit(channel, len(message)):
+            return
+        self._channels[channel] = self._channels.get(channel, 0) + 1
+        self.viewer.counters.received += 1
+        if self._task is None and not self._is_big(channel, message):
+            self._show(channel, message)
+            return
+        self._wait(channel, message)
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._show_waiting())
+
+    def _admit(self, channel: str, size: int) -> bool:
+        """Return False, and count the message, if it is beyond the limits on all channels."""
+        if channel not in self._channels and len(self._channels) >= self._config.channels:
+            reason = f"there are {len(self._channels)} channels, which is the limit"
+        elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
+            reason = f"{size} bytes are too many beside the other channels, the limit is {self._config.shown_bytes}"
+        else:
+            self._sizes[channel] = size
+            return True
+        self._dropped += 1
+        self._report(channel, reason)
+        return False
+
+    def _is_big(self, channel: str, message: Message) -> bool:
+        """Return True for messages whose reading may take milliseconds."""
+        return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
+
+    def _wait(self, channel: str, message: Message) -> None:
+        """Queue a message in place of an earlier one of its channel."""
+        earlier = self._waiting.pop(channel, None)
+        if earlier is not None:
+            self._superseded += 1
+            self._waiting_bytes -= len(earlier)
+        if self._waiting_bytes + len(message) > self._config.waiting_bytes:
+            self._dropped += 1
+            self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
+            return
+        self._waiting[channel] = message
+        self._waiting_bytes += len(message)
+
+    async def _show_waiting(self) -> None:
+        """Show the waiting messages in order, until there are none."""
+        try:
+            while self._waiting:
+                channel = next(iter(self._waiting))
+                message = self._waiting.pop(channel)
+                self._waiting_bytes -= len(message)
+                if self._is_big(channel, message):
+                    await self._show_big(channel, message)
+                else:
+                    self._show(channel, message)
+        finally:
+            self._task = None
+
+    def _show(self, channel: str, message: Message) -> None:
+        try:
+            self._report(channel, self.viewer.handle(channel, message))
+        except Exception as error:  # noqa: BLE001 - one message must not end the transport
+            self._report_error(channel, error)
+
+    async def _show_big(self, channel: str, message: Message) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            edit = await loop.run_in_executor(self._executor, self.viewer.read, channel, message)
+            self._report(channel, self.viewer.apply(edit))
+        except Exception as error:  # noqa: BLE001 - one message must not end the service
+            self._report_error(channel, error)
+
+    def _report_error(self, channel: str, error: Exception) -> None:
+        self.viewer.counters.undecodable += 1
+        if isinstance(error, (MessageError, KernelError)):
+            self._report(channel, str(error))
+        else:
+            _log.error("A message could not be shown", channel=channel, exc_info=error)
+            self._report(channel, "internal error; the gateway's log says more")
+
+    def _report(self, channel: str, reason: str) -> None:
+        """Log a reason once for each channel, and keep it for ``/healthz``."""
+        if not reason:
+            return
+        self._last_problem = f"{channel}: {reason}"
+        if (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
+            self._logged.add((channel, reason))
+            _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel, reason=reason)
+
+    def _count_unshown(self, channel: str) -> None:
+        self.viewer.counters.unshown += 1
+        if channel in self._unshown:
+            self._unshown[channel] += 1
+        elif len(self._unshown) < self._config.channels:
+            self._unshown[channel] = 1
+            _log.warning("A channel is heard, but the viewer does not show it", channel=channel)

@@ -1,0 +1,218 @@
+"""Drake's visualizer channels without I/O: read a message, then apply it to the live tree.
+
+``service`` calls it; tests call ``DrakeViewer.handle``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer import wire
+from gateway.drakeviewer.config import DrakeViewerConfig
+from gateway.drakeviewer.contacts import ContactChannel, read_contacts
+from gateway.drakeviewer.deformables import DeformableChannel, read_deformables
+from gateway.drakeviewer.frames import FrameChannel
+from gateway.drakeviewer.point_clouds import read_cloud
+from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Path, TreeEdit
+
+PREFIXES: Final = ("DRAKE_", "CONTACT_RESULTS")
+"""Starts of the names of all channels that are heard."""
+LOAD: Final = "DRAKE_VIEWER_LOAD_ROBOT"
+DRAW: Final = "DRAKE_VIEWER_DRAW"
+DEFORMABLE: Final = "DRAKE_VIEWER_DEFORMABLE"
+CONTACT_RESULTS: Final = "CONTACT_RESULTS"
+POINT_CLOUD: Final = "DRAKE_POINT_CLOUD"
+FRAMES: Final = "DRAKE_DRAW_FRAMES"
+FAMILIES: Final = {
+    "": ILLUSTRATION,
+    "_ILLUSTRATION": ILLUSTRATION,
+    "_PROXIMITY": PROXIMITY,
+    "_INERTIA": INERTIA,
+}
+"""Family by the end of the names of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
+
+Edit = Callable[[TreeEdit], str]
+"""Applies a message to the live tree; returns the reason why it is ignored, or an empty string."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """Numbers of messages since start."""
+
+    received: int = 0
+    """Messages of the channels that are shown."""
+    undecodable: int = 0
+    """Messages that are damaged, of another type or beyond a limit."""
+    loads: int = 0
+    """Load messages that were shown."""
+    repeated_loads: int = 0
+    """Load messages without mesh files that were equal to the one before."""
+    unshown: int = 0
+    """Messages of channels that are not shown."""
+
+
+@dataclass(slots=True, eq=False)
+class _State:
+    """What the viewer knows of the channels so far."""
+
+    robots: dict[str, RobotChannels] = field(default_factory=dict)
+    """By family."""
+    loads: dict[str, bytes] = field(default_factory=dict)
+    """Last load message without mesh files, by channel."""
+    deformables: dict[str, DeformableChannel] = field(default_factory=dict)
+    """By channel."""
+    frames: dict[str, FrameChannel] = field(default_factory=dict)
+    """By channel."""
+    contacts: ContactChannel = field(default_factory=ContactChannel)
+
+
+class DrakeViewer:
+    """Shows Drake's messages in the live tree.
+
+    ``read`` is thread-safe for messages of different channels; edits and ``handle`` run in one thread.
+    """
+
+    def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
+        """
+        Args:
+            files: Reads mesh files below the folders that are open to clients.
+        """
+        self._live = live
+        self._files = files
+        self._config = config or DrakeViewerConfig()
+        self._state = _State()
+        self.counters = Counters()
+
+    def is_shown(self, channel: str) -> bool:
+        """Return True for the channels that are shown."""
+        return _split(channel) is not None or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
+
+    def is_load(self, channel: str) -> bool:
+        """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
+        return channel.startswith(LOAD)
+
+    def handle(self, channel: str, message: wire.Message) -> str:
+        """Read a message and apply it at once; return the reason why it is ignored, or an empty string.
+
+        Raises:
+            MessageError: The message is damaged, of another type, or beyond a limit.
+        """
+        return self.apply(self.read(channel, message))
+
+    def apply(self, edit: Edit | None) -> str:
+        """Apply an edit as one revision of the live tree."""
+        if edit is None:
+            return ""
+        with self._live.edit() as tree:
+            return edit(tree)
+
+    def read(self, channel: str, message: wire.Message) -> Edit | None:
+        """Read a message of a channel that is shown; return its edit, None if it changes nothing.
+
+        Raises:
+            MessageError: The message is damaged, of another type, or beyond a limit.
+        """
+        parts = _split(channel)
+        if parts is not None:
+            kind, family = parts
+            if kind == LOAD:
+                return self._read_load(channel, family, message)
+            return self._read_draw(family, message) if kind == DRAW else self._read_deformable(channel, family, message)
+        if channel == CONTACT_RESULTS:
+            return self._read_contacts(message)
+        if channel.startswith(POINT_CLOUD):
+            return self._read_cloud(channel, message)
+        return self._read_frames(channel, message)
+
+    def families(self) -> dict[str, dict[str, int]]:
+        """Return the numbers of links and draw messages of each family, as plain JSON values."""
+        return {
+            family: {"links": robots.links, "draws": robots.draws, "stale": robots.stale, "unloaded": robots.unloaded}
+            for family, robots in self._state.robots.items()
+        }
+
+    def _read_load(self, channel: str, family: str, message: wire.Message) -> Edit | None:
+        limits, loads = self._config.limits, self._state.loads
+        data = bytes(message)
+        if loads.get(channel) == data:
+            self.counters.repeated_loads += 1
+            return None
+        links = wire.decode_load_robot(data, limits)
+        loaded = read_robots(links, family, self._files, limits)
+        has_files = any(geometry.text for link in links for geometry in link.geometries)
+
+        def apply(edit: TreeEdit) -> str:
+            self._robots(family).load(loaded, edit)
+            for other in [name for name in loads if _split(name) == (LOAD, family)]:
+                del loads[other]
+            if not has_files:
+                loads[channel] = data
+            self.counters.loads += 1
+            return _summary(loaded.problems)
+
+        return apply
+
+    def _read_draw(self, family: str, message: wire.Message) -> Edit:
+        robots = self._robots(family)
+        draw = wire.decode_draw(message, self._config.limits, robots.names)
+        return lambda edit: robots.draw(draw, edit)
+
+    def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
+        limits = self._config.limits
+        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits)
+        shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
+        return _silent(lambda edit: shown.apply(bodies, edit)) if bodies or shown.shown else None
+
+    def _read_contacts(self, message: wire.Message) -> Edit | None:
+        parts, shown = read_contacts(wire.decode_contacts(message, self._config.limits)), self._state.contacts
+        return _silent(lambda edit: shown.apply(parts, edit)) if parts or shown.shown else None
+
+    def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
+        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits))
+        path = _channel_path("point clouds", channel, POINT_CLOUD)
+        return _silent(lambda edit: edit.set_parts(path, parts))
+
+    def _read_frames(self, channel: str, message: wire.Message) -> Edit:
+        shown = self._state.frames.setdefault(channel, FrameChannel(_channel_path("frames", channel, FRAMES)))
+        draw = wire.decode_draw(message, self._config.limits, shown.names)
+        return _silent(lambda edit: shown.apply(draw, edit))
+
+    def _robots(self, family: str) -> RobotChannels:
+        return self._state.robots.setdefault(family, RobotChannels(family))
+
+
+def _split(channel: str) -> tuple[str, str] | None:
+    """Return the kind and the family of a load, draw or deformable channel; None for others."""
+    for kind in (LOAD, DRAW, DEFORMABLE):
+        if channel.startswith(kind):
+            family = FAMILIES.get(channel[len(kind) :])
+            return None if family is None else (kind, family)
+    return None
+
+
+def _channel_path(group: str, channel: str, prefix: str) -> Path:
+    """Return the path of a channel's content: below ``group``, named by the end of the channel's name."""
+    return (ROOT, group, channel[len(prefix) :].removeprefix("_") or "default")
+
+
+def _silent(apply: Callable[[TreeEdit], object]) -> Edit:
+    """Return an edit that is never ignored."""
+
+    def edit(tree: TreeEdit) -> str:
+        apply(tree)
+        return ""
+
+    return edit
+
+
+def _summary(problems: tuple[str, ...]) -> str:
+    """Return the first of the reasons why geometries are not shown, and the number of the others."""
+    if not problems:
+        return ""
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return f"some geometry is not shown: {problems[0]}{more}"

@@ -1,0 +1,15 @@
+"""Drake's visualizer channels, on the tree viewer's LCM transports."""
+
+from __future__ import annotations
+
+from gateway.drakeviewer.service import DrakeViewerService
+from gateway.drakeviewer.viewer import PREFIXES
+from gateway.lcm.listener import ChannelListener
+from gateway.wiring.context import Context
+
+
+async def setup(context: Context) -> None:
+    """Run the service; the tree viewer's transports pass messages to it."""
+    service = DrakeViewerService(context.tree, context.mesh_files)
+    context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
+    context.run_service("drakeviewer", service, where=", ".join(f"{prefix}*" for prefix in PREFIXES))

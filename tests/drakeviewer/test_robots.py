@@ -1,0 +1,271 @@
+"""Load and draw messages: names, poses, families, reloads, stale messages."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.messages import MessageError
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
+from gateway.scene.transforms import from_pose
+from renderers.color import linear_from_srgb
+from tests.drakeviewer.conftest import Viewer
+from tests.drakeviewer.encoding import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    IDENTITY,
+    MESH,
+    SPHERE,
+    TETRAHEDRON,
+    draw,
+    geometry,
+    link,
+    load,
+)
+
+LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
+BALL = geometry(SPHERE, [0.5])
+POSE = (1.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5)
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_links_are_named_by_source_model_and_link(viewer: Viewer) -> None:
+    viewer.handle(LOAD, load(link("world", 0, BALL), link("plant::arm::hand", 2, BALL)))
+    assert viewer.paths() == [], "shown with the first poses"
+    assert viewer.handle(DRAW, draw({(2, "plant::arm::hand"): POSE})) == ""
+    root = ("drake", "illustration")
+    assert viewer.paths() == [(*root, "world"), (*root, "plant", "arm", "hand")]
+    world = viewer.live.snapshot.root.world_matrix((*root, "plant", "arm", "hand"))
+    assert world is not None
+    np.testing.assert_allclose(world, from_pose(POSE[:3], POSE[3:]), atol=1e-7)
+
+
+def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
+    shapes = [
+        geometry(BOX, [1, 2, 3], (0.5, 0.25, 1.5, 0.5), POSE),
+        geometry(SPHERE, [0.5]),
+        geometry(CYLINDER, [0.5, 2]),
+        geometry(CAPSULE, [0.25, 1]),
+        geometry(ELLIPSOID, [1, 2, 4]),
+        geometry(MESH, TETRAHEDRON),
+    ]
+    viewer.handle(LOAD, load(link("world", 0, *shapes)))
+    viewer.handle(DRAW, draw({}))
+    parts = viewer.node("illustration", "world").parts or ()
+    assert [part.shape for part in parts[:5]] == [
+        Box((1, 2, 3)),
+        Sphere(0.5),
+        Cylinder(0.5, 2),
+        Capsule(0.25, 1),
+        Ellipsoid((1, 2, 4)),
+    ]
+    assert isinstance(parts[5].shape, Surface)
+    assert len(parts[5].shape.mesh.elements) == 4
+    assert parts[0].material.base_color == pytest.approx((linear_from_srgb(0.5), linear_from_srgb(0.25), 1.0, 0.5))
+    np.testing.assert_allclose(parts[0].X_node_part, from_pose(POSE[:3], POSE[3:]), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("shape", "reason"),
+    [
+        (geometry(9, []), "geometry type 9 is unknown"),
+        (geometry(BOX, [1, 2]), "a box has 2 numbers instead of 3"),
+        (geometry(MESH, [4.5, 1]), "which is not a number of vertices"),
+        (geometry(MESH, [1, 1, 0, 0, 0, 0, 0, 5]), "has the vertices 0 to 5 of 1"),
+        (geometry(MESH, [3, 1, 0]), "3 vertices and 1 triangles has 3 numbers"),
+        (geometry(MESH, [1, 1, 1], string="/etc/passwd"), "no folder is open"),
+        (geometry(MESH, [1, 1, 1], string="{}"), "mesh in memory cannot be read"),
+        (geometry(MESH, [1, 1, 1], string="{[["), "mesh in memory cannot be read"),
+    ],
+)
+def test_what_cannot_be_shown_is_left_out(viewer: Viewer, shape: bytes, reason: str) -> None:
+    assert reason in viewer.handle(LOAD, load(link("world", 0, shape, BALL)))
+    viewer.handle(DRAW, draw({}))
+    assert len(viewer.node("illustration", "world").parts or ()) == 1
+
+
+def test_families_are_apart_and_two_are_hidden(viewer: Viewer) -> None:
+    inertia = "inertia_visualizer::InertiaVisualizer::arm::hand"
+    viewer.handle(LOAD, load(link("plant::arm::hand", 2, BALL), link(inertia, 0, BALL)))
+    viewer.handle(DRAW, draw({(2, "plant::arm::hand"): POSE, (0, inertia): POSE}))
+    viewer.handle(f"{LOAD}_PROXIMITY", load(link("plant::arm::hand", 2, BALL)))
+    viewer.handle(f"{DRAW}_PROXIMITY", draw({(2, "plant::arm::hand"): POSE}))
+    assert viewer.paths() == [
+        ("drake", "illustration", "plant", "arm", "hand"),
+        ("drake", "inertia", "arm", "hand"),
+        ("drake", "proximity", "plant", "arm", "hand"),
+    ]
+    visible = {name: viewer.node(name).visible for name in ("illustration", "inertia", "proximity")}
+    assert visible == {"illustration": True, "inertia": False, "proximity": False}
+    assert len(flatten(viewer.live.snapshot.root).instances) == 1, "images show the illustration only"
+
+
+def test_a_family_keeps_its_visibility_when_loaded_again(viewer: Viewer) -> None:
+    for name in ("a", "b"):
+        viewer.handle(f"{LOAD}_PROXIMITY", load(link(name, 1, BALL)))
+        viewer.handle(f"{DRAW}_PROXIMITY", draw({(1, name): POSE}))
+        with viewer.live.edit() as edit:
+            edit.set_visible(("drake", "proximity"), True)
+    assert viewer.node("proximity").visible
+    assert viewer.paths() == [("drake", "proximity", "b")]
+
+
+def test_illustration_suffix_is_the_same_family(viewer: Viewer) -> None:
+    viewer.handle(f"{LOAD}_ILLUSTRATION", load(link("a", 1, BALL)))
+    viewer.handle(f"{DRAW}_ILLUSTRATION", draw({(1, "a"): POSE}))
+    viewer.handle(LOAD, load(link("b", 1, BALL)))
+    viewer.handle(DRAW, draw({(1, "b"): POSE}))
+    assert viewer.paths() == [("drake", "illustration", "b")]
+
+
+def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None:
+    two = draw({(1, "a"): POSE, (1, "b"): POSE})
+    viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
+    viewer.handle(DRAW, two)
+    viewer.handle(LOAD, load(link("a", 1, BALL)))
+    assert viewer.paths() == [], "the earlier links are gone at once"
+    assert viewer.handle(DRAW, two) == "it has 2 links, and 1 other ones are loaded"
+    assert viewer.families()["illustration"]["stale"] == 1
+    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == ""
+    assert viewer.paths() == [("drake", "illustration", "a")]
+
+
+def test_a_first_draw_must_have_all_links(viewer: Viewer) -> None:
+    viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
+    assert "stale" in viewer.families()["illustration"]
+    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "it has 1 links, and 2 other ones are loaded"
+    viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
+    assert viewer.handle(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
+    assert viewer.node("illustration", "b").pose == POSE
+
+
+def test_draws_without_load_are_counted(viewer: Viewer) -> None:
+    assert "no load message was heard" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    assert viewer.families()["illustration"]["unloaded"] == 1
+
+
+def test_a_repeated_load_changes_nothing(viewer: Viewer) -> None:
+    message = load(link("a", 1, BALL))
+    viewer.handle(LOAD, message)
+    viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    before = viewer.live.snapshot
+    viewer.handle(LOAD, message)
+    assert viewer.live.snapshot is before
+    viewer.handle(LOAD, load(link("b", 1, BALL)))
+    viewer.handle(LOAD, message)
+    viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    assert viewer.paths() == [("drake", "illustration", "a")]
+
+
+def test_only_moved_links_are_edited(viewer: Viewer) -> None:
+    viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
+    viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
+    resting = viewer.node("illustration", "b")
+    viewer.handle(DRAW, draw({(1, "a"): IDENTITY, (1, "b"): POSE}))
+    assert viewer.node("illustration", "b") is resting
+    assert viewer.node("illustration", "a").pose == IDENTITY
+
+
+def test_links_with_equal_or_nested_names_have_their_own_nodes(viewer: Viewer) -> None:
+    names = [(1, "arm"), (2, "arm::hand"), (3, "twin"), (4, "twin"), (5, "")]
+    viewer.handle(LOAD, load(*(link(name, robot, BALL) for robot, name in names)))
+    viewer.handle(DRAW, draw({key: (float(key[0]), 0, 0, 1, 0, 0, 0) for key in names}))
+    root = viewer.live.snapshot.root
+    worlds = {path[2:]: root.world_matrix(path) for path in viewer.paths()}
+    assert {path: X[0, 3] for path, X in worlds.items() if X is not None} == {
+        ("arm", "body"): 1.0,
+        ("arm", "hand"): 2.0,
+        ("twin(3)",): 3.0,
+        ("twin(4)",): 4.0,
+        ("",): 5.0,
+    }
+
+
+def test_unusual_poses(viewer: Viewer) -> None:
+    viewer.handle(LOAD, load(link("a", 1, BALL)))
+    viewer.handle(DRAW, draw({(1, "a"): (np.nan, 0, 0, 1, 0, 0, 0)}))
+    assert flatten(viewer.live.snapshot.root).instances == ()
+    viewer.handle(DRAW, draw({(1, "a"): (0, 0, 0, 0, 0, 0, 0)}))
+    assert len(flatten(viewer.live.snapshot.root).instances) == 1
+
+
+def test_mesh_in_memory(viewer: Viewer) -> None:
+    file = {"contents": base64.b64encode(OBJ.encode()).decode(), "extension": ".obj", "filename_hint": "t.obj"}
+    text = json.dumps({"in_memory_mesh": {"mesh_file": file, "supporting_files": {}}})
+    assert viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [2, 3, 4], string=text)))) == ""
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert part.source == "t.obj"
+    assert part.material.base_color == pytest.approx((1.0, linear_from_srgb(0.5), 0.0, 1.0))
+    np.testing.assert_allclose(np.diag(part.X_node_part), [2, 3, 4, 1])
+
+
+def test_material_of_a_mesh_in_memory(viewer: Viewer) -> None:
+    def coded(content: str, name: str) -> dict[str, str]:
+        return {
+            "contents": base64.b64encode(content.encode()).decode(),
+            "extension": Path(name).suffix,
+            "filename_hint": name,
+        }
+
+    obj = "mtllib t.mtl\nusemtl red\n" + OBJ
+    mesh = {
+        "mesh_file": coded(obj, "t.obj"),
+        "supporting_files": {"t.mtl": coded("newmtl red\nKd 1 0 0\n", "t.mtl")},
+    }
+    viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=json.dumps({"in_memory_mesh": mesh})))))
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert part.material.base_color == pytest.approx((1.0, 0.0, 0.0, 1.0)), "its own, not the geometry's"
+
+
+def test_supporting_files_of_a_mesh_in_memory(tmp_path: Path) -> None:
+    inside, outside = tmp_path / "open", tmp_path / "secret"
+    for folder in (inside, outside):
+        folder.mkdir()
+        (folder / "t.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    viewer = Viewer(MeshFiles((inside,)))
+    colors = []
+    for folder in (inside, outside):
+        obj = base64.b64encode(f"mtllib t.mtl\nusemtl red\n{OBJ}".encode()).decode()
+        file = {"contents": obj, "extension": ".obj", "filename_hint": "t.obj"}
+        mesh = {"mesh_file": file, "supporting_files": {"t.mtl": {"path": str(folder / "t.mtl")}}}
+        text = json.dumps({"in_memory_mesh": mesh})
+        viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=text))))
+        viewer.handle(DRAW, draw({}))
+        (part,) = viewer.node("illustration", "world").parts or ()
+        colors.append(part.material.base_color)
+    assert colors[0] == pytest.approx((1.0, 0.0, 0.0, 1.0))
+    assert colors[1] != colors[0], "a file outside of the open folders is not read"
+
+
+def test_files_below_the_mesh_root(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text(OBJ)
+    viewer = Viewer(MeshFiles((tmp_path,)))
+    message = load(link("world", 0, geometry(MESH, [1, 1, 2], string=str(tmp_path / "t.obj"))))
+    assert viewer.handle(LOAD, message) == ""
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert (part.kind, part.X_node_part[2, 2]) == ("mesh_file", 2.0)
+    (tmp_path / "t.obj").write_text(OBJ.replace("v 0 0 1", "v 0 0 5"))
+    viewer.handle(LOAD, message)
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert isinstance(part.shape, Surface)
+    assert part.shape.mesh.positions.max() == 5.0, "a changed file is loaded again"
+    outside = load(link("world", 0, geometry(MESH, [1, 1, 1], string="/etc/passwd")))
+    assert "lies outside" in viewer.handle(LOAD, outside)
+
+
+def test_damage_changes_nothing(viewer: Viewer) -> None:
+    with pytest.raises(MessageError):
+        viewer.handle(LOAD, b"damaged")
+    assert viewer.live.snapshot.revision == 0

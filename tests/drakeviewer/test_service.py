@@ -1,0 +1,201 @@
+"""The service on the event loop: threads, the newest message, channels that are not shown."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from structlog.testing import capture_logs
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import DrakeViewerConfig
+from gateway.drakeviewer.service import DrakeViewerService
+from gateway.drakeviewer.viewer import PREFIXES
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.listener import ChannelListener
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Path as TreePath
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.service import TreeViewerService
+from tests.drakeviewer.encoding import IDENTITY, SPHERE, draw, geometry, link, load
+from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS, until
+from tests.treeviewer.transports import free_url, join
+
+LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
+ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
+
+
+class Running:
+    """A running service."""
+
+    def __init__(self, config: DrakeViewerConfig | None = None) -> None:
+        self.live = LiveTree()
+        self.service = DrakeViewerService(self.live, MeshFiles(()), config)
+
+    def x(self) -> float | None:
+        """Return where link ``a`` is along x."""
+        node = self.live.snapshot.root.find(("drake", "illustration", "a"))
+        return None if node is None or node.pose is None else node.pose[0]
+
+
+@contextlib.asynccontextmanager
+async def running(config: DrakeViewerConfig | None = None) -> AsyncIterator[Running]:
+    found = Running(config)
+    task = asyncio.create_task(found.service.run())
+    await until(lambda: found.service.ready)
+    try:
+        yield found
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def at(x: float) -> bytes:
+    return draw({(1, "a"): (x, *IDENTITY[1:])})
+
+
+async def test_draws_wait_for_their_load_and_the_newest_is_shown() -> None:
+    async with running() as found:
+        found.service.receive(LOAD, ROBOT)
+        for x in range(10):
+            found.service.receive(DRAW, at(x))
+        assert found.x() is None
+        await until(lambda: found.x() == 9.0)
+        status = found.service.status()
+        assert status["superseded"] == 9
+        assert status["families"]["illustration"]["stale"] == 0
+        assert status["channels"] == {LOAD: 1, DRAW: 10}
+        found.service.receive(DRAW, at(10))
+        assert found.x() == 10.0, "small messages are shown at once"
+
+
+async def test_big_messages_are_read_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with running(DrakeViewerConfig(offload_bytes=10)) as found:
+        threads = []
+        read = found.service.viewer.read
+
+        def watched(channel: str, message: Any) -> Any:
+            threads.append(threading.current_thread().name)
+            return read(channel, message)
+
+        monkeypatch.setattr(found.service.viewer, "read", watched)
+        found.service.receive(LOAD, ROBOT)
+        found.service.receive(DRAW, at(1))
+        await until(lambda: found.x() == 1.0)
+        assert all(name.startswith("drakeviewer") for name in threads)
+
+
+async def test_unshown_channels_are_said_once() -> None:
+    with capture_logs() as log:
+        async with running() as found:
+            for _ in range(3):
+                found.service.receive("DRAKE_VIEWER_STATUS", b"")
+                found.service.receive("CONTACT_RESULTS_OTHER", b"")
+            status = found.service.status()
+    assert status["unshown_channels"] == {"DRAKE_VIEWER_STATUS": 3, "CONTACT_RESULTS_OTHER": 3}
+    assert status["warning"] == "heard, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
+    assert [entry["channel"] for entry in log] == ["DRAKE_VIEWER_STATUS", "CONTACT_RESULTS_OTHER"]
+
+
+async def test_damage_is_counted_and_logged_once() -> None:
+    with capture_logs() as log:
+        async with running() as found:
+            for _ in range(3):
+                found.service.receive(DRAW, b"damaged!")
+            found.service.receive(LOAD, b"damaged!")
+            await until(lambda: found.service.viewer.counters.undecodable == 4)
+            status = found.service.status()
+    assert "lcmt_viewer_load_robot" in status["last_problem"]
+    assert [entry["channel"] for entry in log] == [DRAW, LOAD]
+
+
+async def test_stale_draws_are_logged_once() -> None:
+    with capture_logs() as log:
+        async with running() as found:
+            found.service.receive(LOAD, ROBOT)
+            found.service.receive(DRAW, at(1))
+            await until(lambda: found.x() == 1.0)
+            for _ in range(3):
+                found.service.receive(DRAW, draw({(1, "other"): IDENTITY}))
+            assert found.service.status()["families"]["illustration"]["stale"] == 3
+            found.service.receive(DRAW, at(2))
+            assert found.x() == 2.0
+    assert [entry["reason"] for entry in log] == ["it has 1 links, and 1 other ones are loaded"]
+
+
+async def test_limits_on_channels_and_waiting_bytes() -> None:
+    async with running(DrakeViewerConfig(channels=1, waiting_bytes=len(ROBOT) + 1)) as found:
+        found.service.receive(DRAW, at(1))
+        found.service.receive("DRAKE_DRAW_FRAMES", at(1))
+        assert found.service.status()["dropped"] == 1
+        found = Running(DrakeViewerConfig(shown_bytes=2 * len(at(1))))
+        found.service.ready = True
+        for channel in (DRAW, DRAW, "DRAKE_DRAW_FRAMES", "DRAKE_DRAW_FRAMES_B"):
+            found.service.receive(channel, at(1))
+        assert found.service.status()["dropped"] == 1
+        assert "DRAKE_DRAW_FRAMES_B: 58 bytes are too many" in found.service.status()["last_problem"]
+        found = Running(DrakeViewerConfig(waiting_bytes=1))
+        found.service.ready = True
+        found.service.receive(LOAD, ROBOT)
+        assert found.service.status()["dropped"] == 1
+        assert "waiting" in found.service.status()["last_problem"]
+
+
+async def test_messages_pass_the_tree_viewers_hub() -> None:
+    lcm = liblcm()
+    async with running() as found:
+        listener = ChannelListener(PREFIXES, found.service.receive)
+        hub = TreeViewerService(
+            TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), found.live, listeners=[listener]
+        )
+        task = asyncio.create_task(hub.run())
+        await hub.wait_ready()
+        client = await asyncio.to_thread(lcm.LCM, f"tcpq://127.0.0.1:{hub.tcpq_port}")
+        await asyncio.to_thread(client.publish, LOAD, ROBOT)
+        await asyncio.to_thread(client.publish, DRAW, at(3))
+        await asyncio.to_thread(client.publish, "OTHER", b"")
+        await until(lambda: found.x() == 3.0)
+        assert set(found.service.status()["channels"]) == {LOAD, DRAW}
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+@pytest.mark.lcm
+async def test_messages_by_multicast() -> None:
+    url = free_url()
+    client = join(url)
+    async with running() as found:
+        listener = ChannelListener(PREFIXES, found.service.receive)
+        config = TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None))
+        transport = TreeViewerService(config, found.live, listeners=[listener])
+        task = asyncio.create_task(transport.run())
+        await transport.wait_ready()
+        for channel, message in ((LOAD, ROBOT), ("OTHER", b""), (DRAW, at(3))):
+            client.publish(channel, message)
+        await until(lambda: found.x() == 3.0)
+        assert set(found.service.status()["channels"]) == {LOAD, DRAW}
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entered, leave = threading.Event(), threading.Event()
+
+    def read(channel: str, message: Any) -> None:
+        entered.set()
+        leave.wait(SECONDS)
+
+    async with running() as found:
+        monkeypatch.setattr(found.service.viewer, "read", read)
+        found.service.receive(LOAD, ROBOT)
+        await asyncio.to_thread(entered.wait, SECONDS)
+    leave.set()
+    assert not found.service.ready
+    path: TreePath = ("drake",)
+    assert found.live.snapshot.root.find(path) is None
