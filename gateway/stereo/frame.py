@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
-from gateway.stereo.color_images import ColorImage, expose_color_camera
+from gateway.stereo.color_images import expose_color_camera
 from gateway.stereo.depth import ImagePair
-from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.images import Capture, ColorImage, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import SetKind
