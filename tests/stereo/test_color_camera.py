@@ -177,7 +177,7 @@ async def test_unknown_cameras_and_images(start: Start) -> None:
 
 
 async def test_realism_gives_the_colour_camera_shadows_and_vignetting(start: Start) -> None:
-    images = []
+    images: list[NDArray[np.float64]] = []
     for parts in (frozenset(), frozenset({"shadows"}), frozenset({"vignetting"})):
         camera = await start(**RGBD, name=f"camera{len(images)}", noise=False, realism=parts)
         camera.service.set_parameters("rc_camera", [("exp_control", "Manual")])
