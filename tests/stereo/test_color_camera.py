@@ -148,6 +148,8 @@ async def test_images_over_http(start: Start) -> None:
         ("right", (240, 320), np.uint8),
         ("disparity", (240, 320), np.uint16),
         ("confidence", (240, 320), np.uint8),
+        ("raw_left", (240, 320), np.uint8),
+        ("raw_right", (240, 320), np.uint8),
     ):
         response = await get(camera, f"/cameras/stereo/{name}")
         image = decoded(response)
