@@ -1,7 +1,7 @@
 """Parse legacy VTK files (.vtk): surfaces of polygons, and boundaries of tetrahedral volumes.
 
-Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4, whose CELLS are counts and indices, and
-version 5, with OFFSETS and CONNECTIVITY, are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
+Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
+(OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
 """
 
 from __future__ import annotations
