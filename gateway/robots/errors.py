@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class RobotFileError(ValueError):
-    """A robot file cannot be used. The message names the link or joint, the file and the reason, not the robot file."""
+    """A robot file cannot be used. The message names the link or joint; ``read_robot`` adds the robot file's name."""
 
 
 def similar_names(name: str, names: Iterable[str]) -> str:
@@ -15,11 +15,9 @@ def similar_names(name: str, names: Iterable[str]) -> str:
     known = list(names)
     folded = {other.casefold(): other for other in known}
     near = [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
-    near += [other for other in known if name and name.casefold() in other.casefold() and other not in near][
-        : 3 - len(near)
-    ]
+    near += [other for other in known if name and name.casefold() in other.casefold() and other not in near]
     if near:
-        return f"; did you mean {', '.join(near)}?"
+        return f"; did you mean {', '.join(near[:3])}?"
     if not known:
         return ""
     return f"; there are {', '.join(known[:8])}{', …' if len(known) > 8 else ''}"

@@ -1,7 +1,7 @@
 """Finds and reads the files that a robot file refers to: relative paths, ``package://``, ``file://``.
 
-A file may lie below the folder above the robot file's, below a package around it, or below one of the roots. Symbolic
-links are resolved first.
+Only files below these folders are read: the parent of the robot file's folder, packages that enclose the robot file or
+that it names, and the roots. Symbolic links are resolved before the check.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
-"""Schemes whose first element names a package. Gazebo's ``model://`` is used like ``package://`` in URDF."""
+"""URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
 
 
 class RobotFiles:
@@ -29,7 +29,7 @@ class RobotFiles:
         """
         Args:
             path: The robot file.
-            roots: Folders with packages, and to which relative names may also be relative.
+            roots: Folders to search for packages, and for relative file names.
         """
         self.path = Path(os.path.realpath(path))
         self._folder = self.path.parent
@@ -37,10 +37,10 @@ class RobotFiles:
         self._packages = Packages(self._roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
-        self._packages_around = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
+        self._enclosing_packages = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
         self._folders_by_package: dict[str, list[Path]] = {}
         above = self._folder.parent
-        self._allowed = [*self._roots, self._folder, *self._packages_around]
+        self._allowed = [*self._roots, self._folder, *self._enclosing_packages]
         if above != Path(above.anchor):  # else everything would be allowed
             self._allowed.append(above)
         self.digests: dict[str, str] = {}
@@ -51,10 +51,13 @@ class RobotFiles:
         return self._read(self.path, self._limits.max_file_bytes)
 
     def find(self, name: str) -> Path:
-        """Return the path of a file by the name in the robot file.
+        """Return the path of a file.
+
+        Args:
+            name: File name or URL in the robot file.
 
         Raises:
-            RobotFileError: There is no such file, or it lies elsewhere.
+            RobotFileError: There is no such file, or it is not below an allowed folder.
         """
         if not name or "\0" in name or len(name) > 4096:
             raise RobotFileError(f"{name[:100]!r} is not a file name")
@@ -89,23 +92,27 @@ class RobotFiles:
         return self._read(path, self._limits.max_mesh_bytes)
 
     def resolve_beside(self, mesh: Path, name: str) -> bytes:
-        """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError."""
+        """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
+
+        Args:
+            name: Path relative to the mesh file, with URL escapes.
+        """
         path = Path(os.path.realpath(mesh.parent / unquote(name).replace("\\", "/")))
         if not self._is_allowed(path):
             raise RobotFileError(f"{name} lies outside of the robot's folders")
         return self.read(path)
 
     def _package_folders(self, package: str) -> list[Path]:
-        """Return the folders that a package name may mean, and allow to read below them.
+        """Return the folders that a package name may mean, and add them to the allowed folders.
 
-        These are folders around the robot file, folders beside the packages around it, and packages below the roots.
+        These are folders that enclose the robot file or are siblings of such packages, and packages below the roots.
         """
         folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
         if folders is None:
             around = [
                 folder for folder in self.path.parents if folder.name == package or self._is_named(folder, package)
             ]
-            parents = (*self._roots, self._folder.parent, *(folder.parent for folder in self._packages_around))
+            parents = (*self._roots, self._folder.parent, *(folder.parent for folder in self._enclosing_packages))
             beside = [parent / package for parent in parents if (parent / package).is_dir()]
             below = self._packages.folder(package)
             named = [root for root in self._roots if root.name == package]
@@ -115,8 +122,8 @@ class RobotFiles:
         return folders
 
     def _is_named(self, folder: Path, package: str) -> bool:
-        """Return True for a package around the robot file with that name in its ``package.xml``."""
-        return folder in self._packages_around and Packages((folder,)).folder(package) == folder
+        """Return True for a package that encloses the robot file and has that name in its ``package.xml``."""
+        return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
 
     def _is_allowed(self, path: Path) -> bool:
         return any(path.is_relative_to(folder) for folder in self._allowed)

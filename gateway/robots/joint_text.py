@@ -19,8 +19,8 @@ def parse_joints(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
         try:
             value = tuple(float(number) for number in numbers.split(","))
         except ValueError:
-            separator = ""
-        if not separator or not name.strip():
+            value = ()
+        if not separator or not name.strip() or not value:
             raise RobotFileError(f"--joint {text!r}: must be name=value, such as elbow=1.2 (radians or metres)")
         if name.strip() in values:
             raise RobotFileError(f"--joint {text!r}: {name.strip()} has a value already")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,28 +15,32 @@ from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
-from gateway.robots.robot import Joint, JointKind, Mimic, Robot
+from gateway.robots.robot import GeometryUse, Joint, JointKind, Mimic, Robot
 from gateway.robots.xml_text import Element
 
 _handler_lock: Final = threading.Lock()
-"""Held while the process's handler of warnings is replaced."""
+"""Held while MuJoCo's warning handler, which is global, is replaced."""
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
-def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "collision"], limits: RobotLimits) -> Robot:
-    """Return the robot of an MJCF file. Its links are MuJoCo's bodies; geometry of the world belongs to ``world``.
+def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits) -> Robot:
+    """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
+
+    Args:
+        root: Root element of the file.
+        use: Geometry to return.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file, or a limit is exceeded.
         ImportError: The package ``mujoco`` is not installed.
     """
     mujoco = _mujoco()
-    mentioned = MjcfFiles(root, files)
+    mentioned_files = MjcfFiles(root, files)
     try:
         model, compiler_warnings = _compile(mujoco, files.path)
     except ValueError as error:
         reason = " ".join(str(error).removeprefix("Error: ").split())
-        raise RobotFileError(f"{mentioned.user_of(reason)}MuJoCo cannot compile it: {reason}") from None
+        raise RobotFileError(f"{mentioned_files.link_using(reason)}MuJoCo cannot compile it: {reason}") from None
     for count, limit, what in (
         (model.nbody, limits.max_links, "bodies"),
         (model.njnt, limits.max_links, "joints"),
@@ -49,13 +53,13 @@ def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "col
     links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
     joints = _joints(mujoco, model)
     converter = MjcfGeometry(mujoco, model)
-    parts = converter.parts_by_body(geometry)
+    parts = converter.parts_by_body(use)
     warnings = tuple(
         f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count
     )
     name = root.get("model") or files.path.stem
     kinematics = _Kinematics(
-        mujoco, model, {joint: int(adr) for joint, adr in zip(joints, model.jnt_qposadr, strict=True)}
+        mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
     )
     return Robot(
         name, links, joints, parts, kinematics, (*warnings, *converter.warnings, *compiler_warnings), files.digests
@@ -63,6 +67,7 @@ def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "col
 
 
 def _mujoco() -> Any:
+    """Import and return the package ``mujoco``; raises ImportError that names the extra."""
     try:
         import mujoco
     except ImportError as error:
@@ -75,7 +80,7 @@ def _mujoco() -> Any:
 def _compile(mujoco: Any, path: Path) -> tuple[Any, tuple[str, ...]]:
     """Return the model of a file, and the compiler's warnings; raises ValueError.
 
-    Without a handler, MuJoCo prints warnings, and writes them to a file in the working directory.
+    MuJoCo's default handler prints warnings and writes them to a file in the working directory.
     """
     texts: dict[str, None] = {}
     with _handler_lock:
@@ -115,6 +120,7 @@ class _Kinematics:
 
 
 def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
+    """Return the joints by name, in the order of the model."""
     kinds: dict[int, JointKind] = {
         int(mujoco.mjtJoint.mjJNT_FREE): "floating",
         int(mujoco.mjtJoint.mjJNT_BALL): "ball",
@@ -136,7 +142,7 @@ def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
 def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]:
     """Return the joints that follow another one by an equality constraint (``<equality><joint polycoef>``).
 
-    A simulation enforces such constraints softly; here they hold exactly. Of constraints that form a circle, the last
+    A simulation enforces such constraints softly; here they hold exactly. Of constraints that form a cycle, the last
     one is left out.
     """
     mimics: dict[str, Mimic] = {}
@@ -156,7 +162,7 @@ def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]
 
 
 def _unique_names(mujoco: Any, model: Any, kind: Any, count: int, prefix: str) -> tuple[str, ...]:
-    """Return the names of a model's objects; ``body_7`` for an object without a name."""
+    """Return the names of a model's objects of one kind; an object without a name gets one such as ``body_7``."""
     names = [mujoco.mj_id2name(model, kind, index) for index in range(count)]
     used = {name for name in names if name}
     for index, name in enumerate(names):

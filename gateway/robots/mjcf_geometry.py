@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.mjcf_materials import MjcfMaterials
+from gateway.robots.robot import GeometryUse
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
 from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
 
 COLLISION_GROUP: Final = 3
-"""Geometry of this group and above is for collisions: MuJoCo's viewer hides it, and robots follow that."""
+"""First group of collision geometry: MuJoCo's viewer hides it and those above, and model authors rely on that."""
 INFINITE_PLANE: Final = 10.0
-"""Half side length in metres of planes that the file declares infinite."""
+"""Half side length, metres, with which infinite planes are drawn."""
 
 
 class MjcfGeometry:
@@ -27,46 +28,52 @@ class MjcfGeometry:
         self._materials = MjcfMaterials(mujoco, model)
         self._meshes: dict[int, Mesh] = {}
         self.warnings: tuple[str, ...] = ()
+        """Sentences about geometry that is not shown. ``parts_by_body`` sets them."""
 
-    def parts_by_body(self, use: Literal["visual", "collision"]) -> tuple[tuple[Part, ...], ...]:
+    def parts_by_body(self, use: GeometryUse) -> tuple[tuple[Part, ...], ...]:
         """Return the parts of each body, in the body's frame."""
         model = self._model
         parts: list[list[Part]] = [[] for _ in range(model.nbody)]
-        is_collision = self._collision_geometry()
-        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-        unknown = 0
+        is_used = self._collides() if use == "collision" else ~self._is_collision_only()
+        unsupported = 0
         for index in range(model.ngeom):
-            if not (collides[index] if use == "collision" else not is_collision[index]):
+            if not is_used[index]:
                 continue
             rgba = self._materials.rgba(index)
             if rgba[3] <= 0.0 and use == "visual":
                 continue
             shape, has_uv = self._shape(index)
             if shape is None:
-                unknown += 1
+                unsupported += 1
                 continue
             material = self._materials.material(index, has_uv)
             X = from_pose(model.geom_pos[index].tolist(), model.geom_quat[index].tolist())
             parts[int(model.geom_bodyid[index])].append(Part(shape, material, X))
-        if unknown:
-            self.warnings = (f"{unknown} geometries of other types (height fields, SDFs) are not shown",)
+        if unsupported:
+            self.warnings = (f"{unsupported} geometries of other types (height fields, SDFs) are not shown",)
         return tuple(map(tuple, parts))
 
-    def _collision_geometry(self) -> NDArray[np.bool_]:
+    def _collides(self) -> NDArray[np.bool_]:
+        """Return which geometry can collide, (ngeom,) bool."""
+        return np.asarray((self._model.geom_contype != 0) | (self._model.geom_conaffinity != 0))
+
+    def _is_collision_only(self) -> NDArray[np.bool_]:
         """Return which geometry is for collisions only, (ngeom,) bool.
 
-        It is that of ``COLLISION_GROUP`` and above, and, of bodies that have geometry without collisions in the groups
-        1 and 2, that of group 0 which collides.
+        This is the geometry
+
+        - of ``COLLISION_GROUP`` and above,
+        - of group 0, if it collides and its body also has visual geometry: in group 1 or 2, and without collisions.
         """
         model = self._model
         group = model.geom_group
-        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        collides = self._collides()
         has_visual = np.zeros(model.nbody, np.bool_)
         has_visual[model.geom_bodyid[~collides & (group >= 1) & (group < COLLISION_GROUP)]] = True
         return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
 
     def _shape(self, index: int) -> tuple[Shape | None, bool]:
-        """Return the shape of a geometry, None for an unknown type; and whether it has texture coordinates."""
+        """Return the shape of a geometry, None if its type is not supported; and True if it has texture coordinates."""
         kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
         kinds = self._kinds
         if kind == kinds.mjGEOM_SPHERE:
@@ -87,6 +94,7 @@ class MjcfGeometry:
         return None, False
 
     def _plane(self, index: int, size: list[float]) -> Mesh:
+        """Return a rectangle at z = 0 with half side lengths ``size[:2]``, metres; 0: infinite."""
         x, y = (half if half > 0.0 else INFINITE_PLANE for half in size[:2])
         corners = np.array(((-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)), np.float32)
         uv = corners[:, :2] * self._materials.plane_repeats(index, x, y)
@@ -95,7 +103,7 @@ class MjcfGeometry:
         return Mesh(corners, triangles, normals=normals, uv0=np.ascontiguousarray(uv, np.float32))
 
     def _mesh(self, mesh: int) -> Mesh:
-        """Return a mesh. MuJoCo has separate indices for positions, normals and texture coordinates of each corner."""
+        """Return a mesh with one index for each corner. MuJoCo has separate ones for position, normal and texture."""
         if mesh not in self._meshes:
             model = self._model
 
@@ -121,13 +129,16 @@ class MjcfGeometry:
 
 
 def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the different rows of (N, 2 | 3) indices, and for each row the number of its equal there."""
+    """Return the distinct rows, and for each row its index among them.
+
+    Args:
+        corners: (N, 2) or (N, 3) integers, not negative.
+    """
     codes = np.zeros(len(corners), np.int64)
     columns = corners.astype(np.int64)
     sizes = columns.max(axis=0, initial=0) + 1
-    for column, size in zip(
-        columns.T, sizes, strict=True
-    ):  # below 2**63: at most 10 million vertices, and three columns
+    # Products stay below 2**63: there are at most 10 million vertices, and codes are replaced by their ranks.
+    for column, size in zip(columns.T, sizes, strict=True):
         codes = codes * size + column
         _, codes = np.unique(codes, return_inverse=True)
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)

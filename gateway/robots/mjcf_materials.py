@@ -12,20 +12,20 @@ from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Texture
 
 _UNSET = (0.5, 0.5, 0.5, 1.0)
-"""Colour of geometry for which the file gives none. MuJoCo then uses the material's."""
+"""MuJoCo's default of ``geom_rgba``: the material's colour is used instead."""
 
 
 class MjcfMaterials:
-    """Materials of geometry, by the geometry's index."""
+    """Converts the materials of geometry, by the geometry's index. Textures are converted once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model
         self._color_roles = (int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA))
-        self._is_2d = int(mujoco.mjtTexture.mjTEXTURE_2D)
+        self._texture_2d = int(mujoco.mjtTexture.mjTEXTURE_2D)
         self._images: dict[int, Image] = {}
 
     def rgba(self, geom: int) -> tuple[float, float, float, float]:
-        """Return the colour of a geometry, sRGB and opacity in 0 to 1, without its texture."""
+        """Return the colour of a geometry without its texture: sRGB and opacity, as in the file."""
         model = self._model
         r, g, b, a = model.geom_rgba[geom].tolist()
         if (r, g, b, a) == _UNSET and model.geom_matid[geom] >= 0:
@@ -36,23 +36,24 @@ class MjcfMaterials:
         """Return the material of a geometry.
 
         Args:
-            has_uv: True: the geometry has texture coordinates. Without them, the mean colour of a texture is used.
+            has_uv: True if the geometry has texture coordinates. Without, the mean colour of the texture is used.
         """
         model = self._model
         r, g, b, alpha = np.clip(self.rgba(geom), 0.0, 1.0).tolist()
         color = np.array([linear_from_srgb(channel) for channel in (r, g, b)])
-        index, texture = int(model.geom_matid[geom]), None
+        material_index, texture = int(model.geom_matid[geom]), None
         metallic, roughness, emission = 0.0, _roughness(0.5), 0.0
-        if index >= 0:
-            metallic = max(0.0, float(model.mat_metallic[index]))
-            stated = float(model.mat_roughness[index])
-            roughness = stated if stated >= 0.0 else _roughness(float(model.mat_shininess[index]))
-            emission = float(model.mat_emission[index])
-            number = self._color_texture(index)
-            if number is not None and has_uv and int(model.tex_type[number]) == self._is_2d:
-                texture = Texture(self._image(number), name=f"texture {number}")
-            elif number is not None:
-                color = color * self._mean_color(number)
+        if material_index >= 0:
+            metallic = max(0.0, float(model.mat_metallic[material_index]))
+            roughness = float(model.mat_roughness[material_index])
+            if roughness < 0.0:  # the file does not set it
+                roughness = _roughness(float(model.mat_shininess[material_index]))
+            emission = float(model.mat_emission[material_index])
+            texture_index = self._color_texture(material_index)
+            if texture_index is not None and has_uv and int(model.tex_type[texture_index]) == self._texture_2d:
+                texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
+            elif texture_index is not None:
+                color = color * self._mean_color(texture_index)
         red, green, blue = color.tolist()
         return Material(
             base_color=(red, green, blue, alpha),
@@ -77,6 +78,7 @@ class MjcfMaterials:
         return repeats if self._model.mat_texuniform[index] else repeats / (2.0 * x, 2.0 * y)
 
     def _color_texture(self, material: int) -> int | None:
+        """Return the index of a material's colour texture; None if it has none."""
         for role in self._color_roles:
             if (texture := int(self._model.mat_texid[material][role])) >= 0:
                 return texture
@@ -107,8 +109,8 @@ class MjcfMaterials:
 
 
 def _roughness(shininess: float) -> float:
-    """Return the roughness for MuJoCo's shininess, 0 to 1, which is the exponent of its highlights divided by 128.
+    """Return the glTF roughness for MuJoCo's shininess: the exponent of Phong highlights divided by 128.
 
-    A microfacet distribution of width alpha = roughness² has highlights as wide as the exponent 2 / alpha² - 2.
+    A microfacet distribution with alpha = roughness² has highlights as wide as those of the exponent 2 / alpha² - 2.
     """
     return float((2.0 / (128.0 * max(0.0, shininess) + 2.0)) ** 0.25)

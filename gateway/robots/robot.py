@@ -14,9 +14,12 @@ from gateway.robots.errors import RobotFileError, similar_names
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, PathElement
 
+GeometryUse = Literal["visual", "collision"]
+"""Geometry of links that is shown, or that a simulation checks for collisions."""
 JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
+"""Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``."""
 JointValue: TypeAlias = ArrayLike
-"""Value of a joint: one number, or as many as the joint has."""
+"""Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
 
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "revolute": (0.0,),
@@ -25,34 +28,35 @@ NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "planar": (0.0, 0.0, 0.0),
     "floating": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
 }
-"""Values without motion. Angles are in radians and lengths in metres. ``ball``: a quaternion [w, x, y, z]. ``planar``:
-x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
+"""Values of the zero configuration. Angles are in radians, lengths in metres. ``ball``: a quaternion [w, x, y, z].
+``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint follows another one: value = polynomial of the other joint's value."""
+    """Rule of a joint that follows another one, the leader: a polynomial of the leader's value."""
 
     joint: str
-    """Name of the other joint."""
+    """Name of the leader."""
     coefficients: tuple[float, ...]
-    """c0, c1, …: value = c0 + c1 q + c2 q² + …, where q is the other joint's value minus ``reference``."""
+    """c0, c1, …: value = c0 + c1 q + c2 q² + …, where q is the leader's value minus ``reference``."""
     reference: float = 0.0
+    """Value of the leader for q = 0, radians or metres."""
 
     def value(self, leader: float) -> float:
-        """Return the value of the joint for the other joint's value."""
+        """Return the value of the joint for the leader's value."""
         q = leader - self.reference
         return math.fsum(c * q**power for power, c in enumerate(self.coefficients))
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint that moves. Fixed joints are part of the links' poses."""
+    """A joint that moves. A fixed joint is none: ``Kinematics`` includes its transform."""
 
     name: str
     kind: JointKind
     default: tuple[float, ...]
-    """Values of the robot as the file describes it; see ``NEUTRAL`` for their meaning."""
+    """Value in the file's initial configuration; see ``NEUTRAL`` for its meaning."""
     limits: tuple[float, float] | None = None
     """Lowest and highest value, for information; values beyond are accepted. None: no limits."""
     mimic: Mimic | None = None
@@ -60,7 +64,7 @@ class Joint:
 
 
 class Kinematics(Protocol):
-    """Computes the poses of links."""
+    """Forward kinematics: computes the poses of links."""
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
@@ -85,17 +89,21 @@ class Robot:
     is first."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
-        """Return the values of all joints: the given ones; the defaults of the others, or what they follow.
+        """Return the values of all joints.
+
+        Args:
+            values: Values by joint name. Other joints follow the joint that they mimic, or have their defaults.
 
         Raises:
-            RobotFileError: There is no such joint, or its value is not of the right number of finite numbers.
+            RobotFileError: There is no such joint, or its value has the wrong number of numbers, one that is not
+                finite, or a quaternion of zeros.
         """
-        given = {name: self._checked(name, value) for name, value in values.items()}
+        given = {name: self._validated(name, value) for name, value in values.items()}
         complete = {}
         for name, joint in self.joints.items():
             value = given.get(name)
             if value is None:
-                value = joint.default if joint.mimic is None else (self._followed(joint, given),)
+                value = joint.default if joint.mimic is None else (self._mimicked_value(joint, given),)
             complete[name] = value
         return complete
 
@@ -103,7 +111,7 @@ class Robot:
         """Return X_robot_link, (number of links, 4, 4) float64.
 
         Args:
-            values: Values by joint name; the other joints have their defaults, or follow the joint that they mimic.
+            values: See ``joint_values``.
 
         Raises:
             RobotFileError: See ``joint_values``.
@@ -111,14 +119,14 @@ class Robot:
         return self.kinematics.link_poses(self.joint_values(values))
 
     def tree(self, values: Mapping[str, JointValue]) -> Node:
-        """Return a tree with a node for each link, below a node with the robot's name."""
+        """Return a tree with a node for each link, below a node with the robot's name. See ``link_poses``."""
         poses = self.link_poses(values)
         links: dict[PathElement, Node] = {
             name: Node(parts, X) for name, parts, X in zip(self.links, self.parts, poses, strict=True)
         }
         return Node(None, children={self.name: Node(None, children=links)})
 
-    def _checked(self, name: str, value: JointValue) -> tuple[float, ...]:
+    def _validated(self, name: str, value: JointValue) -> tuple[float, ...]:
         joint = self.joints.get(name)
         if joint is None:
             raise RobotFileError(f"the robot has no joint {name!r}{similar_names(name, self.joints)}")
@@ -131,8 +139,8 @@ class Robot:
             raise RobotFileError(f"the quaternion of the joint {name!r} must not be zero")
         return tuple(numbers.tolist())
 
-    def _followed(self, joint: Joint, given: Mapping[str, tuple[float, ...]]) -> float:
-        """Return the value of a joint that follows others."""
+    def _mimicked_value(self, joint: Joint, given: Mapping[str, tuple[float, ...]]) -> float:
+        """Return the value of a joint that follows a leader, which may follow another one in turn."""
         chain = [joint]
         while (last := chain[-1]).mimic is not None and last.name not in given:
             chain.append(self.joints[last.mimic.joint])
@@ -145,10 +153,10 @@ class Robot:
 
 
 def check_mimics(joints: Mapping[str, Joint]) -> None:
-    """Check that joints follow existing joints with one value, and none follows itself.
+    """Check the joints that mimic others.
 
     Raises:
-        RobotFileError: They do not.
+        RobotFileError: A leader does not exist, a joint has several values, or joints mimic each other in a cycle.
     """
     for joint in joints.values():
         follower, seen = joint, {joint.name}
@@ -156,7 +164,7 @@ def check_mimics(joints: Mapping[str, Joint]) -> None:
             leader = joints.get(follower.mimic.joint)
             if leader is None:
                 raise RobotFileError(
-                    f"joint {follower.name!r} mimics {follower.mimic.joint!r}, which is no joint that moves"
+                    f"joint {follower.name!r} mimics {follower.mimic.joint!r}, which is not a joint that moves"
                     f"{similar_names(follower.mimic.joint, joints)}"
                 )
             if len(leader.default) != 1 or len(follower.default) != 1:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
-from gateway.robots.robot import NEUTRAL, Joint, JointKind, Mimic
+from gateway.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
 from gateway.robots.urdf_model import UrdfGeometry, UrdfJoint, UrdfLink, UrdfMaterial, UrdfMesh, UrdfModel
-from gateway.robots.xml_text import Element, length, numbers, required
+from gateway.robots.xml_text import Element, numbers, positive_number, required
 from gateway.scene.geometry import Box, Capsule, Cylinder, Sphere
 
 _KINDS: Final[dict[str, JointKind | None]] = {
@@ -23,6 +23,7 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "floating": "floating",
     "fixed": None,
 }
+"""Kind of a joint by URDF's ``type``; None: it does not move."""
 
 
 def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
@@ -64,7 +65,7 @@ def _check_names(what: str, names: list[str]) -> None:
 
 
 def _named_materials(root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
-    """Yield the materials with content: those of the robot take precedence over those of links, so they come last."""
+    """Yield the materials that have a colour or texture: those of links, then those of the robot, which override."""
     for element in (*root.findall("link/visual/material"), *root.findall("material")):
         if name := element.get("name"):
             material = _material(element, f"material {name!r}")
@@ -88,9 +89,7 @@ def _link(element: Element, materials: dict[str, UrdfMaterial]) -> UrdfLink:
     return UrdfLink(name, visual, collision)
 
 
-def _geometry(
-    element: Element, link: str, use: Literal["visual", "collision"], materials: dict[str, UrdfMaterial]
-) -> UrdfGeometry:
+def _geometry(element: Element, link: str, use: GeometryUse, materials: dict[str, UrdfMaterial]) -> UrdfGeometry:
     where = f"link {link!r}, {use}"
     geometry = element.find("geometry")
     shapes = [child for child in geometry if isinstance(child.tag, str)] if geometry is not None else []
@@ -110,11 +109,11 @@ def _shape(element: Element, where: str) -> Box | Sphere | Cylinder | Capsule | 
         x, y, z = numbers(element, "size", (1.0, 1.0, 1.0), where)
         return Box((abs(x), abs(y), abs(z)))
     if element.tag == "sphere":
-        return Sphere(length(element, "radius", where))
+        return Sphere(positive_number(element, "radius", where))
     if element.tag == "cylinder":
-        return Cylinder(length(element, "radius", where), length(element, "length", where))
+        return Cylinder(positive_number(element, "radius", where), positive_number(element, "length", where))
     if element.tag == "capsule":
-        return Capsule(length(element, "radius", where), length(element, "length", where))
+        return Capsule(positive_number(element, "radius", where), positive_number(element, "length", where))
     if element.tag == "mesh":
         text = element.get("scale", "")
         if len(text.split()) == 1:  # one number, as some exporters write

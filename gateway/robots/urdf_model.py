@@ -1,4 +1,4 @@
-"""Content of a URDF file."""
+"""Content of a URDF file as values. ``urdf`` reads them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ class UrdfMesh:
     """A mesh file."""
 
     filename: str
+    """File name or URL in the URDF file."""
     scale: tuple[float, float, float]
+    """Factors along x, y and z of the mesh; negative ones mirror it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +28,7 @@ class UrdfMaterial:
     rgba: tuple[float, float, float, float] | None
     """sRGB and opacity, 0 to 1; None: the file gives no colour."""
     texture: str | None
-    """Name of an image file."""
+    """Name of an image file; None: the material has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +39,7 @@ class UrdfGeometry:
     X_link_geometry: NDArray[np.float64]
     """(4, 4) float64."""
     material: UrdfMaterial | None
+    """None: the file gives none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,11 +59,11 @@ class UrdfJoint:
     parent: str
     child: str
     X_parent_joint: NDArray[np.float64]
-    """(4, 4) float64: pose of the joint's frame, which is the child's for neutral values."""
+    """(4, 4) float64: pose of the joint's frame in the parent's. The child has this frame at the neutral value."""
     axis: tuple[float, float, float]
     """Unit vector in the joint's frame."""
     motion: Joint | None
-    """None: fixed."""
+    """Values and limits; None: the joint is fixed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

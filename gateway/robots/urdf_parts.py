@@ -30,17 +30,21 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 
 
 class UrdfParts:
-    """Converts geometry to parts. A mesh file is read once, however often it is used."""
+    """Converts geometry to parts. A mesh file that is used several times is read once."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits) -> None:
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
         self.warnings: dict[str, None] = {}
-        """Sentences about what is not shown, in order and without duplicates."""
+        """Sentences about content that is not shown: an ordered set."""
 
     def parts_of(self, link: str, geometries: tuple[UrdfGeometry, ...]) -> tuple[Part, ...]:
-        """Return the parts of a link.
+        """Return the parts of a link, in the link's frame.
+
+        Args:
+            link: Name of the link, for errors.
+            geometries: Its visual or collision geometries.
 
         Raises:
             RobotFileError: A mesh file is missing or cannot be read.
@@ -75,6 +79,7 @@ class UrdfParts:
         ]
 
     def _mesh(self, name: str) -> tuple[Part, ...]:
+        """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
         extension = Path(name).suffix[1:].lower()
         if extension not in FORMATS:
             raise RobotFileError(f"{name} is none of the formats {', '.join(sorted(FORMATS))}")
@@ -94,10 +99,11 @@ class UrdfParts:
 
 
 def _has_no_material(part: Part) -> bool:
-    """Return True for geometry whose file gives no colours. The robot file's colour is for these, as in RViz."""
+    """Return True for parts of a mesh file without colours. They get the colour of the robot file, as in RViz."""
     colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
     return part.material == PLAIN_MATERIAL and not colored
 
 
 def _rgba(material: UrdfMaterial | None) -> np.ndarray:
+    """Return the colour of a material or the default one, (4,) sRGB and opacity."""
     return np.array(DEFAULT_RGBA if material is None or material.rgba is None else material.rgba)

@@ -1,4 +1,7 @@
-"""Parses XML and its attributes, with errors that name the element."""
+"""Parses XML and its attributes, with errors that name the element.
+
+``where`` is the link or joint of an element, for the start of error messages. All functions raise RobotFileError.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ Element = ElementTree.Element
 
 
 class _TreeBuilder(ElementTree.TreeBuilder):
-    """Builds elements; refuses a DOCTYPE, whose entities can expand to gigabytes."""
+    """Builds elements. A DOCTYPE is an error: its entities could expand to gigabytes."""
 
     def doctype(self, name: str, public_id: str | None, system_id: str | None) -> None:
         raise RobotFileError("XML with a DOCTYPE is refused")
@@ -21,7 +24,7 @@ def parse_xml(data: bytes) -> Element:
     """Return the root element.
 
     Raises:
-        RobotFileError: The data is no XML, or has a DOCTYPE.
+        RobotFileError: The data is not XML, or has a DOCTYPE.
     """
     try:
         return ElementTree.fromstring(data, ElementTree.XMLParser(target=_TreeBuilder()))  # noqa: S314 - no entities
@@ -30,7 +33,7 @@ def parse_xml(data: bytes) -> Element:
 
 
 def required(element: Element, attribute: str, where: str) -> str:
-    """Return an attribute that must be there, without surrounding space."""
+    """Return a required attribute, without surrounding space. An empty one is missing."""
     text = element.get(attribute)
     if text is None or not text.strip():
         raise RobotFileError(f"{where}: <{element.tag}> has no {attribute}")
@@ -38,7 +41,7 @@ def required(element: Element, attribute: str, where: str) -> str:
 
 
 def numbers(element: Element | None, attribute: str, default: tuple[float, ...], where: str) -> tuple[float, ...]:
-    """Return the numbers of an attribute, as many as the default has; the default if the attribute is missing."""
+    """Return as many finite numbers as the default has; the default if the attribute is missing."""
     text = element.get(attribute) if element is not None else None
     if text is None or element is None:
         return default
@@ -53,8 +56,8 @@ def numbers(element: Element | None, attribute: str, default: tuple[float, ...],
     return values
 
 
-def length(element: Element, attribute: str, where: str) -> float:
-    """Return a number that must be there, and above zero."""
+def positive_number(element: Element, attribute: str, where: str) -> float:
+    """Return a required attribute as a finite number above zero."""
     text = required(element, attribute, where)
     try:
         value = float(text)

@@ -1,4 +1,4 @@
-"""``GET /cameras/…``: the images of the cameras as they are now, without a stream."""
+"""``GET /cameras/…``: cameras, and images that are captured on request, without a stream."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from renderers.stereo.model import Intrinsics
 from renderers.stereo.noise import NoiseStream
 
 ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
-_KINDS: Final[Mapping[ImageName, SetKind]] = {
+_KINDS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "color": SetKind(color_camera=True),
     "depth": SetKind(depth_mm=True),
     "left": SetKind(left=True),
@@ -35,14 +35,14 @@ _KINDS: Final[Mapping[ImageName, SetKind]] = {
     "raw_right": SetKind(),
 }
 _RGBD: Final = SetKind(color_camera=True, depth_mm=True)
-_K: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
+_K_EXAMPLE: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
 _CAMERA_EXAMPLE: Final = {
     "name": "stereo",
     "model": "RGB-D",
     "pipeline": 0,
     "port": 50051,
     "baseline": 0.05,
-    "images": {"left": _K},
+    "images": {"left": _K_EXAMPLE},
     "X_left_color": [[1.0, 0.0, 0.0, 0.015], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
 }
 _ERRORS: Final = {
@@ -107,7 +107,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
             raise RestError(404, "the camera shows recorded pairs, which are rectified")
-        frame = await service.capture(_KINDS[image])
+        frame = await service.capture(_KINDS_BY_IMAGE[image])
         pixels = await _make(frame, lambda: _pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
@@ -120,7 +120,7 @@ def _responses(media_type: str) -> Responses:
 
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
-    """Return the number and the camera with a name or number. Raises RestError."""
+    """Return the pipeline number and the service of a camera, by its name or number. Raises RestError."""
     for number, service in enumerate(services):
         if name in (service.config.name, str(number)):
             return number, service
@@ -129,7 +129,7 @@ def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoServ
 
 
 def _find_with_color(services: Sequence[StereoService], name: str) -> StereoService:
-    """Return the camera with a name or number, if it has colour. Raises RestError."""
+    """Return the service of a camera with colour, by its name or number. Raises RestError."""
     _, service = _find(services, name)
     if service.config.color_camera is None and not service.config.color:
         raise RestError(404, f"the camera {service.config.name!r}, {service.config.model.name}, is monochrome")
@@ -137,6 +137,7 @@ def _find_with_color(services: Sequence[StereoService], name: str) -> StereoServ
 
 
 def _describe(number: int, service: StereoService) -> dict[str, Any]:
+    """Return name, geometry and port of a camera, as plain JSON values."""
     config, divisor = service.config, service.settings.quality.divisor
     left, depth = (_intrinsics(config.model.intrinsics(d)) for d in (1, divisor))
     images = {"left": left, "right": left, "depth": depth, "disparity": depth, "confidence": depth}
@@ -164,7 +165,7 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
 
 
 async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
-    """Return the result of the coroutine function ``make``; if it fails or is cancelled, cancel the frame.
+    """Return the result of the coroutine function ``make``, then cancel what the frame still computes.
 
     Raises:
         RestError: a texture of the scene cannot be decoded.
@@ -178,6 +179,7 @@ async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
 
 
 async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return an image of a frame, (H, W, 3) for colour, else (H, W). Raises ImageError."""
     if name == "color":
         return (await frame.color_camera_image()).sensor_image.image
     if name == "depth":
@@ -192,6 +194,7 @@ async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np
 
 
 def _png(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Return a PNG of (H, W) uint8 or uint16, or (H, W, 3) uint8."""
     if pixels.dtype == np.uint16:
         return png_gray16(np.ascontiguousarray(pixels, np.uint16))
     image = np.ascontiguousarray(pixels, np.uint8)

@@ -1,4 +1,4 @@
-"""Rectangles of an image in which something moves during the exposure, and the scene at other times within it."""
+"""Motion between two frames: the scene at times between them, and the rectangles of an image to blur."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from renderers.stereo.motion_blur import poses_at
 MIN_BLUR: Final = 1.0
 """Minimum motion during the exposure that is blurred, pixels. The lens's blur hides smaller motions."""
 MAX_SUBFRAMES: Final = 7
-"""Maximum number of images of a rectangle to average. It is odd, because the middle image is rendered already."""
+"""Maximum number of images of a rectangle to average; odd, because the middle one is the image itself."""
 MAX_EXTRA_IMAGES: Final = 4.0
-"""Maximum number of pixels of all further images together, relative to the whole image."""
+"""Maximum number of pixels that are rendered for blur, as a multiple of the image's."""
 MAX_INTERVAL: Final = 0.5
-"""Maximum time since the frame before, seconds. The velocity since an older one may have changed."""
+"""Maximum time since the previous frame, seconds. For an older one, the velocity may have changed."""
 _MARGIN: Final = 2
-"""Pixels to add on each side of a rectangle."""
+"""Margin on each side of a rectangle, pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarlierFrame:
-    """Scene and pose of the frame before, from which velocities follow."""
+    """Scene and pose of the previous frame, for velocities."""
 
     timestamp: int
     """Nanoseconds since the epoch."""
@@ -72,28 +72,28 @@ class Motion:
     """Motion of scene and camera between two frames with the same meshes (``has_equal_instances``)."""
 
     before: DrawList
-    """Scene of the frame before."""
+    """Scene of the previous frame."""
     now: DrawList
     """Scene of this frame."""
     X_world_camera_before: NDArray[np.float64]
-    """(4, 4) float64, pose of the rendered camera in the frame before."""
+    """(4, 4) float64, pose of the rendered camera in the previous frame."""
     X_world_camera: NDArray[np.float64]
     """(4, 4) float64, pose of the rendered camera."""
 
-    def scene_at(self, interval: float) -> DrawList:
-        """Return the scene ``interval`` after now, in units of the time between the frames."""
+    def scene_at(self, time: float) -> DrawList:
+        """Return the scene at a time: 0 is this frame, -1 the previous one."""
         pairs = [*zip(self.before.instances, self.now.instances, strict=True)]
         moved = [i for i, (old, new) in enumerate(pairs) if new is not old]
         instances = [*self.now.instances]
-        for i, X_world_mesh in zip(moved, _poses_at([pairs[i] for i in moved], interval), strict=True):
+        for i, X_world_mesh in zip(moved, _poses_at([pairs[i] for i in moved], time), strict=True):
             new = instances[i]
             instances[i] = Instance(new.mesh, new.material, X_world_mesh, new.label, new.instance_id)
         return DrawList(tuple(instances), self.now.images, self.now.lights)
 
-    def camera_at(self, interval: float) -> NDArray[np.float64]:
-        """Return the pose of the camera ``interval`` after now, (4, 4) float64."""
+    def camera_at(self, time: float) -> NDArray[np.float64]:
+        """Return the pose of the camera in the world at a time as for ``scene_at``, (4, 4) float64."""
         X_world_camera: NDArray[np.float64] = poses_at(
-            self.X_world_camera_before[None], self.X_world_camera[None], interval
+            self.X_world_camera_before[None], self.X_world_camera[None], time
         )[0]
         return X_world_camera
 
@@ -111,7 +111,7 @@ def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) 
     Args:
         motion: motion between the frames.
         camera: camera of the image.
-        relative_exposure: exposure time in units of the time between the frames. Its middle is this frame.
+        relative_exposure: exposure time in units of the time between the frames. The exposure is centred at time 0.
     """
     camera_moves = not np.array_equal(motion.X_world_camera_before, motion.X_world_camera)
     pairs: list[tuple[Instance, Instance]] = []
@@ -124,8 +124,8 @@ def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) 
         return []
     corners = corners_of(np.array(boxes))
     begin, end = (
-        _transformed(corners, np.linalg.inv(motion.camera_at(interval)) @ _poses_at(pairs, interval))
-        for interval in (-0.5 * relative_exposure, 0.5 * relative_exposure)
+        _transformed(corners, np.linalg.inv(motion.camera_at(time)) @ _poses_at(pairs, time))
+        for time in (-0.5 * relative_exposure, 0.5 * relative_exposure)
     )
     rectangles: list[MovingRectangle] = []
     for rectangle in _rectangles_of_boxes(begin, end, camera):
@@ -134,7 +134,7 @@ def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) 
 
 
 def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int) -> int:
-    """Return the number of images to average for a rectangle, odd: one per pixel of blur, within the limits.
+    """Return the odd number of images to average for a rectangle: about one per pixel of blur, within the limits.
 
     Args:
         rectangle: rectangle to blur.
@@ -146,11 +146,11 @@ def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int)
     return max(count, 3)
 
 
-def _poses_at(pairs: Sequence[tuple[Instance, Instance]], interval: float) -> NDArray[np.float64]:
-    """Return the poses ``interval`` after now of instances before and now, (N, 4, 4) float64."""
+def _poses_at(pairs: Sequence[tuple[Instance, Instance]], time: float) -> NDArray[np.float64]:
+    """Return the poses at a time of instances in the previous frame and in this one, (N, 4, 4) float64."""
     X_world_before = np.array([old.X_world_mesh for old, _ in pairs]).reshape(-1, 4, 4)
     X_world_now = np.array([new.X_world_mesh for _, new in pairs]).reshape(-1, 4, 4)
-    return poses_at(X_world_before, X_world_now, interval)
+    return poses_at(X_world_before, X_world_now, time)
 
 
 def _transformed(points: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,8 +161,9 @@ def _transformed(points: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray
 def _rectangles_of_boxes(
     begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
 ) -> Iterator[MovingRectangle]:
-    """Yield the part of the image that each moving box covers; not for boxes that are outside, or move less than
-    ``MIN_BLUR``.
+    """Yield the part of the image that each moving box covers.
+
+    Boxes outside of the image, or that move less than ``MIN_BLUR``, are left out.
 
     Args:
         begin: (N, 8, 3) float64, corners in the camera's frame at the beginning of the exposure.
@@ -172,7 +173,7 @@ def _rectangles_of_boxes(
     depth = np.concatenate((begin[:, :, 2], end[:, :, 2]), axis=1)
     nearest, farthest = depth.min(axis=1), depth.max(axis=1)
     if ((nearest <= camera.near) & (farthest > camera.near)).any():
-        # A box that reaches behind the camera: its motion in the image has no limit.
+        # The motion of a box that reaches behind the camera has no limit in the image.
         yield MovingRectangle(0, 0, camera.width, camera.height, float(MAX_SUBFRAMES))
     focal, center = np.array((camera.fx, camera.fy)), np.array((camera.cx, camera.cy))
     is_ahead = nearest > camera.near

@@ -1,4 +1,4 @@
-"""Motion blur: mean light of several renderings of a rectangle, and the poses at which they are rendered."""
+"""Motion blur: poses during the exposure, and the mean light of images that are rendered at them."""
 
 from __future__ import annotations
 
@@ -17,20 +17,18 @@ _ROTATION_TOLERANCE: Final = 1e-6
 """Maximum element of R R^T - I for which a matrix R counts as a rotation."""
 
 
-def poses_at(
-    X_world_before: NDArray[np.float64], X_world_now: NDArray[np.float64], interval: float
-) -> NDArray[np.float64]:
-    """Return the poses ``interval`` after ``X_world_now``, (N, 4, 4) float64.
+def poses_at(X_world_before: NDArray[np.float64], X_world_now: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    """Return the poses at a time, (N, 4, 4) float64, for constant velocity and angular velocity.
 
-    Velocity and angular velocity are constant. Poses that differ in more than rotation and translation, for example in
-    scale, are interpolated linearly. All poses share the NumPy calls: calls for each pose take 20 times as long.
+    Poses that differ in more than rotation and translation, for example in scale, are interpolated linearly. All poses
+    share the NumPy calls: calls for each pose take 20 times as long.
 
     Args:
         X_world_before: (N, 4, 4) float64, earlier poses.
         X_world_now: (N, 4, 4) float64, later poses.
-        interval: time after the later poses, in units of the time between both; may be negative.
+        time: 0 is the time of the later poses, -1 that of the earlier ones.
     """
-    result = X_world_now + interval * (X_world_now - X_world_before)
+    result = X_world_now + time * (X_world_now - X_world_before)
     before, now = X_world_before[:, :3, :3], X_world_now[:, :3, :3]
     turned = np.flatnonzero((before != now).any(axis=(1, 2)) & (np.linalg.det(before) != 0.0))
     rotation = now[turned] @ np.linalg.inv(before[turned])
@@ -40,7 +38,7 @@ def poses_at(
     sine = 0.5 * np.sqrt(cross[:, 2, 1] ** 2 + cross[:, 0, 2] ** 2 + cross[:, 1, 0] ** 2)
     is_rotation = (error <= _ROTATION_TOLERANCE) & (sine >= 1e-12)
     turned, rotation, sine = turned[is_rotation], rotation[is_rotation], sine[is_rotation]
-    angle = interval * np.arctan2(sine, 0.5 * (rotation.trace(axis1=1, axis2=2) - 1.0))[:, None, None]
+    angle = time * np.arctan2(sine, 0.5 * (rotation.trace(axis1=1, axis2=2) - 1.0))[:, None, None]
     cross = cross[is_rotation] / (2.0 * sine[:, None, None])
     partial_rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
     result[turned, :3, :3] = partial_rotation @ now[turned]
@@ -97,9 +95,9 @@ def write_mean(sums, count, light_of_level, level_of_light, first_row, first_col
 
     Args:
         sums: (h, w, 3) uint32, sums of the light of ``count`` - 1 images.
-        count: number of images, this one included.
+        count: number of images, ``image`` included.
         light_of_level: (256,) uint32, ``_light_tables``.
-        level_of_light: (65536,) uint8, likewise.
+        level_of_light: (65536,) uint8, ``_light_tables``.
         first_row: upper row of the rectangle.
         first_column: left column of the rectangle.
         image: (H, W, 3) uint8, changed.

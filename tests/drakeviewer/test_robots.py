@@ -132,7 +132,7 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
     viewer.handle(DRAW, two)
     viewer.handle(LOAD, load(link("a", 1, BALL)))
     assert viewer.paths() == [], "the earlier links are gone at once"
-    assert viewer.handle(DRAW, two) == "it has 2 links, and 1 other ones are loaded"
+    assert viewer.handle(DRAW, two) == "its 2 links are not the 1 that are loaded"
     assert viewer.families()["illustration"]["stale"] == 1
     assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == ""
     assert viewer.paths() == [("drake", "illustration", "a")]
@@ -141,14 +141,14 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
 def test_a_first_draw_must_have_all_links(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
     assert "stale" in viewer.families()["illustration"]
-    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "it has 1 links, and 2 other ones are loaded"
+    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "its 1 links are not the 2 that are loaded"
     viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
     assert viewer.handle(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
     assert viewer.node("illustration", "b").pose == POSE
 
 
 def test_draws_without_load_are_counted(viewer: Viewer) -> None:
-    assert "no load message was heard" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    assert "no load message was received" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
     assert viewer.families()["illustration"]["unloaded"] == 1
 
 

@@ -99,7 +99,7 @@ async def test_unshown_channels_are_said_once() -> None:
                 found.service.receive("CONTACT_RESULTS_OTHER", b"")
             status = found.service.status()
     assert status["unshown_channels"] == {"DRAKE_VIEWER_STATUS": 3, "CONTACT_RESULTS_OTHER": 3}
-    assert status["warning"] == "heard, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
+    assert status["warning"] == "received, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
     assert [entry["channel"] for entry in log] == ["DRAKE_VIEWER_STATUS", "CONTACT_RESULTS_OTHER"]
 
 
@@ -126,7 +126,7 @@ async def test_stale_draws_are_logged_once() -> None:
             assert found.service.status()["families"]["illustration"]["stale"] == 3
             found.service.receive(DRAW, at(2))
             assert found.x() == 2.0
-    assert [entry["reason"] for entry in log] == ["it has 1 links, and 1 other ones are loaded"]
+    assert [entry["reason"] for entry in log] == ["its 1 links are not the 1 that are loaded"]
 
 
 async def test_limits_on_channels_and_waiting_bytes() -> None:

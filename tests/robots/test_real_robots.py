@@ -22,7 +22,7 @@ TOLERANCE = 1e-9
 """Maximum difference of an element of a link's pose: metres, and elements of rotation matrices."""
 URDF_FOLDER = "cmeel.prefix/share/example-robot-data"
 BROKEN_URDF = {
-    "alex_psyonic_hands.urdf": "joint 'Left_index_q2' mimics 'index_q1', which is no joint that moves",
+    "alex_psyonic_hands.urdf": "joint 'Left_index_q2' mimics 'index_q1', which is not a joint that moves",
     "romeo_laas_small.urdf": "Torso.mesh is none of the formats",
     "ur3.urdf": "it has no links",
 }

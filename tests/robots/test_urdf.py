@@ -100,7 +100,7 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         (joint("fixed", ends='<parent link="a"/>'), "joint 'j' has no <child>"),
         (joint("fixed", ends='<parent link="a"/><child link="bb"/>'), "there is no link 'bb'; did you mean b?"),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero"),
-        (joint("revolute", '<mimic joint="k"/>'), "joint 'j' mimics 'k', which is no joint that moves"),
+        (joint("revolute", '<mimic joint="k"/>'), "joint 'j' mimics 'k', which is not a joint that moves"),
         (joint("revolute", '<mimic joint="j"/>'), "the joints j mimic each other in a circle"),
         (joint("floating", '<mimic joint="j"/>'), "joint 'j' cannot mimic 'j': one has several values"),
         (joint("fixed", ends='<parent link="a"/><child link="a"/>'), "the joints j form a circle"),

@@ -1,4 +1,4 @@
-"""Robots in a tree viewer: geometry is published once, then joint values move the links.
+"""Robots in the tree viewer: their geometry is published once, then joint values move the links.
 
 ``TreeViewer.robot`` reads the file and returns a ``PublishedRobot``.
 """
@@ -40,12 +40,13 @@ class PublishedRobot:
         self._robot = robot
         self._lock = threading.Lock()
         self._values = dict(joints)
+        """Values that were set, by joint name."""
         self.path = path
         """Path of the robot. The links are at ``path + (link,)``."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
         if any(has_textures(part) for parts in robot.parts for part in parts):
-            self.warnings += ("textures and vertex colours are not published, but their mean colours",)
+            self.warnings += ("textures and vertex colours are replaced by their mean colours",)
         self._poses = robot.link_poses(self._values)
         """X_robot_link of each link in the viewer, (N, 4, 4)."""
         changes = Changes()
@@ -72,7 +73,7 @@ class PublishedRobot:
         return self._robot.joint_values(self._values)
 
     def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
-        """Move the links. Only the transforms of links that move are sent, in one message; nothing if none moves.
+        """Move the links. One message has the transforms of the links that move; none is sent if no link moves.
 
         Args:
             values: Values in radians or metres, by joint name. The other joints keep theirs.
@@ -92,7 +93,11 @@ class PublishedRobot:
         return answer
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Move the robot: (4, 4), three numbers (a translation) or a ``Transform``, to the parent of its path."""
+        """Set the robot's pose in the frame of the node above it.
+
+        Args:
+            value: (4, 4), three numbers (a translation in metres) or a ``Transform``.
+        """
         changes = Changes()
         changes.transform(self.path, Transform.of(value).body())
         return self._viewer.send(changes)
@@ -120,9 +125,11 @@ def publish_robot(
 
 
 def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:
-    """Add the transforms of links.
+    """Add the transforms of links to changes.
 
     Args:
+        path: path of the robot.
+        links: names of N links.
         poses: (N, 4, 4) X_robot_link.
     """
     from gateway.scene.transforms import quaternions_of
