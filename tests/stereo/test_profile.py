@@ -100,7 +100,14 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 is not less than 1"),
         (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
-        (MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n", "color.rotation is zero"),
+        (
+            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n",
+            "color.rotation has the length 0; 0.001 is the least",
+        ),
+        (
+            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [1e-300, 0, 0, 0]\n",
+            "has the length 1e-300; 0.001",
+        ),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
     ],
 )
