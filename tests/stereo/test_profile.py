@@ -130,6 +130,7 @@ def test_text_of_a_camera() -> None:
     for text, message in (
         ("name=a;name=b;0,0,0,1,0,0,0", "two of name="),
         ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
+        ("name=1;0,0,0,1,0,0,0", "name='1' of a camera must not be a number"),
         ("profile=;0,0,0,1,0,0,0", "profile='' of a camera"),
         ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
     ):
