@@ -34,7 +34,7 @@ def read_mjcf(root: Element, files: RobotFiles, geometry: Literal["visual", "col
     mentioned = MjcfFiles(root, files)
     try:
         model, compiler_warnings = _compile(mujoco, files.path)
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # RuntimeError: out of memory
         reason = " ".join(str(error).removeprefix("Error: ").split())
         raise RobotFileError(f"{mentioned.user_of(reason)}MuJoCo cannot compile it: {reason}") from None
     for count, limit, what in (
