@@ -39,7 +39,8 @@ class DrakeViewerConfig:
     offload_bytes: int = 64 * KIB
     """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     channels: int = 256
-    """Maximum number of channels that are shown, and of names of channels that are heard but not shown."""
+    """Maximum number of channels that are shown, and of names of channels that are heard but not shown. Beyond it, new
+    channels of point clouds and frames are not shown; the others have fixed names, so that there are few of them."""
     shown_bytes: int = 4096 * MIB
     """Maximum size of the newest messages of all channels together: the tree holds their geometry."""
     waiting_bytes: int = 512 * MIB
