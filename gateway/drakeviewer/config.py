@@ -39,7 +39,8 @@ class DrakeViewerConfig:
     offload_bytes: int = 64 * KIB
     """Minimum size of messages that are read in the worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     channels: int = 256
-    """Maximum number of channels that are shown, and of other channels whose messages are counted by name."""
+    """Maximum number of channels that are shown, and of other channels whose messages are counted by name. Beyond it,
+    new channels of point clouds and frames are not shown; the others have fixed names, so that there are few."""
     shown_bytes: int = 4096 * MIB
     """Maximum total size of the newest message of every channel: the live tree holds their geometry."""
     waiting_bytes: int = 512 * MIB

@@ -80,11 +80,13 @@ def _arrow(origin: Vector3, vector: Vector3, per_metre: float, color: Color, *, 
 def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
     """Return the contact surface, coloured by its pressure; nothing if no triangle has finite vertices."""
     triangles = triangles_of(contact.polygons, len(contact.vertices))
-    finite = np.asarray(np.isfinite(contact.vertices).all(axis=1))
+    with np.errstate(over="ignore"):
+        positions = contact.vertices.astype(np.float32)
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
     triangles = triangles[finite[triangles].all(axis=1)]
     if not len(triangles):
         return ()
-    positions = np.where(finite[:, None], contact.vertices, 0.0).astype(np.float32)
+    positions[~finite] = 0.0
     mesh = Mesh(positions, np.ascontiguousarray(triangles), colors=flame_colors(contact.pressure))
     return (Part(Surface(mesh), material(WHITE), kind="contact_surface"),)
 

@@ -108,7 +108,8 @@ class DrakeViewerService:
 
     def _admit(self, channel: str, size: int) -> bool:
         """Return False, and count the message, if it is beyond the limits on all channels."""
-        if channel not in self._channels and len(self._channels) >= self._config.channels:
+        is_new = channel not in self._channels and not self.viewer.has_fixed_name(channel)
+        if is_new and len(self._channels) >= self._config.channels:
             reason = f"there are {len(self._channels)} channels, which is the limit"
         elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
             reason = f"{size} bytes are too many: the limit for all channels together is {self._config.shown_bytes}"

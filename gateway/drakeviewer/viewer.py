@@ -94,6 +94,10 @@ class DrakeViewer:
         is_of_family = _kind_and_family(channel) is not None
         return is_of_family or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
 
+    def has_fixed_name(self, channel: str) -> bool:
+        """Return False for the channels of point clouds and frames, of which there can be any number."""
+        return not channel.startswith((POINT_CLOUD, FRAMES))
+
     def is_load(self, channel: str) -> bool:
         """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
         return channel.startswith(LOAD)

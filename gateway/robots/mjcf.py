@@ -38,7 +38,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
     mentioned_files = MjcfFiles(root, files)
     try:
         model, compiler_warnings = _compile(mujoco, files.path)
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # RuntimeError: out of memory
         reason = " ".join(str(error).removeprefix("Error: ").split())
         raise RobotFileError(f"{mentioned_files.link_using(reason)}MuJoCo cannot compile it: {reason}") from None
     for count, limit, what in (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, TypeAlias
@@ -20,6 +19,8 @@ JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
 """Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``."""
 JointValue: TypeAlias = ArrayLike
 """Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
+MAX_MIMIC_CHAIN: Final = 100
+"""Maximum number of joints that each mimic the next one: long chains take minutes. Robots have fewer than 10."""
 
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "revolute": (0.0,),
@@ -45,8 +46,10 @@ class Mimic:
 
     def value(self, leader: float) -> float:
         """Return the value of the joint for the leader's value."""
-        q = leader - self.reference
-        return math.fsum(c * q**power for power, c in enumerate(self.coefficients))
+        q, value = leader - self.reference, 0.0
+        for coefficient in reversed(self.coefficients):  # Horner: beyond float64 is infinity, not an error
+            value = value * q + coefficient
+        return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +117,16 @@ class Robot:
             values: See ``joint_values``.
 
         Raises:
-            RobotFileError: See ``joint_values``.
+            RobotFileError: See ``joint_values``; or a pose is not finite, because of too large numbers in the file or
+                among the values.
         """
-        return self.kinematics.link_poses(self.joint_values(values))
+        joint_values = self.joint_values(values)
+        with np.errstate(all="ignore"):
+            poses = self.kinematics.link_poses(joint_values)
+        if not np.isfinite(poses).all():
+            link = self.links[int(np.argmin(np.isfinite(poses).all(axis=(1, 2))))]
+            raise RobotFileError(f"the pose of the link {link!r} is not finite: numbers that lead to it are too large")
+        return poses
 
     def tree(self, values: Mapping[str, JointValue]) -> Node:
         """Return a tree with a node for each link, below a node with the robot's name. See ``link_poses``."""
@@ -171,5 +181,9 @@ def check_mimics(joints: Mapping[str, Joint]) -> None:
                 raise RobotFileError(f"joint {follower.name!r} cannot mimic {leader.name!r}: one has several values")
             if leader.name in seen:
                 raise RobotFileError(f"the joints {', '.join(sorted(seen))} mimic each other in a circle")
+            if len(seen) > MAX_MIMIC_CHAIN:
+                raise RobotFileError(
+                    f"joint {joint.name!r} mimics a chain of more than {MAX_MIMIC_CHAIN} joints, which is the limit"
+                )
             seen.add(leader.name)
             follower = leader

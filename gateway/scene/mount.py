@@ -60,7 +60,7 @@ class CameraSpec:
     mount: str
     """Pose (``parse_mount_pose``), or node (``parse_mount_path``)."""
     name: str = ""
-    """Letters, digits, ``_`` and ``-``; empty: none is given."""
+    """Letters, digits, ``_`` and ``-``, not only digits; empty: none is given."""
     profile: str = ""
     """Name or file of a camera profile; empty: none is given."""
 
@@ -85,6 +85,8 @@ def parse_camera_spec(text: str) -> CameraSpec:
             raise CameraError(f"camera {text!r} has {name}= twice")
         if not value or (name == "name" and not _NAME.fullmatch(value)):
             raise CameraError(f"{name}={value!r} of a camera must have 1 to 64 letters, digits, _ or -")
+        if name == "name" and value.isdigit():
+            raise CameraError(f"name={value!r} of a camera must not be a number: numbers are those of pipelines")
         options[name] = value
         rest = rest[match.end() :].lstrip()
     camera = CameraSpec(rest, **options)

@@ -52,7 +52,6 @@ _ERRORS: Final = {
 }
 _HEADERS: Final = "The header X-Timestamp has the time of the image, seconds.nanoseconds."
 
-CameraName = Annotated[str, Path(description="Name of the camera, or number of its pipeline", examples=["stereo"])]
 Aligned = Annotated[
     bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
 ]
@@ -61,6 +60,12 @@ Aligned = Annotated[
 def camera_router(*services: StereoService) -> APIRouter:
     """Return the routes below ``/cameras``."""
     api = APIRouter(tags=["Stereo camera"])
+    names = [service.config.name for service in services]
+    camera_name = Path(
+        description="Name of the camera, or number of its pipeline",
+        json_schema_extra={"enum": [*names, *map(str, range(len(names)))]},
+        openapi_examples=example(names[0]),
+    )
 
     @api.get("/cameras", summary="Cameras", responses=json_example({"cameras": [_CAMERA_EXAMPLE]}))
     async def cameras() -> dict[str, Any]:
@@ -68,7 +73,7 @@ def camera_router(*services: StereoService) -> APIRouter:
 
     @api.get("/cameras/{name}", summary="A camera", responses=json_example(_CAMERA_EXAMPLE) | error_responses(_ERRORS))
     @with_error_responses
-    async def camera(name: CameraName) -> dict[str, Any]:
+    async def camera(name: str = camera_name) -> dict[str, Any]:
         return _describe(*_find(services, name))
 
     @api.get(
@@ -78,7 +83,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         responses=_responses("application/zip"),
     )
     @with_error_responses
-    async def rgbd(name: CameraName, aligned: Aligned = False) -> Response:
+    async def rgbd(name: str = camera_name, aligned: Aligned = False) -> Response:
         service = _find_with_color(services, name)
         frame = await service.capture(_RGBD)
         data = await _make(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
@@ -92,16 +97,16 @@ def camera_router(*services: StereoService) -> APIRouter:
     )
     @with_error_responses
     async def image(
-        name: CameraName,
         image: Annotated[
             ImageName,
             Path(
                 description="color: RGB. depth: 16 bits, millimetres, 0: invalid. left, right: grey. "
                 "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255. "
                 "raw_left, raw_right: grey, before rectification",
-                examples=["color"],
+                openapi_examples=example("color"),
             ),
         ],
+        name: str = camera_name,
         aligned: Aligned = False,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -18,8 +19,10 @@ from renderers.stereo.distortion import Distortion, check_distortion
 from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
-MAX_FILE_BYTES: Final = 1 << 20
-"""Maximum size of a profile. The shipped ones have less than 1 kB."""
+MAX_FILE_BYTES: Final = 16 << 10
+"""Maximum size of a profile. The shipped ones have less than 1 kB; nested keys take time that grows with the cube."""
+MIN_ROTATION_NORM: Final = 1e-3
+"""Minimum length of the quaternion ``color.rotation``; below, rounding errors turn the camera."""
 _FOLDER: Final = Path(__file__).parent / "profiles"
 PROFILE_NAMES: Final = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the shipped profiles."""
@@ -197,8 +200,9 @@ def _check(profile: Profile) -> None:
     nearest, farthest = profile.depth.range
     if nearest >= farthest:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
-    if profile.color is not None and not any(profile.color.rotation):
-        raise ValueError("color.rotation is zero")
+    norm = math.hypot(*profile.color.rotation) if profile.color is not None else 1.0
+    if norm < MIN_ROTATION_NORM:
+        raise ValueError(f"color.rotation has the length {norm:g}; {MIN_ROTATION_NORM:g} is the least")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
     try:

@@ -108,8 +108,9 @@ def test_damaged_surfaces(viewer: Viewer, polygons: tuple[int, ...]) -> None:
         viewer.handle(CHANNEL, contacts(surfaces=[surface_contact(polygons=polygons)]))
 
 
-def test_vertices_that_are_not_finite(viewer: Viewer) -> None:
-    vertices = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (np.nan, 1, 0))
+@pytest.mark.parametrize("x", [np.nan, np.inf, 1e39])
+def test_vertices_that_are_not_finite_in_float32(viewer: Viewer, x: float) -> None:
+    vertices = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (x, 1, 0))
     viewer.handle(CHANNEL, contacts(surfaces=[surface_contact(vertices=vertices)]))
     part = (viewer.node("contacts", "hydroelastic", "body1+body2").parts or ())[-1]
     assert isinstance(part.shape, Surface)

@@ -134,6 +134,8 @@ async def test_limits_on_channels_and_waiting_bytes() -> None:
         found.service.receive(DRAW, at(1))
         found.service.receive("DRAKE_DRAW_FRAMES", at(1))
         assert found.service.status()["dropped"] == 1
+        found.service.receive(DRAW + "_PROXIMITY", at(1))  # the limit is for channels of any name only
+        assert found.service.status()["dropped"] == 1
         found = Running(DrakeViewerConfig(shown_bytes=2 * len(at(1))))
         found.service.ready = True
         for channel in (DRAW, DRAW, "DRAKE_DRAW_FRAMES", "DRAKE_DRAW_FRAMES_B"):

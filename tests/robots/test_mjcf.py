@@ -217,3 +217,18 @@ def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ImportError, match=r"MJCF files need the package mujoco .*pip install 'scenegate\[robots\]'"):
         read(tmp_path, mjcf(""))
+
+
+def test_out_of_memory_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:  # as MuJoCo does for a height field that does not fit
+        raise RuntimeError("Caught an unknown exception!")
+
+    monkeypatch.setattr("gateway.robots.mjcf._compile", fail)
+    with pytest.raises(RobotFileError, match="MuJoCo cannot compile it: Caught an unknown exception!"):
+        read(tmp_path, mjcf('<geom size="1"/>'))
+
+
+def test_poses_that_are_no_numbers(tmp_path: Path) -> None:
+    robot = read(tmp_path, mjcf('<body name="a" pos="nan 0 0"><geom size="1"/></body>'))
+    with pytest.raises(RobotFileError, match="the pose of the link 'a' is not finite"):
+        robot.link_poses({})

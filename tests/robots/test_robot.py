@@ -10,7 +10,7 @@ import pytest
 
 from gateway.robots.errors import RobotFileError
 from gateway.robots.joint_text import parse_joints
-from gateway.robots.robot import JointValue
+from gateway.robots.robot import MAX_MIMIC_CHAIN, JointValue
 from tests.robots.files import ARM, read
 
 
@@ -75,3 +75,29 @@ def test_other_texts_are_rejected(text: str) -> None:
 def test_a_joint_has_one_value() -> None:
     with pytest.raises(RobotFileError, match="--joint 'a=2': a has a value already"):
         parse_joints(["a=1", "a=2"])
+
+
+def test_a_pose_beyond_float64_is_an_error(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        '<robot><link name="a"/><link name="b"/><link name="c"/>'
+        '<joint name="j" type="prismatic"><parent link="a"/><child link="b"/></joint>'
+        '<joint name="k" type="prismatic"><parent link="b"/><child link="c"/>'
+        '<mimic joint="j" multiplier="10"/></joint></robot>',
+    )
+    assert np.isfinite(robot.link_poses({"j": 1.0})).all()
+    with pytest.raises(RobotFileError, match="the pose of the link 'c' is not finite: numbers that lead to it"):
+        robot.link_poses({"j": 1e308})
+
+
+def test_long_chains_of_mimics_are_refused(tmp_path: Path) -> None:
+    count = MAX_MIMIC_CHAIN + 2
+    links = "".join(f'<link name="l{i}"/>' for i in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="prismatic"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        + (f'<mimic joint="j{i + 1}"/>' if i < count - 1 else "")
+        + "</joint>"
+        for i in range(count)
+    )
+    with pytest.raises(RobotFileError, match="joint 'j0' mimics a chain of more than 100 joints"):
+        read(tmp_path, f"<robot>{links}{joints}</robot>")

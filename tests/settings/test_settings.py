@@ -111,6 +111,7 @@ def test_two_faults_are_two_sentences() -> None:
 def test_unknown_variables_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     monkeypatch.setenv("SCENEGATE_CORPUS", "/somewhere")
+    monkeypatch.setenv("SCENEGATE_ROBOTS", "/somewhere")
     assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?"]
 
 

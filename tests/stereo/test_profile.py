@@ -101,7 +101,14 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
         (MINIMAL + "distortion = [-9, 0, 0, 0, 0]\n", "stereo.distortion: the distortion has no inverse"),
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
-        (MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n", "color.rotation is zero"),
+        (
+            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n",
+            "color.rotation has the length 0; 0.001 is the least",
+        ),
+        (
+            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [1e-300, 0, 0, 0]\n",
+            "has the length 1e-300; 0.001",
+        ),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
     ],
 )
@@ -124,6 +131,7 @@ def test_text_of_a_camera() -> None:
     for text, message in (
         ("name=a;name=b;0,0,0,1,0,0,0", "name= twice"),
         ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
+        ("name=1;0,0,0,1,0,0,0", "name='1' of a camera must not be a number"),
         ("profile=;0,0,0,1,0,0,0", "profile='' of a camera"),
         ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
     ):
