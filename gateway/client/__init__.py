@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
+    from gateway.client.tree.clicks import Click
     from gateway.client.tree.geometry import (
         Box,
         Capsule,
@@ -33,6 +34,7 @@ __all__ = [
     "Batch",
     "Box",
     "Capsule",
+    "Click",
     "Cylinder",
     "Ellipsoid",
     "Geometry",
@@ -54,9 +56,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, geometry, viewer
+    from gateway.client.tree import aio, clicks, geometry, viewer
 
-    for module in (viewer, geometry, aio):
+    for module in (viewer, geometry, aio, clicks):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

@@ -2,6 +2,7 @@
 
 - ``viewer``: the client; ``aio``: the same for asyncio.
 - ``geometry``, ``colors``: geometry that can be published.
+- ``clicks``: clicks in the browser.
 - ``published``: changes of a request, and a record of published geometry.
 - ``wire``: encoding of requests and responses; ``connection``: LCM.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
-from types import TracebackType
+from types import EllipsisType, TracebackType
 
 from numpy.typing import ArrayLike
 
+from gateway.client.tree.clicks import Callback
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import path_of
 from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer
@@ -32,6 +33,14 @@ class AsyncNode:
     async def transform(self, value: Transform | ArrayLike) -> Answer:
         """See ``Node.transform``."""
         return await asyncio.to_thread(self._node.transform, value)
+
+    async def set_visible(self, visible: bool) -> Answer:
+        """See ``Node.set_visible``."""
+        return await asyncio.to_thread(self._node.set_visible, visible)
+
+    async def set_opacity(self, opacity: float) -> Answer:
+        """See ``Node.set_opacity``."""
+        return await asyncio.to_thread(self._node.set_opacity, opacity)
 
     async def delete(self) -> Answer:
         """See ``Node.delete``."""
@@ -61,6 +70,26 @@ class AsyncTreeViewer:
     async def delete(self) -> Answer:
         """See ``TreeViewer.delete``."""
         return await asyncio.to_thread(self._connected_viewer.delete)
+
+    async def set_view(
+        self,
+        *,
+        background: ArrayLike | EllipsisType | None = ...,
+        grid: bool | EllipsisType | None = ...,
+        home: Sequence[ArrayLike] | EllipsisType | None = ...,
+    ) -> Answer:
+        """See ``TreeViewer.set_view``."""
+        return await asyncio.to_thread(self._connected_viewer.set_view, background=background, grid=grid, home=home)
+
+    async def on_click(
+        self, path: str | int | tuple[str | int, ...], callback: Callback
+    ) -> Callable[[], Awaitable[None]]:
+        """See ``TreeViewer.on_click``. The event loop calls ``callback``, which is not a coroutine."""
+        loop = asyncio.get_running_loop()
+        stop = await asyncio.to_thread(
+            self._connected_viewer.on_click, path, lambda click: loop.call_soon_threadsafe(callback, click)
+        )
+        return lambda: asyncio.to_thread(stop)
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:

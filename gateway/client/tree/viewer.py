@@ -8,22 +8,27 @@ import os
 import secrets
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass
-from types import TracebackType
+from dataclasses import dataclass, replace
+from types import EllipsisType, TracebackType
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from gateway.client.tree import wire
+from gateway.client.tree.clicks import Callback, ClickListener
+from gateway.client.tree.colors import rgba
 from gateway.client.tree.connection import LcmConnection
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import Changes, Path, PublishedTree, path_of
 
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
 """Status codes of responses. All negative codes are failures."""
+UNSUPPORTED: Final = -4
+"""Status of an ``Answer`` if the viewer ignored a command. No viewer sends it."""
 
 
 class TreeViewerError(RuntimeError):
@@ -83,6 +88,21 @@ class Node:
         changes.transform(self.path, Transform.of(value).body())
         return self._target.send(changes)
 
+    def set_visible(self, visible: bool) -> Answer:
+        """Show or hide this path and everything below it, in the browser and in images."""
+        changes = Changes()
+        changes.set_property(self.path, visible=bool(visible))
+        return self._target.send(changes)
+
+    def set_opacity(self, opacity: float) -> Answer:
+        """Multiply the alpha of this path and of everything below it by ``opacity``, 0 to 1."""
+        opacity = float(opacity)
+        if not 0.0 <= opacity <= 1.0:
+            raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
+        changes = Changes()
+        changes.set_property(self.path, opacity=opacity)
+        return self._target.send(changes)
+
     def delete(self) -> Answer:
         """Delete this path and everything below it."""
         changes = Changes()
@@ -103,13 +123,7 @@ class Batch:
 
     def send(self, changes: Changes) -> Answer:
         """Add changes to the batch. The result says nothing, since the viewer has not received them yet."""
-        for path in changes.deleted:
-            self.changes.delete(path)
-        for path, entry in changes.entries.items():
-            if entry.geometries is not None:
-                self.changes.set(path, entry.geometries)
-            if entry.transform is not None:
-                self.changes.transform(path, entry.transform)
+        self.changes.add(changes)
         return Answer(OK)
 
 
@@ -145,6 +159,7 @@ class TreeViewer:
         """Requests without a response, by ``utime``."""
         self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
+        self._clicks = ClickListener(self._renew_clicks)
         self._connection = LcmConnection(url, handlers, timeout)
 
     @property
@@ -165,11 +180,82 @@ class TreeViewer:
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer."""
+        if self._clicks.paths():
+            self._renew_clicks([])
+        self._clicks.close()
         self._connection.close()
 
     def delete(self) -> Answer:
         """Delete everything in the viewer, including the geometry of other clients."""
         return Node(self, ()).delete()
+
+    def set_view(
+        self,
+        *,
+        background: ArrayLike | EllipsisType | None = ...,
+        grid: bool | EllipsisType | None = ...,
+        home: Sequence[ArrayLike] | EllipsisType | None = ...,
+    ) -> Answer:
+        """Set background, grid and home camera of the page in the browser, for open pages and later ones.
+
+        None gives a setting back to the page; settings that are left out stay as they are. What a visitor has chosen in
+        the page's own controls overrides it there.
+
+        Args:
+            background: a colour as in ``color`` of geometry, without alpha.
+            grid: True shows and False hides the grid on the ground.
+            home: eye and target in the world, metres, and optionally the direction up (default +z).
+        """
+        changes = Changes()
+        if background is not ...:
+            changes.view["background"] = None if background is None else rgba(background)[:3]
+        if grid is not ...:
+            changes.view["grid"] = None if grid is None else bool(grid)
+        if home is not ...:
+            changes.view["home"] = None if home is None else _home(home)
+        return self.send(changes)
+
+    def on_click(self, path: str | int | tuple[str | int, ...], callback: Callback) -> Callable[[], None]:
+        """Call ``callback`` with a ``Click`` for each click in the browser on geometry at or below ``path``.
+
+        The callbacks run one after the other in a thread of the client, and may use it.
+
+        Returns:
+            Function that ends the calls.
+        Raises:
+            TreeViewerError: the viewer sends no clicks, or a limit is reached.
+        """
+        remove = self._clicks.add(path_of(path), callback)
+        try:
+            self._send_click_paths()
+        except BaseException:
+            remove()
+            raise
+
+        def stop() -> None:
+            remove()
+            self._send_click_paths()
+
+        return stop
+
+    def _send_click_paths(self) -> None:
+        """Subscribe to the clicks that have callbacks."""
+        changes = Changes()
+        changes.click_paths = self._clicks.paths()
+        self.send(changes)
+
+    def _renew_clicks(self, paths: list[Path]) -> None:
+        """Subscribe to clicks without waiting for the response, or for a connection that is lost."""
+        changes = Changes()
+        changes.click_paths = paths
+        if self._connection.is_connected:
+            with contextlib.suppress(ConnectionError):
+                self._post_only(changes.newer_commands())
+
+    def _post_only(self, body: dict[str, Any]) -> None:
+        """Send a request whose response is ignored."""
+        utime, _ = self._post(body, self.message_format or wire.JSON)
+        self.pending.pop(utime, None)
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
@@ -201,6 +287,10 @@ class TreeViewer:
                 elif second_response.status < OK:
                     response = second_response
         answer = _answer(response, missing)
+        unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
+        if unknown and answer.status >= OK:
+            error = f"this viewer does not know {', '.join(sorted(unknown))}; it has done everything else"
+            answer = replace(answer, status=UNSUPPORTED, error=error)
         if answer.status < OK:
             raise TreeViewerError(answer)
         return answer
@@ -242,8 +332,11 @@ class TreeViewer:
         return utime, future
 
     def _on_response(self, message: bytes) -> None:
-        """Complete the future of the request that a response belongs to. Runs in the receiving thread."""
+        """Complete the future of the response's request, or queue a click. Runs in the receiving thread."""
         response = wire.decode(message)
+        if response is not None and "click" in response.body:
+            self._clicks.receive(response.body["click"])
+            return
         future = self.pending.pop(response.timestamp, None) if response is not None else None
         if future is not None and response is not None:
             future.set_result(response)
@@ -255,10 +348,24 @@ class TreeViewer:
             return
         with self._lock:
             everything = self._published.all()
-        if everything.entries:
+        everything.click_paths = self._clicks.paths() or None
+        if everything.entries or everything.newer_commands():
             with contextlib.suppress(ConnectionError):  # there is no caller to tell; the next request may restore it
-                utime, _ = self._post(everything.body(), self.message_format or wire.JSON)
-                self.pending.pop(utime, None)
+                self._post_only(everything.body())
+
+
+def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:
+    """Return eye, target and, if given, up as the protocol's object."""
+    names = ("eye", "target", "up")
+    if len(vectors) not in (2, 3):
+        raise ValueError(f"home must be eye, target and optionally up, not {len(vectors)} vectors")
+    home: dict[str, list[float]] = {}
+    for name, vector in zip(names, vectors, strict=False):
+        array = np.asarray(vector, np.float64)
+        if array.shape != (3,):
+            raise ValueError(f"{name} of home must have 3 numbers, not shape {array.shape}")
+        home[name] = array.tolist()
+    return home
 
 
 def _describe(value: object) -> str:
