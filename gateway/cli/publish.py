@@ -12,10 +12,10 @@ import typer
 from gateway.cli.lcm_log import LcmUrl
 
 if TYPE_CHECKING:
+    from gateway.client.tree.answers import Answer
     from gateway.client.tree.geometry import Geometry
     from gateway.client.tree.published import Changes
     from gateway.client.tree.published import Path as NodePath
-    from gateway.client.tree.viewer import Answer
     from gateway.scene.geometry import Part
 
 

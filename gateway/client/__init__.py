@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
+    from gateway.client.tree.answers import Answer, TreeViewerError
     from gateway.client.tree.clicks import Click
     from gateway.client.tree.geometry import (
         Box,
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
         Transform,
         Triad,
     )
-    from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer, TreeViewerError
+    from gateway.client.tree.nodes import Batch, Node
+    from gateway.client.tree.viewer import TreeViewer
 
 __all__ = [
     "Answer",
@@ -56,9 +58,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, clicks, geometry, viewer
+    from gateway.client.tree import aio, answers, clicks, geometry, nodes, viewer
 
-    for module in (viewer, geometry, aio, clicks):
+    for module in (viewer, geometry, aio, clicks, nodes, answers):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gateway.client import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
@@ -57,6 +58,28 @@ async def test_visibility_and_opacity() -> None:
         await in_thread(talk)
         robot, arm = node(live, "robot"), node(live, "robot", "arm")
         assert (robot.visible, robot.opacity, arm.visible, arm.opacity) == (False, 1.0, True, 0.25)
+
+
+async def test_many_transforms() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                for name in ("a/b", "c"):
+                    viewer[name].set(Box((1, 1, 1)))
+                answer = viewer.set_transforms(["a/b", ("c",)], [[1, 2, 3, 1, 0, 0, 0], [4, 5, 6, 0, 1, 0, 0]])
+                assert (answer.status, answer.transformed) == (0, (("a", "b"), ("c",)))
+                with viewer.batch() as batch:
+                    batch.set_transforms(["c"], np.full((1, 7), 0.5))
+                with pytest.raises(ValueError, match=r"poses must have shape \(1, 7\) for 1 paths, not \(7,\)"):
+                    viewer.set_transforms(["c"], np.zeros(7))
+                with pytest.raises(ValueError, match="pose 1 is not finite"):
+                    viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
+
+        await in_thread(talk)
+    assert node(live, "a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
+    assert node(live, "c").pose == (0.5,) * 7
 
 
 async def test_settings_of_the_page() -> None:

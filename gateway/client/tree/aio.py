@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from types import EllipsisType, TracebackType
 
 from numpy.typing import ArrayLike
 
+from gateway.client.tree.answers import Answer
 from gateway.client.tree.clicks import Callback
 from gateway.client.tree.geometry import Geometry, Transform
-from gateway.client.tree.published import path_of
-from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer
+from gateway.client.tree.nodes import Batch, Node
+from gateway.client.tree.published import Key, path_of
+from gateway.client.tree.viewer import TreeViewer
 
 
 class AsyncNode:
@@ -23,7 +25,7 @@ class AsyncNode:
     def __init__(self, node: Node) -> None:
         self._node = node
 
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode:
         return AsyncNode(self._node[key])
 
     async def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
@@ -64,12 +66,16 @@ class AsyncTreeViewer:
     ) -> None:
         await asyncio.to_thread(self._connected_viewer.close)
 
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode:
         return AsyncNode(Node(self._connected_viewer, path_of(key)))
 
     async def delete(self) -> Answer:
         """See ``TreeViewer.delete``."""
         return await asyncio.to_thread(self._connected_viewer.delete)
+
+    async def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
+        """See ``TreeViewer.set_transforms``."""
+        return await asyncio.to_thread(self._connected_viewer.set_transforms, paths, poses)
 
     async def set_view(
         self,
@@ -81,9 +87,7 @@ class AsyncTreeViewer:
         """See ``TreeViewer.set_view``."""
         return await asyncio.to_thread(self._connected_viewer.set_view, background=background, grid=grid, home=home)
 
-    async def on_click(
-        self, path: str | int | tuple[str | int, ...], callback: Callback
-    ) -> Callable[[], Awaitable[None]]:
+    async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
         """See ``TreeViewer.on_click``. The event loop calls ``callback``, which is not a coroutine."""
         loop = asyncio.get_running_loop()
         stop = await asyncio.to_thread(

@@ -7,10 +7,12 @@ from typing import Any
 
 Path = tuple[str | int, ...]
 """Names from the root down; () is the root."""
+Key = str | int | Path
+"""Index of a node: one name, a tuple of names, or a string ``a/b``."""
 
 
-def path_of(value: str | int | tuple[str | int, ...]) -> Path:
-    """Return the path for an index of a node: one element, a tuple of elements, or a string ``a/b``."""
+def path_of(value: Key) -> Path:
+    """Return the path for an index of a node."""
     if isinstance(value, str):
         return tuple(name for name in value.split("/") if name)
     return tuple(value) if isinstance(value, tuple) else (value,)
