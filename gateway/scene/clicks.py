@@ -35,6 +35,8 @@ class ClickLimits:
     """Maximum number of clients with a subscription: each click is compared with the paths of all."""
     paths: int = 1000
     """Maximum number of paths of one client: every page gets all of them."""
+    path_chars: int = 100_000
+    """Maximum number of characters in the paths of one client, for the same reason."""
     lease_seconds: float = 30.0
     """Time after which a client that has not repeated its subscription is forgotten."""
 
@@ -67,6 +69,9 @@ class ClickSubscriptions:
         """
         if len(paths) > self.limits.paths:
             return f"{len(paths)} paths are clickable, the limit for one client is {self.limits.paths}"
+        chars = sum(len(str(element)) for path in paths for element in path)
+        if chars > self.limits.path_chars:
+            return f"the clickable paths have {chars} characters, the limit for one client is {self.limits.path_chars}"
         if not paths:
             self._subscriptions.pop(client, None)
             return ""

@@ -53,8 +53,11 @@ def test_a_subscription_replaces_the_earlier_one() -> None:
 
 
 def test_limits() -> None:
-    world = World(ClickLimits(clients=1, paths=2))
+    world = World(ClickLimits(clients=1, paths=2, path_chars=10))
     assert world.subscribe("one", *((i,) for i in range(3))) == ("3 paths are clickable, the limit for one client is 2")
+    assert world.subscribe("one", ("abcdef",), ("x", 1234)) == (
+        "the clickable paths have 11 characters, the limit for one client is 10"
+    )
     assert world.subscribe("one", ("a",)) == ""
     assert world.subscribe("two", ("a",)) == "1 clients wait for clicks, which is the limit"
     assert world.subscribe("one", ("b",)) == ""

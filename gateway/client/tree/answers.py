@@ -27,7 +27,7 @@ class Answer:
     """Result of a request."""
 
     status: int
-    """Status code of the protocol."""
+    """Status code of the protocol, or ``UNSUPPORTED``."""
     deleted: tuple[Path, ...] = ()
     """Deleted paths."""
     added: tuple[Path, ...] = ()
