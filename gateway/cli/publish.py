@@ -12,7 +12,7 @@ import typer
 from gateway.cli.lcm_log import LcmUrl
 
 if TYPE_CHECKING:
-    from gateway.client.tree.answers import Answer
+    from gateway.client.tree.answer import Answer
     from gateway.client.tree.geometry import Geometry
     from gateway.client.tree.published import Changes
     from gateway.client.tree.published import Path as NodePath

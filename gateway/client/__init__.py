@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
-    from gateway.client.tree.answers import Answer, TreeViewerError
+    from gateway.client.tree.answer import Answer, TreeViewerError
     from gateway.client.tree.clicks import Click
     from gateway.client.tree.geometry import (
         Box,
@@ -58,9 +58,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, answers, clicks, geometry, nodes, viewer
+    from gateway.client.tree import aio, answer, clicks, geometry, nodes, viewer
 
-    for module in (viewer, geometry, aio, clicks, nodes, answers):
+    for module in (viewer, geometry, aio, clicks, nodes, answer):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

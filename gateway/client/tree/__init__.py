@@ -1,7 +1,7 @@
 """Typed client of Director's tree viewer: publish geometry at paths over LCM (UDP multicast or TCPQ).
 
 - ``viewer``: the client; ``aio``: the same for asyncio.
-- ``nodes``: paths and batches; ``answers``: results of requests.
+- ``nodes``: paths and batches; ``answer``: results of requests.
 - ``geometry``, ``colors``: geometry that can be published.
 - ``clicks``: clicks in the browser.
 - ``published``: changes of a request, and a record of published geometry.

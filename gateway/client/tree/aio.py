@@ -9,7 +9,7 @@ from types import EllipsisType, TracebackType
 
 from numpy.typing import ArrayLike
 
-from gateway.client.tree.answers import Answer
+from gateway.client.tree.answer import Answer
 from gateway.client.tree.clicks import Callback
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.nodes import Batch, Node

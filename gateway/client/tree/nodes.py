@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gateway.client.tree.answers import OK, Answer
+from gateway.client.tree.answer import OK, Answer
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import Changes, Key, Path, path_of
 

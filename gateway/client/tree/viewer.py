@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gateway.client.tree import wire
-from gateway.client.tree.answers import (
+from gateway.client.tree.answer import (
     MISSING_PATHS,
     OK,
     UNKNOWN_FORMAT,
