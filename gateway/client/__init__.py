@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         Triad,
     )
     from gateway.client.tree.nodes import Batch, Node
+    from gateway.client.tree.robot import PublishedRobot
     from gateway.client.tree.viewer import TreeViewer
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "Node",
     "PlanarLidar",
     "PointCloud",
+    "PublishedRobot",
     "Sphere",
     "Transform",
     "TreeViewer",
@@ -58,9 +60,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, answer, clicks, geometry, nodes, viewer
+    from gateway.client.tree import aio, answer, clicks, geometry, nodes, robot, viewer
 
-    for module in (viewer, geometry, aio, clicks, nodes, answer):
+    for module in (viewer, geometry, robot, aio, clicks, nodes, answer):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

@@ -40,5 +40,7 @@ class DrakeViewerConfig:
     """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     channels: int = 256
     """Maximum number of channels that are shown, and of names of channels that are heard but not shown."""
+    shown_bytes: int = 4096 * MIB
+    """Maximum size of the newest messages of all channels together: the tree holds their geometry."""
     waiting_bytes: int = 512 * MIB
     """Maximum size of messages that wait for the worker thread. Further messages are dropped."""

@@ -41,6 +41,8 @@ class DrakeViewerService:
         self._task: asyncio.Task[None] | None = None
         self._channels: dict[str, int] = {}
         """Number of messages of each channel that is shown."""
+        self._sizes: dict[str, int] = {}
+        """Size of the newest message of each channel that is shown."""
         self._unshown: dict[str, int] = {}
         """Number of messages of each channel that is heard but not shown."""
         self._logged: set[tuple[str, str]] = set()
@@ -86,9 +88,7 @@ class DrakeViewerService:
         if not self.viewer.is_shown(channel):
             self._count_unshown(channel)
             return
-        if channel not in self._channels and len(self._channels) >= self._config.channels:
-            self._dropped += 1
-            self._report(channel, f"there are {len(self._channels)} channels, which is the limit")
+        if not self._admit(channel, len(message)):
             return
         self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
@@ -98,6 +98,19 @@ class DrakeViewerService:
         self._wait(channel, message)
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._show_waiting())
+
+    def _admit(self, channel: str, size: int) -> bool:
+        """Return False, and count the message, if it is beyond the limits on all channels."""
+        if channel not in self._channels and len(self._channels) >= self._config.channels:
+            reason = f"there are {len(self._channels)} channels, which is the limit"
+        elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
+            reason = f"{size} bytes are too many beside the other channels, the limit is {self._config.shown_bytes}"
+        else:
+            self._sizes[channel] = size
+            return True
+        self._dropped += 1
+        self._report(channel, reason)
+        return False
 
     def _is_big(self, channel: str, message: Message) -> bool:
         """Return True for messages whose reading may take milliseconds."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo.clock import timestamp_text
 from gateway.stereo.frame import Frame
+from gateway.stereo.pairs import PairImaging
 from gateway.stereo.request import SetKind
 from gateway.stereo.rest_common import RestError, error_responses, with_error_responses
 from gateway.stereo.rgbd import rgbd_npz
@@ -22,7 +23,7 @@ from renderers.encode import png_gray8, png_gray16, png_rgb
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.noise import NoiseStream
 
-ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence"]
+ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
 _KINDS: Final[Mapping[ImageName, SetKind]] = {
     "color": SetKind(color_camera=True),
     "depth": SetKind(depth_mm=True),
@@ -30,6 +31,8 @@ _KINDS: Final[Mapping[ImageName, SetKind]] = {
     "right": SetKind(right=True),
     "disparity": SetKind(disparity=True),
     "confidence": SetKind(confidence=True),
+    "raw_left": SetKind(),
+    "raw_right": SetKind(),
 }
 _RGBD: Final = SetKind(color_camera=True, depth_mm=True)
 _K: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
@@ -94,13 +97,16 @@ def camera_router(*services: StereoService) -> APIRouter:
             ImageName,
             Path(
                 description="color: RGB. depth: 16 bits, millimetres, 0: invalid. left, right: grey. "
-                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255",
+                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255. "
+                "raw_left, raw_right: grey, before rectification",
                 examples=["color"],
             ),
         ],
         aligned: Aligned = False,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
+        if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
+            raise RestError(404, "the camera shows recorded pairs, which are rectified")
         frame = await service.capture(_KINDS[image])
         pixels = await _make(frame, lambda: _pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
@@ -142,6 +148,11 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
         "baseline": config.model.baseline,
         "images": images,
     }
+    description["raw"] = {
+        "K": left["K"],
+        "distortion": list(config.distortion.coefficients),
+        "right_rotation": list(config.distortion.right_rotation),
+    }
     if config.color or config.color_camera is not None:
         images["color"] = _intrinsics(config.color_intrinsics)
         description["X_left_color"] = config.X_left_color.tolist()
@@ -174,6 +185,8 @@ async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np
     if name in ("left", "right"):
         stream = NoiseStream.LEFT if name == "left" else NoiseStream.RIGHT
         return (await frame.image(stream, color=False)).image
+    if name in ("raw_left", "raw_right"):
+        return (await frame.raw_image(right=name == "raw_right")).image
     images = await frame.depth_images()
     return images.disparity if name == "disparity" else images.confidence
 

@@ -1,35 +1,22 @@
-"""Images of the colour camera beside a stereo camera: exposure, noise and rolling shutter."""
+"""Images of the colour camera beside a stereo camera, with its rolling shutter."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.auto_exposure import METERING_DIVISOR
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND
-from gateway.stereo.images import Capture, Imaging
+from gateway.stereo.images import Capture, ColorImage, Imaging
 from gateway.stereo.motion import MAX_INTERVAL, Motion, has_equal_instances
 from gateway.stereo.settings import StreamSettings
 from renderers.camera import Camera
 from renderers.interface import Look, Output
 from renderers.stereo.color_camera import ColorCamera
-from renderers.stereo.exposure import Exposure, auto_exposure, brightness_of
-from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.sensor import SensorImage, sensor_image
 
 _STRIPS: Final = 16
 """Number of parts of a rolling image, each of one instant."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ColorImage:
-    """Image of a colour camera."""
-
-    sensor_image: SensorImage
-    exposure: Exposure
 
 
 def expose_color_camera(
@@ -49,13 +36,7 @@ def expose_color_camera(
     config = imaging.config
     camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far)
     rendered = _rolling_image(imaging, color_camera, camera, capture)
-    exposure = settings.manual_exposure
-    if settings.auto_exposure is not None:
-        samples = np.ascontiguousarray(rendered[::METERING_DIVISOR, ::METERING_DIVISOR])
-        exposure = auto_exposure(brightness_of(samples), settings.auto_exposure, exposure)
-    key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
-    noise_factor = color_camera.noise if config.noise else 0.0
-    return ColorImage(sensor_image(rendered, exposure, key, color=True, noise_factor=noise_factor), exposure)
+    return imaging.develop(rendered, color_camera, capture, settings)
 
 
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ from gateway.stereo.parameter_specs import DeviceLimits
 from gateway.stereo.profile import DEFAULT_PROFILE, read_profile
 from renderers.interface import LookName
 from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.distortion import Distortion
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
@@ -49,6 +50,8 @@ class StereoConfig:
     """Bearer tokens of the image stream; None: no token is needed, as on the device."""
     model: StereoModel = field(default_factory=lambda: read_profile(DEFAULT_PROFILE).model)
     """Geometry of the camera."""
+    distortion: Distortion = field(default_factory=Distortion)
+    """Lenses and alignment before rectification."""
     limits: DeviceLimits = field(default_factory=DeviceLimits)
     """Limits and defaults of the device's parameters."""
     color: bool = True

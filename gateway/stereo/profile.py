@@ -14,6 +14,7 @@ import msgspec
 
 from gateway.stereo.parameter_specs import DeviceLimits
 from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.distortion import Distortion, check_distortion
 from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
@@ -29,6 +30,7 @@ FocalLength = Annotated[float, msgspec.Meta(gt=0, le=100_000)]
 Metres = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Depth = Annotated[float, msgspec.Meta(ge=0.01, le=100)]
 Rate = Annotated[float, msgspec.Meta(ge=1, le=1000)]
+Coefficient = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Unit = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 
 
@@ -49,6 +51,10 @@ class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Pixels from the left and the upper edge; None: the centre."""
     color: bool = True
     """True if the left and right images can have colour."""
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 of both lenses in OpenCV's model, in images before rectification."""
+    right_rotation: tuple[Unit, Unit, Unit] = (0.0, 0.0, 0.0)
+    """Rotation vector of the right camera's frame before rectification in the rectified one, radians."""
     noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
     """Factor of the image noise; 1 is the rc_visard's."""
     fps: Rate = 25.0
@@ -125,6 +131,11 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     @property
+    def distortion(self) -> Distortion:
+        """Lenses and alignment before rectification."""
+        return Distortion(self.stereo.distortion, self.stereo.right_rotation)
+
+    @property
     def color_camera(self) -> ColorCamera | None:
         """The colour camera, if there is one."""
         color = self.color
@@ -190,3 +201,7 @@ def _check(profile: Profile) -> None:
         raise ValueError("color.rotation is zero")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
+    try:
+        check_distortion(profile.distortion, profile.model.intrinsics())
+    except ValueError as error:
+        raise ValueError(f"stereo.distortion: {error}") from None

@@ -179,6 +179,7 @@ def config_of(settings: Settings, number: int = 0, camera: CameraText | None = N
         port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
         model=profile.model,
+        distortion=profile.distortion,
         limits=profile.limits,
         color=profile.stereo.color,
         color_camera=profile.color_camera,

@@ -227,6 +227,26 @@ def test_material_of_a_mesh_in_memory(viewer: Viewer) -> None:
     assert part.material.base_color == pytest.approx((1.0, 0.0, 0.0, 1.0)), "its own, not the geometry's"
 
 
+def test_supporting_files_of_a_mesh_in_memory(tmp_path: Path) -> None:
+    inside, outside = tmp_path / "open", tmp_path / "secret"
+    for folder in (inside, outside):
+        folder.mkdir()
+        (folder / "t.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    viewer = Viewer(MeshFiles((inside,)))
+    colors = []
+    for folder in (inside, outside):
+        obj = base64.b64encode(f"mtllib t.mtl\nusemtl red\n{OBJ}".encode()).decode()
+        file = {"contents": obj, "extension": ".obj", "filename_hint": "t.obj"}
+        mesh = {"mesh_file": file, "supporting_files": {"t.mtl": {"path": str(folder / "t.mtl")}}}
+        text = json.dumps({"in_memory_mesh": mesh})
+        viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=text))))
+        viewer.handle(DRAW, draw({}))
+        (part,) = viewer.node("illustration", "world").parts or ()
+        colors.append(part.material.base_color)
+    assert colors[0] == pytest.approx((1.0, 0.0, 0.0, 1.0))
+    assert colors[1] != colors[0], "a file outside of the open folders is not read"
+
+
 def test_files_below_the_mesh_root(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(OBJ)
     viewer = Viewer(MeshFiles((tmp_path,)))

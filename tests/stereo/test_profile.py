@@ -99,6 +99,7 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL.replace("704.0", "1e5"), "stereo focal_factor 156.25 must be within 0.05 and 20"),
         (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 is not less than 1"),
         (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
+        (MINIMAL + "distortion = [-9, 0, 0, 0, 0]\n", "stereo.distortion: the distortion has no inverse"),
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
         (MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n", "color.rotation is zero"),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
+from os import PathLike
 from types import EllipsisType, TracebackType
+from typing import TYPE_CHECKING, Literal
 
 from numpy.typing import ArrayLike
 
@@ -14,7 +17,11 @@ from gateway.client.tree.clicks import Callback
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.nodes import Batch, Node
 from gateway.client.tree.published import Key, path_of
+from gateway.client.tree.robot import PublishedRobot
 from gateway.client.tree.viewer import TreeViewer
+
+if TYPE_CHECKING:
+    from gateway.robots.robot import JointValue
 
 
 class AsyncNode:
@@ -47,6 +54,28 @@ class AsyncNode:
     async def delete(self) -> Answer:
         """See ``Node.delete``."""
         return await asyncio.to_thread(self._node.delete)
+
+
+class AsyncRobot:
+    """``PublishedRobot`` whose methods are coroutines."""
+
+    __slots__ = ("published",)
+
+    def __init__(self, published: PublishedRobot) -> None:
+        self.published = published
+        """The robot, for its links, joints and warnings."""
+
+    async def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
+        """See ``PublishedRobot.set_joints``."""
+        return await asyncio.to_thread(self.published.set_joints, values)
+
+    async def transform(self, value: Transform | ArrayLike) -> Answer:
+        """See ``PublishedRobot.transform``."""
+        return await asyncio.to_thread(self.published.transform, value)
+
+    async def delete(self) -> Answer:
+        """See ``PublishedRobot.delete``."""
+        return await asyncio.to_thread(self.published.delete)
 
 
 class AsyncTreeViewer:
@@ -94,6 +123,20 @@ class AsyncTreeViewer:
             self._connected_viewer.on_click, path, lambda click: loop.call_soon_threadsafe(callback, click)
         )
         return lambda: asyncio.to_thread(stop)
+
+    async def robot(
+        self,
+        path: Key,
+        file: str | PathLike[str],
+        *,
+        joints: Mapping[str, JointValue] | None = None,
+        roots: Iterable[str | PathLike[str]] = (),
+        geometry: Literal["visual", "collision"] = "visual",
+    ) -> AsyncRobot:
+        """See ``TreeViewer.robot``."""
+        viewer = self._connected_viewer
+        publish = partial(viewer.robot, path, file, joints=joints, roots=roots, geometry=geometry)
+        return AsyncRobot(await asyncio.to_thread(publish))
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:

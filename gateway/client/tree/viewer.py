@@ -8,12 +8,13 @@ import os
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
+from os import PathLike
 from types import EllipsisType, TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +35,10 @@ from gateway.client.tree.colors import rgba
 from gateway.client.tree.connection import LcmConnection
 from gateway.client.tree.nodes import Batch, Node, transforms_of
 from gateway.client.tree.published import Changes, Key, Path, PublishedTree, path_of
+from gateway.client.tree.robot import PublishedRobot, publish_robot
+
+if TYPE_CHECKING:
+    from gateway.robots.robot import JointValue
 
 
 class TreeViewer:
@@ -183,6 +188,30 @@ class TreeViewer:
         batch = Batch()
         yield batch
         batch.answer = self.send(batch.changes)
+
+    def robot(
+        self,
+        path: Key,
+        file: str | PathLike[str],
+        *,
+        joints: Mapping[str, JointValue] | None = None,
+        roots: Iterable[str | PathLike[str]] = (),
+        geometry: Literal["visual", "collision"] = "visual",
+    ) -> PublishedRobot:
+        """Publish a robot file in place of everything at a path: each link at a path below it, named like the link.
+
+        Args:
+            path: Path of the robot: ``"panda"``.
+            file: URDF, or MJCF with the extra ``scenegate[robots]``, on this machine.
+            joints: Values in radians or metres, by joint name. The others are as in the file.
+            roots: Folders with the packages of ``package://`` names.
+            geometry: Geometry of the links to publish.
+        Raises:
+            ValueError: the file cannot be used, or a joint or its value is invalid.
+            ImportError: a package that is needed to read the file is not installed.
+            TreeViewerError, TimeoutError, ConnectionError: see ``send``.
+        """
+        return publish_robot(self, path, file, joints or {}, roots, geometry)
 
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.

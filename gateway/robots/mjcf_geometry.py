@@ -1,0 +1,134 @@
+"""Converts the geometry of a compiled MuJoCo model to parts of the scene."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.robots.mjcf_materials import MjcfMaterials
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
+from gateway.scene.transforms import from_pose
+from renderers.drawlist import Mesh
+
+COLLISION_GROUP: Final = 3
+"""Geometry of this group and above is for collisions: MuJoCo's viewer hides it, and robots follow that."""
+INFINITE_PLANE: Final = 10.0
+"""Half side length in metres of planes that the file declares infinite."""
+
+
+class MjcfGeometry:
+    """Converts geometry. Meshes that several geometries use are converted once."""
+
+    def __init__(self, mujoco: Any, model: Any) -> None:
+        self._model = model
+        self._kinds = mujoco.mjtGeom
+        self._materials = MjcfMaterials(mujoco, model)
+        self._meshes: dict[int, Mesh] = {}
+        self.warnings: tuple[str, ...] = ()
+
+    def parts_by_body(self, use: Literal["visual", "collision"]) -> tuple[tuple[Part, ...], ...]:
+        """Return the parts of each body, in the body's frame."""
+        model = self._model
+        parts: list[list[Part]] = [[] for _ in range(model.nbody)]
+        is_collision = self._collision_geometry()
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        unknown = 0
+        for index in range(model.ngeom):
+            if not (collides[index] if use == "collision" else not is_collision[index]):
+                continue
+            rgba = self._materials.rgba(index)
+            if rgba[3] <= 0.0 and use == "visual":
+                continue
+            shape, has_uv = self._shape(index)
+            if shape is None:
+                unknown += 1
+                continue
+            material = self._materials.material(index, has_uv)
+            X = from_pose(model.geom_pos[index].tolist(), model.geom_quat[index].tolist())
+            parts[int(model.geom_bodyid[index])].append(Part(shape, material, X))
+        if unknown:
+            self.warnings = (f"{unknown} geometries of other types (height fields, SDFs) are not shown",)
+        return tuple(map(tuple, parts))
+
+    def _collision_geometry(self) -> NDArray[np.bool_]:
+        """Return which geometry is for collisions only, (ngeom,) bool.
+
+        It is that of ``COLLISION_GROUP`` and above, and, of bodies that have geometry without collisions in the groups
+        1 and 2, that of group 0 which collides.
+        """
+        model = self._model
+        group = model.geom_group
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        has_visual = np.zeros(model.nbody, np.bool_)
+        has_visual[model.geom_bodyid[~collides & (group >= 1) & (group < COLLISION_GROUP)]] = True
+        return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
+
+    def _shape(self, index: int) -> tuple[Shape | None, bool]:
+        """Return the shape of a geometry, None for an unknown type; and whether it has texture coordinates."""
+        kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
+        kinds = self._kinds
+        if kind == kinds.mjGEOM_SPHERE:
+            return Sphere(size[0]), False
+        if kind == kinds.mjGEOM_CAPSULE:
+            return Capsule(size[0], 2.0 * size[1]), False
+        if kind == kinds.mjGEOM_CYLINDER:
+            return Cylinder(size[0], 2.0 * size[1]), False
+        if kind == kinds.mjGEOM_BOX:
+            return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
+        if kind == kinds.mjGEOM_ELLIPSOID:
+            return Ellipsoid((size[0], size[1], size[2])), False
+        if kind == kinds.mjGEOM_PLANE:
+            return Surface(self._plane(index, size)), True
+        if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
+            mesh = self._mesh(int(self._model.geom_dataid[index]))
+            return Surface(mesh), mesh.uv0 is not None
+        return None, False
+
+    def _plane(self, index: int, size: list[float]) -> Mesh:
+        x, y = (half if half > 0.0 else INFINITE_PLANE for half in size[:2])
+        corners = np.array(((-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)), np.float32)
+        uv = corners[:, :2] * self._materials.plane_repeats(index, x, y)
+        normals = np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1))
+        triangles = np.array(((0, 1, 2), (0, 2, 3)), np.uint32)
+        return Mesh(corners, triangles, normals=normals, uv0=np.ascontiguousarray(uv, np.float32))
+
+    def _mesh(self, mesh: int) -> Mesh:
+        """Return a mesh. MuJoCo has separate indices for positions, normals and texture coordinates of each corner."""
+        if mesh not in self._meshes:
+            model = self._model
+
+            def rows(array: NDArray[Any], start: int, count: int) -> NDArray[Any]:
+                return array[start : start + count]
+
+            start, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+            positions = rows(model.mesh_vert, model.mesh_vertadr[mesh], model.mesh_vertnum[mesh])
+            normals = rows(model.mesh_normal, model.mesh_normaladr[mesh], model.mesh_normalnum[mesh])
+            corners = [rows(model.mesh_face, start, count), rows(model.mesh_facenormal, start, count)]
+            uv = None
+            if model.mesh_texcoordadr[mesh] >= 0:
+                uv = rows(model.mesh_texcoord, model.mesh_texcoordadr[mesh], model.mesh_texcoordnum[mesh])
+                corners.append(rows(model.mesh_facetexcoord, start, count))
+            unique, triangles = _unique_corners(np.stack(corners, axis=-1).reshape(3 * count, -1))
+            self._meshes[mesh] = Mesh(
+                np.ascontiguousarray(positions[unique[:, 0]], np.float32),
+                np.ascontiguousarray(triangles.reshape(-1, 3), np.uint32),
+                normals=np.ascontiguousarray(normals[unique[:, 1]], np.float32),
+                uv0=None if uv is None else np.ascontiguousarray(uv[unique[:, 2]], np.float32),
+            )
+        return self._meshes[mesh]
+
+
+def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the different rows of (N, 2 | 3) indices, and for each row the number of its equal there."""
+    codes = np.zeros(len(corners), np.int64)
+    columns = corners.astype(np.int64)
+    sizes = columns.max(axis=0, initial=0) + 1
+    for column, size in zip(
+        columns.T, sizes, strict=True
+    ):  # below 2**63: at most 10 million vertices, and three columns
+        codes = codes * size + column
+        _, codes = np.unique(codes, return_inverse=True)
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    return columns[first], inverse
