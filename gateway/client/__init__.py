@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
-    from gateway.client.tree.answer import Answer
+    from gateway.client.tree.answer import Answer, TreeViewerError
+    from gateway.client.tree.clicks import Click
     from gateway.client.tree.geometry import (
         Box,
         Capsule,
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
         Transform,
         Triad,
     )
+    from gateway.client.tree.nodes import Batch, Node
     from gateway.client.tree.robot import PublishedRobot
-    from gateway.client.tree.viewer import Batch, Node, TreeViewer, TreeViewerError
+    from gateway.client.tree.viewer import TreeViewer
 
 __all__ = [
     "Answer",
@@ -35,6 +37,7 @@ __all__ = [
     "Batch",
     "Box",
     "Capsule",
+    "Click",
     "Cylinder",
     "Ellipsoid",
     "Geometry",
@@ -57,9 +60,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, geometry, robot, viewer
+    from gateway.client.tree import aio, answer, clicks, geometry, nodes, robot, viewer
 
-    for module in (viewer, geometry, robot, aio):
+    for module in (viewer, geometry, robot, aio, clicks, nodes, answer):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

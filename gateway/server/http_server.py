@@ -17,7 +17,7 @@ from gateway.server.http_protocol import BoundedHttpProtocol
 from gateway.server.websocket_protocol import BoundedWebSocketProtocol
 
 MAX_WEBSOCKET_BYTES: Final = 64 << 10
-"""WebSocket message from a client; those of the browser view have at most 16 characters."""
+"""WebSocket message from a client; those of the browser view have at most 256 characters."""
 KEEP_ALIVE_SECONDS: Final = 60
 """Time for the next request on a connection."""
 

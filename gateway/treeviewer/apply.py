@@ -1,4 +1,4 @@
-"""Execute a request on the live tree: first its deletes, then its geometries, then its transforms."""
+"""Execute a request on the live tree: deletes, geometries, transforms, properties."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RequestApplier:
     """Executes one request, in one or several steps. Each step creates one revision of the live tree."""
 
     def __init__(self, request: Request, live: LiveTree, quota: TreeQuota, limits: Limits) -> None:
-        self._request = request
+        self.request = request
         self._live = live
         self._quota = quota
         self._limits = limits
@@ -24,6 +24,7 @@ class RequestApplier:
         self._deletes = iter(request.deletes)
         self._geometries = iter(enumerate(request.geometries))
         self._transforms = iter(enumerate(request.transforms))
+        self._properties = iter(enumerate(request.properties))
         self._failures = request.failures
         self._added: dict[Path, None] = {}
         self._transformed: dict[Path, None] = {}
@@ -37,6 +38,7 @@ class RequestApplier:
             executed = self._delete(edit, max_commands)
             executed += self._set_geometry(edit, max_commands - executed)
             executed += self._set_transform(edit, max_commands - executed)
+            executed += self._set_properties(edit, max_commands - executed)
         self._remaining -= executed
         return self._remaining > 0
 
@@ -45,7 +47,7 @@ class RequestApplier:
         response = Response(
             utime,
             MISSING_PATHS if self._missing else OK,
-            list(dict.fromkeys(self._request.deletes)),
+            list(dict.fromkeys(self.request.deletes)),
             list(self._added),
             list(self._transformed),
             list(self._missing),
@@ -58,8 +60,9 @@ class RequestApplier:
                 CommandProblem(failure.command, failure.index, _valid_text(failure.reason), failure.path)
                 for failure in self._failures[:limit]
             ]
-        if self._request.warnings:
-            response.warnings = [_valid_text(text) for text in self._request.warnings[:limit]]
+        if self.request.warnings:
+            response.warnings = [_valid_text(text) for text in self.request.warnings[:limit]]
+        response.newer_commands = self.request.newer_commands
         return response
 
     def _delete(self, edit: TreeEdit, max_commands: int) -> int:
@@ -97,6 +100,24 @@ class RequestApplier:
             if not edit.set_pose(path, pose).nodes_with_parts:
                 self._missing[path] = None
             self._transformed[path] = None
+        return count
+
+    def _set_properties(self, edit: TreeEdit, max_commands: int) -> int:
+        """Execute up to ``max_commands`` setproperty commands; return how many, including failed ones."""
+        count = 0
+        for index, (path, visible, opacity) in islice(self._properties, max_commands):
+            count += 1
+            reason = self._quota.check(edit.root, path)
+            if reason:
+                self._failures.append(Failure("setproperty", index, path, reason))
+                continue
+            if visible is not None:
+                edit.set_visible(path, visible)
+            if opacity is not None:
+                edit.set_opacity(path, opacity)
+            node = edit.root.find(path)
+            if node is None or not node.nodes_with_parts:
+                self._missing[path] = None
         return count
 
 

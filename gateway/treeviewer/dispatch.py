@@ -15,11 +15,13 @@ from typing import Final, Protocol
 import structlog
 
 from gateway.runtime.kernel_cache import KernelError
+from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
-from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, response_channel
+from gateway.treeviewer.page_commands import ClickReceiver, update_page
+from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
 from gateway.treeviewer.responses import AnyResponse, Response
 from renderers.compiler.pending import is_pending
 
@@ -52,6 +54,8 @@ class Counters:
     dropped: int = 0
     """Requests refused because too many were waiting."""
     dropped_bytes: int = 0
+    clicks: int = 0
+    """Clicks sent to clients."""
     internal_errors: int = 0
     """Requests that raised an unexpected exception, which is in the log."""
 
@@ -202,7 +206,7 @@ class Dispatcher:
     def _handle(self, channel: str, message: Message, publish: Publish) -> None:
         """Read and apply a request on the event loop, and respond."""
         try:
-            response = self._protocol.handle(message)
+            response = self._protocol.handle(message, self._receiver(channel, message, publish))
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
@@ -219,6 +223,8 @@ class Dispatcher:
             applier = await loop.run_in_executor(self._executor, self._protocol.read, comms)
             while applier.step(self._config.slice_commands):  # noqa: ASYNC110 - the event loop continues in between
                 await asyncio.sleep(0)
+            receiver = self._receiver(queue.channel, message, queue.publish)
+            update_page(self._protocol.page, applier.request, receiver)
             response = applier.response(comms.utime)
         except RequestRefused as refused:
             response = refused.response
@@ -261,6 +267,20 @@ class Dispatcher:
         self.counters.answered += 1
         self.counters.missing += response.status == responses.MISSING_PATHS
         self.counters.failed += response.status < 0
+
+    def _receiver(self, channel: str, message: Message, publish: Publish) -> ClickReceiver:
+        """Return the client of a request, as a receiver of clicks in the request's format."""
+        deliver = partial(self._send_click, channel, publish, wire.is_binary(message))
+        return ClickReceiver(channel if client_of(channel) else "", deliver)
+
+    def _send_click(self, channel: str, publish: Publish, binary: bool, click: Click) -> None:
+        """Publish a click to the client of a channel of requests."""
+        try:
+            publish(response_channel(channel), responses.encode(responses.ClickMessage(click), binary=binary))
+        except (OSError, ValueError) as error:
+            _log.warning("A click could not be sent", channel=channel, reason=str(error))
+        else:
+            self.counters.clicks += 1
 
     def _refuse(self, channel: str, message: Message, publish: Publish, reason: str) -> None:
         """Respond to a request that is not handled."""

@@ -101,6 +101,9 @@ class _MessageBase(msgspec.Struct, gc=False):
     """Director's older name of ``setgeometry``."""
     draw: Any = msgspec.UNSET
     """Director's older name of ``settransform``."""
+    setproperty: Any = None
+    setview: Any = None
+    setclicks: Any = None
 
 
 def message_type(limits: Limits) -> type:

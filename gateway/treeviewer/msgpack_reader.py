@@ -45,7 +45,9 @@ class MsgpackReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         super().__init__(limits, meshes)
-        self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(message_type(self.limits))
+        self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
+            message_type(self.limits), ext_hook=_decode_extension
+        )
         self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
 
     def read(self, data: memoryview) -> Request:

@@ -10,12 +10,14 @@ from collections.abc import Callable
 from typing import Final
 
 from gateway.scene.live import LiveTree
+from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.msgpack_reader import MsgpackReader
+from gateway.treeviewer.page_commands import ClickReceiver, update_page
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
@@ -61,12 +63,15 @@ class TreeViewerProtocol:
         limits: Limits | None = None,
         meshes: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
+        page: LivePage | None = None,
     ) -> None:
         self.limits = limits or Limits()
         self.quota = TreeQuota(self.limits, clock)
         self.quota.adopt(live.snapshot.root)
         self.reads_files = meshes is not None
         """True if requests may open mesh files. Such requests must be read in a worker thread."""
+        self.page = page or LivePage()
+        """State of the pages that show the tree."""
         self._live = live
         self.readers = {
             wire.FORMAT: JsonReader(self.limits, meshes),
@@ -106,9 +111,12 @@ class TreeViewerProtocol:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
         return RequestApplier(request, self._live, self.quota, self.limits)
 
-    def handle(self, message: bytes | memoryview) -> AnyResponse:
+    def handle(self, message: bytes | memoryview, receiver: ClickReceiver | None = None) -> AnyResponse:
         """Read and apply a request at once, and return the response.
 
+        Args:
+            message: the request, a viewer2_comms_t.
+            receiver: the client; None: it cannot receive clicks.
         Raises:
             wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
         """
@@ -118,4 +126,5 @@ class TreeViewerProtocol:
         except RequestRefused as refused:
             return refused.response
         applier.step(ALL_COMMANDS)
+        update_page(self.page, applier.request, receiver)
         return applier.response(comms.utime)

@@ -8,17 +8,17 @@ All other requests are read field by field, in every form that known clients sen
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import msgspec
 
-from gateway.scene.tree import Path
 from gateway.treeviewer import fast_schema, fields
+from gateway.treeviewer.command_lists import commands, path_text
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader, ReadContext
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import read_parts
+from gateway.treeviewer.newer_commands import NAMES, read_newer_commands
 from gateway.treeviewer.requests import Failure, Request, RequestError
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -71,6 +71,7 @@ class RequestReader:
             self._read_transforms(transforms, request, context)
         elif transforms:
             request.transforms = [(command.path, command.transform.pose()) for command in transforms]
+        read_newer_commands({name: getattr(message, name) for name in NAMES}, request, context)
         return request
 
     def from_plain(self, message: Any, context: ReadContext) -> Request:
@@ -90,11 +91,12 @@ class RequestReader:
         transforms = message["draw"] if "draw" in message else message.get("settransform")
         self._read_geometries(geometries, request, context)
         self._read_transforms(transforms, request, context)
+        read_newer_commands(message, request, context)
         return request
 
     def _read_deletes(self, value: Any, request: Request, context: ReadContext) -> None:
         """Add the delete commands of a decoded list to the request."""
-        for index, command in _commands("delete", value, request, context):
+        for index, command in commands("delete", value, request, context):
             try:
                 request.deletes.append(fields.path(command, context))
             except CommandError as error:
@@ -102,7 +104,7 @@ class RequestReader:
 
     def _read_geometries(self, value: Any, request: Request, context: ReadContext) -> None:
         """Add the setgeometry commands of a decoded list to the request, with warnings."""
-        for index, command in _commands("setgeometry", value, request, context):
+        for index, command in commands("setgeometry", value, request, context):
             path = None
             try:
                 path = fields.path(command, context)
@@ -112,12 +114,12 @@ class RequestReader:
             else:
                 request.geometries.append((path, parts))
             if context.warnings:
-                request.warnings.extend(f"setgeometry[{index}] {_path_text(path)}: {text}" for text in context.warnings)
+                request.warnings.extend(f"setgeometry[{index}] {path_text(path)}: {text}" for text in context.warnings)
                 context.warnings.clear()
 
     def _read_transforms(self, value: Any, request: Request, context: ReadContext) -> None:
         """Add the settransform commands of a decoded list to the request, with warnings."""
-        for index, command in _commands("settransform", value, request, context):
+        for index, command in commands("settransform", value, request, context):
             path = None
             try:
                 path = fields.path(command, context)
@@ -129,32 +131,5 @@ class RequestReader:
             else:
                 if not all(map(math.isfinite, pose)):
                     text = "transform is not finite, so nothing below it is drawn"
-                    request.warnings.append(f"settransform[{index}] {_path_text(path)}: {text}")
+                    request.warnings.append(f"settransform[{index}] {path_text(path)}: {text}")
                 request.transforms.append((path, pose))
-
-
-def _commands(name: str, value: Any, request: Request, context: ReadContext) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the index and the fields of each command in a decoded list, and add a failure for each invalid command.
-
-    An absent list, null and ``{}`` count as an empty list, and null commands are skipped. An object with a path counts
-    as a list of one command, because an example in the protocol's document has that form.
-    """
-    if value is None or value == {}:
-        return
-    if isinstance(value, dict) and "path" in value:
-        value = [value]
-    if not isinstance(value, list):
-        failure = Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}")
-        request.fail(failure, context.limits)
-        return
-    for index, command in enumerate(value):
-        if isinstance(command, dict):
-            yield index, cast("dict[str, Any]", command)
-        elif command is not None:
-            failure = Failure(name, index, None, f"a command must be an object, not {show(command)}")
-            request.fail(failure, context.limits)
-
-
-def _path_text(path: Path | None) -> str:
-    """Return a path for a warning; None is a path that could not be read."""
-    return show(list(path)) if path is not None else "[?]"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
@@ -20,28 +21,36 @@ class Failure:
     """A command that cannot be executed."""
 
     command: str
-    """``delete``, ``setgeometry`` or ``settransform``."""
+    """``delete``, ``setgeometry``, ``settransform``, or a name of ``newer_commands``."""
     index: int
-    """Index in the request's list of such commands."""
+    """Index in the request's list of such commands; 0 if it is no list."""
     path: Path | None
     """None: the path could not be read."""
     reason: str
 
 
 class Request(msgspec.Struct, gc=False):
-    """Commands in the order of execution: all deletes, then all geometries, then all transforms."""
+    """Commands in the order of execution: deletes, geometries, transforms, properties."""
 
     deletes: list[Path] = []
     geometries: list[tuple[Path, tuple[Part, ...]]] = []
     transforms: list[tuple[Path, Pose]] = []
+    properties: list[tuple[Path, bool | None, float | None]] = []
+    """Path, visibility, opacity from 0 to 1; None: unchanged."""
+    view: dict[str, Any] | None = None
+    """Changed fields of the page's view, with values as in ``PageView``; None: no command."""
+    click_paths: list[Path] | None = None
+    """Paths whose clicks the client wants from now on; None: no command."""
+    newer_commands: list[str] = []
+    """Names of the commands of ``newer_commands`` in the request."""
     failures: list[Failure] = []
     warnings: list[str] = []
     """One sentence for each irregularity that was tolerated."""
 
     @property
     def commands(self) -> int:
-        """Number of commands to execute, without ``failures``."""
-        return len(self.deletes) + len(self.geometries) + len(self.transforms)
+        """Number of commands that edit the tree, without ``failures``."""
+        return len(self.deletes) + len(self.geometries) + len(self.transforms) + len(self.properties)
 
     def fail(self, failure: Failure, limits: Limits) -> None:
         """Add a command that cannot be executed.

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from gateway.scene.clicks import Click
 from gateway.scene.tree import Path
 from gateway.treeviewer import wire
 
@@ -44,6 +45,8 @@ class Response(msgspec.Struct, omit_defaults=True):
     """The first error in one sentence, and the number of other errors."""
     errors: list[CommandProblem] = []
     warnings: list[str] = []
+    newer_commands: list[str] = []
+    """Names of the request's commands that Director does not have, as a sign that this viewer knows them."""
 
 
 class FormatResponse(msgspec.Struct):
@@ -52,6 +55,17 @@ class FormatResponse(msgspec.Struct):
     timestamp: int
     status: int
     supported_formats: dict[str, list[str]]
+
+
+class ClickMessage(msgspec.Struct):
+    """A click in a page, sent on the client's response channel. Clients that do not know it see a response to nothing.
+
+    The fields of ``click`` are those of ``gateway.scene.clicks.Click``.
+    """
+
+    click: Click
+    timestamp: int = 0
+    status: int = OK
 
 
 class ReadyMessage(msgspec.Struct):
@@ -63,12 +77,13 @@ class ReadyMessage(msgspec.Struct):
 
 
 AnyResponse = Response | FormatResponse
+AnyMessage = AnyResponse | ReadyMessage | ClickMessage
 
 _json: Final = msgspec.json.Encoder()
 _msgpack: Final = msgspec.msgpack.Encoder()
 
 
-def encode(response: AnyResponse | ReadyMessage, *, binary: bool = False) -> bytes:
+def encode(response: AnyMessage, *, binary: bool = False) -> bytes:
     """Return a response as LCM message, in MessagePack if ``binary``, otherwise in JSON."""
     if binary:
         return wire.encode(_msgpack.encode(response), name=wire.BINARY_FORMAT)

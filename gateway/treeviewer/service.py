@@ -19,6 +19,7 @@ from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.lcm.transport import LcmUnavailableError, Transport
 from gateway.runtime.scheduling import yield_to_event_loop
 from gateway.scene.live import LiveTree
+from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
@@ -43,6 +44,7 @@ class TreeViewerService:
         clock: Callable[[], float] = time.monotonic,
         durable: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
+        page: LivePage | None = None,
     ) -> None:
         """Create the service; ``run`` starts it.
 
@@ -53,9 +55,10 @@ class TreeViewerService:
             clock: monotonic time in seconds.
             durable: storage of the tree; None: responses do not wait for storage.
             listeners: receive other channels of the transport and the hub.
+            page: state of the pages that show the tree.
         """
         self._config = config
-        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
+        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock, page)
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer", yield_to_event_loop)
         self._dispatcher = Dispatcher(self.protocol, config, self._executor, durable)
         self._transport: Transport | None = None

@@ -13,13 +13,14 @@ import time
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 
 from gateway.scene.live import Snapshot
+from gateway.scene.live_page import LivePage
 from gateway.scene.tree import Change, Node, Path, changes
 from gateway.viewer.frames import FrameBuilder, encode_fragment
 from gateway.viewer.geometry_json import part_json
@@ -84,6 +85,10 @@ class Encoder:
     def node_id(self, path: Path) -> int:
         """Return the id of a path. The id is kept when the node is removed, because a page may still have the node."""
         return self._ids.setdefault(path, len(self._ids))
+
+    def path_of(self, node_id: int) -> Path | None:
+        """Return the path of an id, or None if there is no such id."""
+        return next(islice(self._ids, node_id, None), None) if node_id >= 0 else None
 
     async def update(self, old: Snapshot) -> tuple[Update, Snapshot]:
         """Return the update from ``old`` to the current snapshot, and that snapshot.
@@ -181,6 +186,14 @@ def _add_transforms(builder: FrameBuilder, header: dict[str, Any], nodes: list[t
 def encode_status(status: dict[str, Any]) -> bytes:
     """Return the frame with the gateway's status. The status has plain JSON values."""
     return FrameBuilder().finish({"kind": "status", **status})
+
+
+def encode_page(page: LivePage) -> bytes:
+    """Return the frame with the view settings and the clickable paths. Settings that are null are the page's own."""
+    view = page.view
+    home = None if view.home is None else {name: getattr(view.home, name) for name in ("eye", "target", "up")}
+    fields = {"background": view.background, "grid": view.grid, "home": home}
+    return FrameBuilder().finish({"kind": "page", **fields, "clickable": page.clicks.paths()})
 
 
 def encode_stereo_rig(rig: StereoRig | None) -> bytes:

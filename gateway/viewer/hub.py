@@ -9,9 +9,11 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any, Final
 
+from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.encoder import Encoder, encode_status, encode_stereo_rig
+from gateway.viewer.encoder import Encoder, encode_page, encode_status, encode_stereo_rig
 from gateway.viewer.flow_control import BrowserState, FlowControl
 from gateway.viewer.recent_renders import RecentRenders
 from gateway.viewer.resources import Resources
@@ -31,6 +33,7 @@ class ViewHub:
         *,
         status: Callable[[], Mapping[str, Any]] = dict,
         stereo: StereoSource | None = None,
+        page: LivePage | None = None,
     ) -> None:
         """Create a hub without browsers.
 
@@ -41,6 +44,7 @@ class ViewHub:
                 by its name; ``facts`` is a list of values with ``name``, ``value`` and ``warn``. Called every
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
+            page: view settings and clickable paths, which clients of the tree viewer set.
         """
         self.config = config
         self.resources = Resources()
@@ -50,6 +54,10 @@ class ViewHub:
         self._stereo = stereo
         self._rig_frame = encode_stereo_rig(None)
         """The frame with the stereo camera's pose that was sent last."""
+        self._page = page or LivePage()
+        self._page.listen(self._send_page)
+        self._page_frame = encode_page(self._page)
+        """The frame with view settings and clickable paths that was sent last."""
         self._encoder = Encoder(self.resources, config.max_node_ids)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
@@ -104,6 +112,20 @@ class ViewHub:
             for browser in self._browsers:
                 browser.send_latest("rig", frame)
 
+    def _send_page(self) -> None:
+        """Send view settings and clickable paths to all browsers if they have changed."""
+        frame = encode_page(self._page)
+        if frame != self._page_frame:
+            self._page_frame = frame
+            for browser in self._browsers:
+                browser.send_latest("page", frame)
+
+    def click(self, node_id: int, point: tuple[float, float, float], button: Button) -> None:
+        """Pass a click in a page to the clients that want it. Clicks on nodes that were removed are dropped."""
+        path = self._encoder.path_of(node_id)
+        if path is not None and self._tree.snapshot.root.find(path) is not None:
+            self._page.clicks.click(Click(path, point, button))
+
     def _remove_meshes(self) -> None:
         """Make all pages drop the meshes that no longer exist."""
         removed = self.resources.take_removed_meshes()
@@ -118,6 +140,7 @@ class ViewHub:
                 now = asyncio.get_running_loop().time()
                 frame = self._status_frame()
                 self._remove_meshes()
+                self._send_page()  # subscriptions to clicks end without notice
                 for browser in self._browsers:
                     browser.send_latest("status", frame)
                     browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
@@ -142,6 +165,8 @@ class ViewHub:
         self._take_snapshot()
         browser = Browser(FlowControl(self._encoder), self.resources, self._browsers.discard)
         browser.send_latest("rig", self._rig_frame)
+        self._send_page()
+        browser.send_latest("page", self._page_frame)
         browser.send_latest("status", self._status_frame())
         self._browsers.add(browser)
         return browser

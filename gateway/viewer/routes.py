@@ -12,9 +12,11 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
+import msgspec
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
 
+from gateway.scene.clicks import Button
 from gateway.server.access import same_origin
 from gateway.viewer.hub import Browser, ViewHub
 from renderers.drawlist import Image, ImageError
@@ -24,8 +26,10 @@ STATIC: Final = files("gateway.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 ACKNOWLEDGE: Final = "k"
 """Message that the page sends after processing an update."""
-MAX_MESSAGE_CHARS: Final = 16
-"""Maximum length of a message from the page."""
+MAX_MESSAGE_CHARS: Final = 256
+"""Maximum length of a message from the page; a click has about 100 characters."""
+MAX_CLICKS: Final = 50
+"""Maximum number of clicks of a page in a second; further ones are dropped, because no person clicks so fast."""
 IMMUTABLE: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
 """Response headers: browsers keep the file and never request it again."""
 REVALIDATE: Final = {"Cache-Control": "no-cache"}
@@ -81,7 +85,7 @@ def router(hub: ViewHub) -> APIRouter:
             return
         sending = asyncio.create_task(_send(socket, browser), name="view browser")
         try:
-            await _receive(socket, browser)
+            await _receive(socket, browser, hub)
         finally:
             browser.close()
             sending.cancel()
@@ -100,8 +104,10 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
         return  # disconnected: _receive ends, too
 
 
-async def _receive(socket: WebSocket, browser: Browser) -> None:
-    """Receive acknowledgements until the page disconnects or sends an invalid message."""
+async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
+    """Receive acknowledgements and clicks until the page disconnects or sends an invalid message."""
+    clock = asyncio.get_running_loop().time
+    second, clicks = clock(), 0
     try:
         while True:
             text = await socket.receive_text()
@@ -110,8 +116,35 @@ async def _receive(socket: WebSocket, browser: Browser) -> None:
             elif len(text) > MAX_MESSAGE_CHARS:
                 await socket.close(1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
                 return
+            elif (click := _read_click(text)) is not None:
+                if clock() - second >= 1.0:
+                    second, clicks = clock(), 0
+                clicks += 1
+                if clicks <= MAX_CLICKS:
+                    hub.click(click.node, click.point, click.button)
     except (WebSocketDisconnect, KeyError):
         return  # KeyError: a binary message
+
+
+class _Click(msgspec.Struct):
+    """A click, as the page sends it in JSON."""
+
+    node: int
+    """Id of the node."""
+    point: tuple[float, float, float]
+    """Point in the world, metres."""
+    button: Button
+
+
+_click_decoder: Final = msgspec.json.Decoder(_Click)
+
+
+def _read_click(text: str) -> _Click | None:
+    """Return the click in a message, or None if the message is something else."""
+    try:
+        return _click_decoder.decode(text)
+    except (msgspec.DecodeError, UnicodeEncodeError):
+        return None
 
 
 def _encode_png(image: Image) -> bytes:

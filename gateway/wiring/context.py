@@ -19,6 +19,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
+from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
 from gateway.settings import Settings
 from renderers.camera import Camera
@@ -54,6 +55,8 @@ class Context:
     security: Security
     """Tokens, TLS and trusted hosts of every interface."""
     tree: LiveTree = field(default_factory=LiveTree)
+    page: LivePage = field(default_factory=LivePage)
+    """What clients set for the page that shows the live tree."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)

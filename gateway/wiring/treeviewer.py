@@ -15,7 +15,12 @@ async def setup(context: Context) -> None:
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
     durable = context.state.commits if context.state is not None else None
     service = TreeViewerService(
-        TreeViewerConfig(lcm=lcm), context.tree, context.mesh_files, durable=durable, listeners=context.lcm_listeners
+        TreeViewerConfig(lcm=lcm),
+        context.tree,
+        context.mesh_files,
+        durable=durable,
+        listeners=context.lcm_listeners,
+        page=context.page,
     )
     watch_treeviewer(context.metrics, service)
     tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None

@@ -242,7 +242,7 @@ def test_names_of_the_package() -> None:
     import gateway.client as package
 
     assert {name for name in package.__all__ if getattr(package, name) is not None} == set(package.__all__)
-    assert package.Node is viewer.Node
+    assert package.TreeViewer is viewer.TreeViewer
     with pytest.raises(AttributeError):
         _ = package.Nothing
 

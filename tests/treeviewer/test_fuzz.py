@@ -39,6 +39,13 @@ def seeds() -> list[bytes]:
         message({"settransform": [{"path": ["a"], "transform": {"translation": [1, 2, 3]}}], "delete": [{"path": []}]}),
         message(
             {
+                "setproperty": [{"path": ["a"], "visible": False, "opacity": 0.5}],
+                "setview": {"background": [1, 0, 0], "grid": None, "home": {"eye": [1, 2, 3], "target": [0, 0, 0]}},
+                "setclicks": [{"path": ["a", 1]}],
+            }
+        ),
+        message(
+            {
                 "setgeometry": [
                     {
                         "path": ["m"],

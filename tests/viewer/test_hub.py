@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gateway.scene.cameras import LookAtCamera
+from gateway.scene.clicks import ClickSubscriptions
 from gateway.scene.geometry import Box, Part, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import Browser, ViewHub
@@ -44,7 +47,7 @@ class Client:
         async with asyncio.timeout(SECONDS):
             async for frame in self.frames:
                 header, _ = parse_frame(frame)
-                if header["kind"] in ("status", "rig"):
+                if header["kind"] in ("status", "rig", "page"):
                     self.latest[header["kind"]] = header
                     continue
                 self.model.receive(frame)
@@ -224,6 +227,35 @@ async def test_the_stereo_rig_is_sent_again_only_if_it_moved(hub: Any) -> None:
     move(tree, 1.0)
     assert (await client.next_frame("rig"))["pose"][12] == 1.0
     client.browser.close()
+
+
+async def test_settings_of_the_page_are_sent_when_they_change_and_to_later_pages() -> None:
+    page, now = LivePage(), [0.0]
+    page.clicks = ClickSubscriptions(clock=lambda: now[0])
+    hub = ViewHub(QUICK, LiveTree(), page=page)
+    running = asyncio.create_task(hub.run())
+    client = Client(hub.connect())
+    assert await client.next_frame("page") == {
+        "kind": "page",
+        "background": None,
+        "grid": None,
+        "home": None,
+        "clickable": [],
+    }
+    home = LookAtCamera((1, 2, 3), (0, 0, 0))
+    page.change_view({"background": (1.0, 0.5, 0.0), "grid": False, "home": home})
+    frame = await client.next_frame("page")
+    assert (frame["background"], frame["grid"]) == ([1.0, 0.5, 0.0], False)
+    assert frame["home"] == {"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1]}
+    page.clicks.subscribe("client", [("a", 1)], print)
+    page.notify()
+    frame = await client.next_frame("page")
+    assert (frame["clickable"], frame["grid"]) == ([["a", 1]], False)
+    assert await Client(hub.connect()).next_frame("page") == frame
+    now[0] = 1e6  # the client has vanished
+    assert (await client.next_frame("page"))["clickable"] == []
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
 
 
 @pytest.mark.parametrize(("limit", "threads"), [(0, 1), (1 << 40, 0)])

@@ -10,14 +10,16 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 
+from gateway.scene.clicks import Click
 from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
+from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
-from tests.support.waiting import SECONDS
+from tests.support.waiting import SECONDS, until
 
 CONFIG = ViewerConfig(max_update_rate=1000.0, max_browsers=1)
 
@@ -65,7 +67,8 @@ class Socket:
 class View:
     def __init__(self, config: ViewerConfig = CONFIG) -> None:
         self.tree = LiveTree()
-        self.hub = ViewHub(config, self.tree)
+        self.page = LivePage()
+        self.hub = ViewHub(config, self.tree, page=self.page)
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
         self.updates = asyncio.create_task(self.hub.run())
@@ -118,6 +121,41 @@ async def test_pages_of_other_origins_are_refused_before_the_handshake(view: Vie
     first = await Socket(view.app, origin).receive()
     assert (first["type"], first["code"]) == ("websocket.close", 1008)
     assert view.browsers == 0
+
+
+async def test_clicks_are_passed_to_the_clients_that_want_them(view: View) -> None:
+    clicks: list[Click] = []
+    view.page.clicks.subscribe("client", [("box",)], clicks.append)
+    view.edit("box")
+    socket = Socket(view.app)
+    (node,) = (await socket.update())["nodes"]
+    for invalid in ('{"node": -1', '{"node": "x"}', '{"node": 1e99, "point": [0, 0, 0], "button": "left"}', "[]"):
+        socket.send(invalid)
+    for number in (-1, 0, 99):
+        socket.send(f'{{"node": {number}, "point": [1, 2, 3], "button": "left"}}')
+    socket.send(f'{{"node": {node["id"]}, "point": [null, 2, 3], "button": "left"}}')
+    socket.send(f'{{"node": {node["id"]}, "point": [1, 2, 3], "button": "none"}}')
+    socket.send(f'{{"node": {node["id"]}, "point": [1, 2, 3], "button": "middle"}}')
+    await until(lambda: clicks)
+    with view.tree.edit() as edit:
+        edit.delete(("box",))
+    socket.send(f'{{"node": {node["id"]}, "point": [1, 2, 3], "button": "left"}}')
+    socket.disconnect()
+    await socket.task
+    assert clicks == [Click(("box",), (1.0, 2.0, 3.0), "middle")]
+
+
+async def test_clicks_that_are_too_fast_are_dropped(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.viewer.routes.MAX_CLICKS", 0)
+    clicks: list[Click] = []
+    view.page.clicks.subscribe("client", [()], clicks.append)
+    socket = Socket(view.app)
+    await socket.update()
+    for _ in range(3):
+        socket.send('{"node": 0, "point": [1, 2, 3], "button": "left"}')
+    socket.disconnect()
+    await socket.task
+    assert clicks == []
 
 
 async def test_a_message_beyond_the_limit_closes_the_connection(view: View) -> None:

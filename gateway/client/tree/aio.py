@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from os import PathLike
-from types import TracebackType
+from types import EllipsisType, TracebackType
 from typing import TYPE_CHECKING, Literal
 
 from numpy.typing import ArrayLike
 
 from gateway.client.tree.answer import Answer
+from gateway.client.tree.clicks import Callback
 from gateway.client.tree.geometry import Geometry, Transform
-from gateway.client.tree.published import path_of
+from gateway.client.tree.nodes import Batch, Node
+from gateway.client.tree.published import Key, path_of
 from gateway.client.tree.robot import PublishedRobot
-from gateway.client.tree.viewer import Batch, Node, TreeViewer
+from gateway.client.tree.viewer import TreeViewer
 
 if TYPE_CHECKING:
     from gateway.robots.robot import JointValue
@@ -30,7 +32,7 @@ class AsyncNode:
     def __init__(self, node: Node) -> None:
         self._node = node
 
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode:
         return AsyncNode(self._node[key])
 
     async def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
@@ -40,6 +42,14 @@ class AsyncNode:
     async def transform(self, value: Transform | ArrayLike) -> Answer:
         """See ``Node.transform``."""
         return await asyncio.to_thread(self._node.transform, value)
+
+    async def set_visible(self, visible: bool) -> Answer:
+        """See ``Node.set_visible``."""
+        return await asyncio.to_thread(self._node.set_visible, visible)
+
+    async def set_opacity(self, opacity: float) -> Answer:
+        """See ``Node.set_opacity``."""
+        return await asyncio.to_thread(self._node.set_opacity, opacity)
 
     async def delete(self) -> Answer:
         """See ``Node.delete``."""
@@ -85,16 +95,38 @@ class AsyncTreeViewer:
     ) -> None:
         await asyncio.to_thread(self._connected_viewer.close)
 
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode:
         return AsyncNode(Node(self._connected_viewer, path_of(key)))
 
     async def delete(self) -> Answer:
         """See ``TreeViewer.delete``."""
         return await asyncio.to_thread(self._connected_viewer.delete)
 
+    async def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
+        """See ``TreeViewer.set_transforms``."""
+        return await asyncio.to_thread(self._connected_viewer.set_transforms, paths, poses)
+
+    async def set_view(
+        self,
+        *,
+        background: ArrayLike | EllipsisType | None = ...,
+        grid: bool | EllipsisType | None = ...,
+        home: Sequence[ArrayLike] | EllipsisType | None = ...,
+    ) -> Answer:
+        """See ``TreeViewer.set_view``."""
+        return await asyncio.to_thread(self._connected_viewer.set_view, background=background, grid=grid, home=home)
+
+    async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
+        """See ``TreeViewer.on_click``. The event loop calls ``callback``, which is not a coroutine."""
+        loop = asyncio.get_running_loop()
+        stop = await asyncio.to_thread(
+            self._connected_viewer.on_click, path, lambda click: loop.call_soon_threadsafe(callback, click)
+        )
+        return lambda: asyncio.to_thread(stop)
+
     async def robot(
         self,
-        path: str | int | tuple[str | int, ...],
+        path: Key,
         file: str | PathLike[str],
         *,
         joints: Mapping[str, JointValue] | None = None,

@@ -15,12 +15,14 @@ def rgba(value: ArrayLike) -> list[float]:
     """Return red, green, blue and, if given, alpha, from 0 to 1.
 
     Args:
-        value: three or four numbers from 0 to 1, a uint8 array (0 to 255), a CSS name, or ``#rgb``, ``#rgba``,
-            ``#rrggbb``, ``#rrggbbaa``.
+        value: three or four numbers from 0 to 1; three or four integers from 0 to 255, of which one is above 1; a uint8
+            array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
     Raises:
         ValueError: the value is none of these.
     """
     array = np.array(_parse_color(value), np.uint8) if isinstance(value, str) else np.asarray(value)
+    if array.dtype.kind in "iu" and array.dtype != np.uint8:
+        array = _from_integers(array)
     numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
     if numbers.shape not in ((3,), (4,)):
         raise ValueError(f"color must have 3 or 4 numbers, not shape {numbers.shape}")
@@ -50,6 +52,16 @@ def check_range(name: str, values: NDArray[Any]) -> None:
     if low < -RANGE_TOLERANCE or high > 1.0 + RANGE_TOLERANCE:
         invalid = high if high > 1.0 + RANGE_TOLERANCE else low
         raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {invalid:g}")
+
+
+def _from_integers(array: NDArray[Any]) -> NDArray[Any]:
+    """Return integers as uint8 where they are one number 0xrrggbb, or from 0 to 255 and not only 0 and 1."""
+    if array.ndim == 0 and 0 <= array <= 0xFFFFFF:
+        number = int(array)
+        return np.array([number >> 16, number >> 8 & 255, number & 255], np.uint8)
+    if array.size and array.min() >= 0 and 1 < array.max() <= 255:
+        return array.astype(np.uint8)
+    return array
 
 
 def _parse_color(text: str) -> tuple[int, ...]:

@@ -76,7 +76,7 @@ class LcmConnection:
             ConnectionError: no connection within the timeout, or the message cannot be sent.
         """
         with self._connected:
-            if not self._connected.wait_for(lambda: self._is_alive() or self._closed.is_set(), self._timeout):
+            if not self._connected.wait_for(lambda: self.is_connected or self._closed.is_set(), self._timeout):
                 raise ConnectionError(f"the LCM hub {self.url} has gone")
             if self._closed.is_set():
                 raise ConnectionError("this viewer was closed")
@@ -91,7 +91,9 @@ class LcmConnection:
         if threading.current_thread() is not self._thread:
             self._thread.join()
 
-    def _is_alive(self) -> bool:
+    @property
+    def is_connected(self) -> bool:
+        """False while the connection to a hub is lost."""
         return self._lcm is not None and self._lcm.fileno() >= 0
 
     def _connect(self) -> Any:
@@ -120,12 +122,12 @@ class LcmConnection:
     def _receive(self) -> None:
         """Receive messages until the connection is closed: the body of the receiving thread."""
         while not self._closed.is_set():
-            if not self._is_alive():
+            if not self.is_connected:
                 self._reconnect()
                 continue
             try:
                 self._lcm.handle_timeout(POLL_MS)
-            except OSError:  # a signal, or the hub is lost: then _is_alive() is False
+            except OSError:  # a signal, or the hub is lost: then is_connected is False
                 time.sleep(0.01)
 
     def _reconnect(self) -> None:

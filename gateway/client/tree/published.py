@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 Path = tuple[str | int, ...]
 """Names from the root down; () is the root."""
+Key = str | int | Path
+"""Index of a node: one name, a tuple of names, or a string ``a/b``."""
 
 
-def path_of(value: str | int | tuple[str | int, ...]) -> Path:
-    """Return the path for an index of a node: one element, a tuple of elements, or a string ``a/b``."""
+def path_of(value: Key) -> Path:
+    """Return the path for an index of a node."""
     if isinstance(value, str):
         return tuple(name for name in value.split("/") if name)
     return tuple(value) if isinstance(value, tuple) else (value,)
@@ -23,12 +25,29 @@ def is_at_or_below(path: Path, top: Path) -> bool:
 
 @dataclass(slots=True)
 class Entry:
-    """Geometries and transform of one path, as the protocol's objects."""
+    """Geometries, transform, visibility and opacity of one path, as the protocol's objects. None: not set."""
 
     geometries: list[dict[str, Any]] | None = None
-    """None: not set."""
     transform: dict[str, Any] | None = None
-    """None: not set."""
+    visible: bool | None = None
+    opacity: float | None = None
+
+    def update(self, other: Entry) -> None:
+        """Replace what is set in another entry."""
+        if other.geometries is not None:
+            self.geometries = other.geometries
+        if other.transform is not None:
+            self.transform = other.transform
+        if other.visible is not None:
+            self.visible = other.visible
+        if other.opacity is not None:
+            self.opacity = other.opacity
+
+    @property
+    def properties(self) -> dict[str, Any]:
+        """Visibility and opacity, as fields of a ``setproperty`` command; empty if neither is set."""
+        values = {"visible": self.visible, "opacity": self.opacity}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 class Changes:
@@ -41,6 +60,10 @@ class Changes:
         self.deleted: dict[Path, None] = {}
         """Paths to delete, in order and without duplicates."""
         self.entries: dict[Path, Entry] = {}
+        self.view: dict[str, Any] = {}
+        """Fields of a ``setview`` command."""
+        self.click_paths: list[Path] | None = None
+        """Paths of a ``setclicks`` command; None: no command."""
 
     def set(self, path: Path, geometries: list[dict[str, Any]]) -> None:
         """Replace the geometries at a path."""
@@ -49,6 +72,18 @@ class Changes:
     def transform(self, path: Path, transform: dict[str, Any]) -> None:
         """Replace the transform at a path."""
         self.entries.setdefault(path, Entry()).transform = transform
+
+    def set_property(self, path: Path, *, visible: bool | None = None, opacity: float | None = None) -> None:
+        """Replace visibility, opacity or both of a path."""
+        self.entries.setdefault(path, Entry()).update(Entry(visible=visible, opacity=opacity))
+
+    def add(self, other: Changes) -> None:
+        """Add changes that are made after these."""
+        for path in other.deleted:
+            self.delete(path)
+        for path, entry in other.entries.items():
+            self.entries.setdefault(path, Entry()).update(entry)
+        self.view.update(other.view)
 
     def delete(self, path: Path) -> None:
         """Delete a path and everything below it."""
@@ -68,38 +103,49 @@ class Changes:
             "settransform": [
                 {"path": path, "transform": entry.transform} for path, entry in entries if entry.transform is not None
             ],
+            **self.newer_commands(),
         }
+
+    def newer_commands(self) -> dict[str, Any]:
+        """Return the commands that older viewers ignore, by name."""
+        commands: dict[str, Any] = {}
+        properties = [{"path": path, **entry.properties} for path, entry in self.entries.items() if entry.properties]
+        if properties:
+            commands["setproperty"] = properties
+        if self.view:
+            commands["setview"] = self.view
+        if self.click_paths is not None:
+            commands["setclicks"] = [{"path": path} for path in self.click_paths]
+        return commands
 
 
 class PublishedTree:
-    """Geometries and transforms that a viewer has if it executed all requests."""
+    """What a viewer has if it executed all requests."""
 
     def __init__(self) -> None:
         self._entries: dict[Path, Entry] = {}
+        self._view: dict[str, Any] = {}
 
     def update(self, changes: Changes) -> None:
         """Record the changes of a request."""
         for path in changes.deleted:
             self._entries = {other: entry for other, entry in self._entries.items() if not is_at_or_below(other, path)}
         for path, change in changes.entries.items():
-            entry = self._entries.setdefault(path, Entry())
-            if change.geometries is not None:
-                entry.geometries = change.geometries
-            if change.transform is not None:
-                entry.transform = change.transform
+            self._entries.setdefault(path, Entry()).update(change)
+        self._view.update(changes.view)
 
     def missing(self, paths: list[Path]) -> Changes:
         """Return changes that restore ``paths`` in a viewer that has no geometry there.
 
-        These are the entries at and below the paths, and the transforms above them. There are no changes if no
+        These are the entries at and below the paths, and all but the geometries above them. There are no changes if no
         geometry was published at or below the paths.
         """
         changes = Changes()
         for path, entry in self._entries.items():
             if any(is_at_or_below(path, top) for top in paths):
                 changes.entries[path] = entry
-            elif entry.transform is not None and any(is_at_or_below(top, path) for top in paths):
-                changes.entries[path] = Entry(None, entry.transform)
+            elif any(is_at_or_below(top, path) for top in paths):
+                changes.entries[path] = replace(entry, geometries=None)
         if all(entry.geometries is None for entry in changes.entries.values()):
             changes.entries.clear()
         return changes
@@ -108,4 +154,5 @@ class PublishedTree:
         """Return changes that restore everything in a viewer that has just started."""
         changes = Changes()
         changes.entries = dict(self._entries)
+        changes.view = dict(self._view)
         return changes

@@ -8,94 +8,37 @@ import os
 import secrets
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Literal
+from types import EllipsisType, TracebackType
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from gateway.client.tree import wire
-from gateway.client.tree.answer import Answer
+from gateway.client.tree.answer import (
+    MISSING_PATHS,
+    OK,
+    UNKNOWN_FORMAT,
+    UNKNOWN_VERSION,
+    UNSUPPORTED,
+    Answer,
+    TreeViewerError,
+    answer_of,
+)
+from gateway.client.tree.clicks import Callback, ClickListener
+from gateway.client.tree.colors import rgba
 from gateway.client.tree.connection import LcmConnection
-from gateway.client.tree.geometry import Geometry, Transform
-from gateway.client.tree.published import Changes, Path, PublishedTree, path_of
+from gateway.client.tree.nodes import Batch, Node, transforms_of
+from gateway.client.tree.published import Changes, Key, Path, PublishedTree, path_of
 from gateway.client.tree.robot import PublishedRobot, publish_robot
 
 if TYPE_CHECKING:
     from gateway.robots.robot import JointValue
-
-OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
-"""Status codes of responses. All negative codes are failures."""
-
-
-class TreeViewerError(RuntimeError):
-    """The viewer refused at least one command of a request. It executed the other commands."""
-
-    def __init__(self, answer: Answer) -> None:
-        super().__init__(answer.error or f"the viewer answered with status {answer.status}")
-        self.answer = answer
-
-
-class Node:
-    """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
-
-    __slots__ = ("_target", "path")
-
-    def __init__(self, target: TreeViewer | Batch, path: Path) -> None:
-        self._target = target
-        self.path = path
-
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
-        return Node(self._target, self.path + path_of(key))
-
-    def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
-        """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
-        for geometry in geometries:
-            if not isinstance(geometry, Geometry):
-                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
-        changes = Changes()
-        changes.set(self.path, [geometry.body() for geometry in geometries])
-        if transform is not None:
-            changes.transform(self.path, Transform.of(transform).body())
-        return self._target.send(changes)
-
-    def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Replace the transform to the parent: (4, 4), three numbers (a translation) or a ``Transform``."""
-        changes = Changes()
-        changes.transform(self.path, Transform.of(value).body())
-        return self._target.send(changes)
-
-    def delete(self) -> Answer:
-        """Delete this path and everything below it."""
-        changes = Changes()
-        changes.delete(self.path)
-        return self._target.send(changes)
-
-
-class Batch:
-    """Collects changes for one request. Later changes of a path override earlier ones."""
-
-    def __init__(self) -> None:
-        self.changes = Changes()
-        self.answer: Answer | None = None
-        """Result of the request, after the block has ended."""
-
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
-        return Node(self, path_of(key))
-
-    def send(self, changes: Changes) -> Answer:
-        """Add changes to the batch. The result says nothing, since the viewer has not received them yet."""
-        for path in changes.deleted:
-            self.changes.delete(path)
-        for path, entry in changes.entries.items():
-            if entry.geometries is not None:
-                self.changes.set(path, entry.geometries)
-            if entry.transform is not None:
-                self.changes.transform(path, entry.transform)
-        return Answer(OK)
 
 
 class TreeViewer:
@@ -130,6 +73,7 @@ class TreeViewer:
         """Requests without a response, by ``utime``."""
         self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
+        self._clicks = ClickListener(self._renew_clicks)
         self._connection = LcmConnection(url, handlers, timeout)
 
     @property
@@ -137,7 +81,7 @@ class TreeViewer:
         """URL of the LCM network."""
         return self._connection.url
 
-    def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
+    def __getitem__(self, key: Key) -> Node:
         return Node(self, path_of(key))
 
     def __enter__(self) -> TreeViewer:
@@ -150,11 +94,93 @@ class TreeViewer:
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer."""
+        if self._clicks.paths():
+            self._renew_clicks([])
+        self._clicks.close()
         self._connection.close()
+
+    def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
+        """Replace the transforms of many paths in one request, faster than a batch.
+
+        Args:
+            paths: N indices of nodes, as in ``viewer[...]``.
+            poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
+        Raises:
+            ValueError: the shapes differ, or a number is not finite.
+        """
+        return self.send(transforms_of(paths, poses))
 
     def delete(self) -> Answer:
         """Delete everything in the viewer, including the geometry of other clients."""
         return Node(self, ()).delete()
+
+    def set_view(
+        self,
+        *,
+        background: ArrayLike | EllipsisType | None = ...,
+        grid: bool | EllipsisType | None = ...,
+        home: Sequence[ArrayLike] | EllipsisType | None = ...,
+    ) -> Answer:
+        """Set background, grid and home camera of the page in the browser, for open pages and later ones.
+
+        None gives a setting back to the page; settings that are left out stay as they are. What a visitor has chosen in
+        the page's own controls overrides it there.
+
+        Args:
+            background: a colour as in ``color`` of geometry, without alpha.
+            grid: True shows and False hides the grid on the ground.
+            home: eye and target in the world, metres, and optionally the direction up (default +z).
+        """
+        changes = Changes()
+        if background is not ...:
+            changes.view["background"] = None if background is None else rgba(background)[:3]
+        if grid is not ...:
+            changes.view["grid"] = None if grid is None else bool(grid)
+        if home is not ...:
+            changes.view["home"] = None if home is None else _home(home)
+        return self.send(changes)
+
+    def on_click(self, path: Key, callback: Callback) -> Callable[[], None]:
+        """Call ``callback`` with a ``Click`` for each click in the browser on geometry at or below ``path``.
+
+        The callbacks run one after the other in a thread of the client, and may use it.
+
+        Returns:
+            Function that ends the calls.
+        Raises:
+            TreeViewerError: the viewer sends no clicks, or a limit is reached.
+        """
+        remove = self._clicks.add(path_of(path), callback)
+        try:
+            self._send_click_paths()
+        except BaseException:
+            remove()
+            raise
+
+        def stop() -> None:
+            remove()
+            self._send_click_paths()
+
+        return stop
+
+    def _send_click_paths(self) -> None:
+        """Subscribe to the clicks that have callbacks."""
+        changes = Changes()
+        changes.click_paths = self._clicks.paths()
+        self.send(changes)
+
+    def _renew_clicks(self, paths: list[Path]) -> None:
+        """Subscribe to clicks without waiting for the response, or for a connection that is lost."""
+        changes = Changes()
+        changes.click_paths = paths
+        if self._connection.is_connected:
+            with contextlib.suppress(ConnectionError):
+                self._post_only(changes.newer_commands())
+
+    def _post_only(self, body: dict[str, Any]) -> None:
+        """Send a request whose response is ignored."""
+        utime, _ = self._post(body, self.message_format or wire.JSON)
+        self.pending.pop(utime, None)
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
@@ -165,7 +191,7 @@ class TreeViewer:
 
     def robot(
         self,
-        path: str | int | tuple[str | int, ...],
+        path: Key,
         file: str | PathLike[str],
         *,
         joints: Mapping[str, JointValue] | None = None,
@@ -209,7 +235,11 @@ class TreeViewer:
                     missing = [tuple(path) for path in second_response.body.get("missing_paths", ())]
                 elif second_response.status < OK:
                     response = second_response
-        answer = _answer(response, missing)
+        answer = answer_of(response, missing)
+        unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
+        if unknown and answer.status >= OK:
+            error = f"this viewer does not know {', '.join(sorted(unknown))}; it has done everything else"
+            answer = replace(answer, status=UNSUPPORTED, error=error)
         if answer.status < OK:
             raise TreeViewerError(answer)
         return answer
@@ -251,8 +281,11 @@ class TreeViewer:
         return utime, future
 
     def _on_response(self, message: bytes) -> None:
-        """Complete the future of the request that a response belongs to. Runs in the receiving thread."""
+        """Complete the future of the response's request, or queue a click. Runs in the receiving thread."""
         response = wire.decode(message)
+        if response is not None and "click" in response.body:
+            self._clicks.receive(response.body["click"])
+            return
         future = self.pending.pop(response.timestamp, None) if response is not None else None
         if future is not None and response is not None:
             future.set_result(response)
@@ -264,36 +297,21 @@ class TreeViewer:
             return
         with self._lock:
             everything = self._published.all()
-        if everything.entries:
+        everything.click_paths = self._clicks.paths() or None
+        if everything.entries or everything.newer_commands():
             with contextlib.suppress(ConnectionError):  # there is no caller to tell; the next request may restore it
-                utime, _ = self._post(everything.body(), self.message_format or wire.JSON)
-                self.pending.pop(utime, None)
+                self._post_only(everything.body())
 
 
-def _describe(value: object) -> str:
-    """Return at most about 40 characters on any value, for an error text."""
-    text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
-    return text if len(text) <= 40 else f"{text[:40]}…"
-
-
-def _answer(response: wire.Response, missing: list[Path]) -> Answer:
-    """Return the result of a request, given the paths that are missing after publishing again."""
-    body = response.body
-
-    def paths(name: str) -> tuple[Path, ...]:
-        return tuple(tuple(path) for path in body.get(name, ()))
-
-    status = response.status
-    if status == MISSING_PATHS and not missing:
-        status = OK
-    errors: Final = body.get("errors", ())
-    failure_count = f" ({len(errors)} commands failed)" if len(errors) > 1 else ""
-    return Answer(
-        status,
-        paths("deleted_paths"),
-        paths("added_geometries"),
-        paths("set_transforms"),
-        tuple(missing),
-        tuple(body.get("warnings", ())),
-        f"{body.get('error', '')}{failure_count}",
-    )
+def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:
+    """Return eye, target and, if given, up as the protocol's object."""
+    names = ("eye", "target", "up")
+    if len(vectors) not in (2, 3):
+        raise ValueError(f"home must be eye, target and optionally up, not {len(vectors)} vectors")
+    home: dict[str, list[float]] = {}
+    for name, vector in zip(names, vectors, strict=False):
+        array = np.asarray(vector, np.float64)
+        if array.shape != (3,):
+            raise ValueError(f"{name} of home must have 3 numbers, not shape {array.shape}")
+        home[name] = array.tolist()
+    return home

@@ -1,6 +1,6 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
 
-import { parse, type Message } from "./protocol";
+import { parse, type Click, type Message } from "./protocol";
 
 const FIRST_DELAY = 250;
 const MAX_DELAY = 4000;
@@ -24,7 +24,16 @@ export class Connection {
   /** Acknowledge the last update. */
   acknowledge(): void {
     this.delay = FIRST_DELAY;
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send("k");
+    this.send("k");
+  }
+
+  /** Report a click that a client wants. */
+  click(click: Click): void {
+    this.send(JSON.stringify(click));
+  }
+
+  private send(text: string): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(text);
   }
 
   private open(): void {

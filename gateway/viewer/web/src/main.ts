@@ -1,5 +1,6 @@
 import { Box3, Vector3 } from "three";
 import "./style.css";
+import { Clicks } from "./clicks";
 import { Connection } from "./connection";
 import { DetailsPanel } from "./detailspanel";
 import { h } from "./dom";
@@ -9,13 +10,13 @@ import { Layout } from "./layout";
 import { Lightbox } from "./lightbox";
 import { Materials } from "./materials";
 import { Model, type TreeNode } from "./model";
-import type { Message, SceneUpdate } from "./protocol";
+import type { Message, PageSettings, SceneUpdate } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
 import { Stage, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
-import { backgroundColors, startingBackground, startingTheme, type Theme } from "./theme";
+import { backgroundColors, colorsOn, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
 
@@ -36,6 +37,9 @@ let selected: TreeNode | null = null;
 let updates = 0;
 let fitted = false;
 let background = startingBackground();
+let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
+/** JSON of the last home camera that a client has set. */
+let knownHome = "";
 
 const tree = new TreePanel(model, select, refreshBelow, fit);
 const details = new DetailsPanel({
@@ -96,7 +100,10 @@ function fit(node: TreeNode | null): void {
 }
 
 function look(direction: Direction): void {
-  stage.look(direction, drawing.focus(model.root));
+  if (direction === "home" && settings.home) {
+    const { eye, target, up } = settings.home;
+    stage.place(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
+  } else stage.look(direction, drawing.focus(model.root));
 }
 
 function receive(message: Message): void {
@@ -113,6 +120,9 @@ function receive(message: Message): void {
       break;
     case "rig":
       frustum.show(message);
+      break;
+    case "page":
+      showSettings(message);
       break;
     case "status":
       status.show(message);
@@ -135,6 +145,19 @@ function update(message: SceneUpdate): void {
   }
   showHint(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
   redraw();
+}
+
+function showSettings(next: PageSettings): void {
+  const gridChanged = next.grid !== settings.grid;
+  settings = next;
+  clicks.setPaths(next.clickable);
+  showBackground();
+  if (gridChanged) bar.setGrid(next.grid ?? true);
+  const home = JSON.stringify(next.home);
+  if (next.home && home !== knownHome) {
+    knownHome = home;
+    look("home");
+  }
 }
 
 let hintTimer = 0;
@@ -163,13 +186,15 @@ const connection = new Connection(receive, (state, reason) => {
   else showHint(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
 });
 
+const clicks = new Clicks(stage, drawing, (click) => connection.click(click));
+
 function setTheme(name: Theme): void {
   document.documentElement.dataset.theme = name;
   showBackground();
 }
 
 function showBackground(): void {
-  const colors = backgroundColors(background);
+  const colors = background === "theme" && settings.background ? colorsOn(settings.background) : backgroundColors(background);
   frustum.material.color.set(colors.frustum);
   stage.setBackground(colors.background, colors.grid);
 }
@@ -178,7 +203,7 @@ function showBackground(): void {
 function cameraText(): string {
   const at = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
   const fovy = stage.perspective.fov.toFixed(2);
-  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=0,0,1;fovy=${fovy}`;
+  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${at(stage.camera.up)};fovy=${fovy}`;
 }
 
 /** Return this view as parameters of `/scene/render` and `/scene.glb`. */
@@ -203,9 +228,11 @@ setTheme(startingTheme());
 tabs.show("Stereo");
 layout.start();
 
-stage.onTap((x, y) => {
+stage.onTap((x, y, button) => {
   const hit = stage.pick(x, y);
   const node = hit ? (drawing.nodeAt(hit) ?? null) : null;
+  if (hit && node) clicks.report(node, hit.point.toArray(), button);
+  if (button !== "left") return;
   select(node);
   if (node) tree.select(node, true);
 });

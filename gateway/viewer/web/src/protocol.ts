@@ -106,7 +106,29 @@ export interface Rig {
   baseline: number;
 }
 
-export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig;
+export type Path = (string | number)[];
+type Vector = [number, number, number];
+
+/** What clients set for the page. Null: as the page has it by itself. */
+export interface PageSettings {
+  kind: "page";
+  /** Red, green, blue: sRGB from 0 to 1. */
+  background: Vector | null;
+  grid: boolean | null;
+  home: { eye: Vector; target: Vector; up: Vector } | null;
+  /** Clients want clicks on geometry at and below these paths. */
+  clickable: Path[];
+}
+
+/** Message to the gateway about a click on geometry. */
+export interface Click {
+  node: number;
+  /** Point in the world, metres. */
+  point: Vector;
+  button: "left" | "middle" | "right";
+}
+
+export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings;
 
 interface Header {
   kind: string;

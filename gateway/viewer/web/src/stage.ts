@@ -36,6 +36,11 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
   side: [0, -1, 0],
 };
 
+const Z_UP = new Vector3(0, 0, 1);
+export type Button = "left" | "middle" | "right";
+/** By the number of MouseEvent.button. */
+const BUTTONS: readonly Button[] = ["left", "middle", "right"];
+
 export class Stage {
   readonly scene = new Scene();
   readonly renderer: WebGLRenderer;
@@ -44,7 +49,7 @@ export class Stage {
   readonly perspective = new PerspectiveCamera(FOV, 1, 0.01, 1000);
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
   camera: PerspectiveCamera | OrthographicCamera = this.perspective;
-  readonly controls: OrbitControls;
+  controls: OrbitControls;
   private readonly light = new DirectionalLight(0xffffff, Math.PI);
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
@@ -63,19 +68,24 @@ export class Stage {
     this.renderer.domElement.tabIndex = 0;
     this.renderer.domElement.setAttribute("aria-label", "3D view of the scene");
     holder.append(this.renderer.domElement);
-    for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, 0, 1);
+    for (const camera of [this.perspective, this.orthographic]) camera.up.copy(Z_UP);
     this.grid.rotation.x = Math.PI / 2;
     // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
     for (const material of [this.grid.material].flat()) shiftDepth(material, BEHIND);
     for (const material of [this.axes.material].flat()) shiftDepth(material, BEFORE);
     this.highlight.visible = false;
     this.scene.add(content, this.grid, this.axes, this.highlight, this.light, this.light.target);
-    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.listenToKeyEvents(this.renderer.domElement);
-    this.controls.addEventListener("change", () => this.redraw());
+    this.controls = this.newControls();
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1)));
     this.renderer.setAnimationLoop(() => this.draw());
+  }
+
+  private newControls(): OrbitControls {
+    const controls = new OrbitControls(this.camera, this.renderer.domElement);
+    controls.listenToKeyEvents(this.renderer.domElement);
+    controls.addEventListener("change", () => this.redraw());
+    return controls;
   }
 
   redraw(): void {
@@ -88,13 +98,17 @@ export class Stage {
   }
 
   /** Call back on clicks and taps, not on drags. */
-  onTap(tapped: (x: number, y: number) => void): void {
+  onTap(tapped: (x: number, y: number, button: Button) => void): void {
     const canvas = this.renderer.domElement;
     let press = { x: 0, y: 0 };
     canvas.addEventListener("pointerdown", (event) => (press = { x: event.clientX, y: event.clientY }));
-    canvas.addEventListener("click", (event) => {
-      if (Math.hypot(event.clientX - press.x, event.clientY - press.y) <= 5) tapped(event.clientX, event.clientY);
-    });
+    const released = (event: MouseEvent) => {
+      const button = BUTTONS[event.button];
+      const isDrag = Math.hypot(event.clientX - press.x, event.clientY - press.y) > 5;
+      if (button && !isDrag) tapped(event.clientX, event.clientY, button);
+    };
+    canvas.addEventListener("click", released);
+    canvas.addEventListener("auxclick", released);
   }
 
   setBackground(css: string, gridColor: string): void {
@@ -111,14 +125,42 @@ export class Stage {
 
   /** Frame a box from a named direction. */
   look(direction: Direction, box: Box3): void {
+    this.setUp(Z_UP);
     const framed = box.isEmpty() ? new Box3(new Vector3(-1, -1, -1), new Vector3(1, 1, 1)) : box;
     this.placeCamera(framed, new Vector3(...DIRECTIONS[direction]).normalize());
+  }
+
+  /** Place the camera. */
+  place(eye: Vector3, target: Vector3, up: Vector3): void {
+    this.setUp(up);
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye);
+    this.controls.target.copy(target);
+    this.finishPlacing(eye.distanceTo(target) * Math.tan((FOV * Math.PI) / 360));
+  }
+
+  /** Set the direction that is up in the view. OrbitControls reads it only when they are created. */
+  private setUp(up: Vector3): void {
+    if (this.camera.up.equals(up)) return;
+    for (const camera of [this.perspective, this.orthographic]) camera.up.copy(up);
+    const { target } = this.controls;
+    this.controls.dispose();
+    this.controls = this.newControls();
+    this.controls.target.copy(target);
+  }
+
+  private finishPlacing(halfHeight: number): void {
+    this.orthographic.zoom = 1;
+    this.halfHeight = halfHeight;
+    this.resize();
+    this.controls.update();
+    this.scaleGrid(halfHeight);
+    this.redraw();
   }
 
   /** Move the camera to the distance at which all corners of the box are in view. */
   private placeCamera(box: Box3, direction: Vector3): void {
     const centre = box.getCenter(new Vector3());
-    const right = new Vector3(0, 0, 1).cross(direction).normalize();
+    const right = this.camera.up.clone().cross(direction).normalize();
     const up = direction.clone().cross(right);
     const tangent = Math.tan((FOV * Math.PI) / 360) / MARGIN;
     const { aspect } = this.perspective;
@@ -133,13 +175,8 @@ export class Stage {
           halfHeight = Math.max(halfHeight, extent * MARGIN);
         }
     for (const camera of [this.perspective, this.orthographic]) camera.position.copy(centre).addScaledVector(direction, distance);
-    this.orthographic.zoom = 1;
-    this.halfHeight = halfHeight;
     this.controls.target.copy(centre);
-    this.resize();
-    this.controls.update();
-    this.scaleGrid(halfHeight);
-    this.redraw();
+    this.finishPlacing(halfHeight);
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the framed box. */

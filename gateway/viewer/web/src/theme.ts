@@ -31,6 +31,18 @@ export function backgroundColors(name: Background): BackgroundColors {
   return { background: color("--stage"), grid: color("--grid"), frustum: color("--frustum") };
 }
 
+/** Return a background that a client has set, with colours that are visible on it. */
+export function colorsOn(rgb: [number, number, number]): BackgroundColors {
+  const [r, g, b] = rgb;
+  const light = 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.4;
+  const css = (mix: (channel: number) => number) => `rgb(${rgb.map((channel) => Math.round(255 * mix(channel))).join(", ")})`;
+  return {
+    background: css((channel) => channel),
+    grid: css((channel) => (light ? 0.8 * channel : 0.75 * channel + 0.25)),
+    frustum: light ? "#6a1fd0" : "#c39bff",
+  };
+}
+
 export function startingTheme(): Theme {
   const requested = new URLSearchParams(location.search).get("theme");
   if (requested === "light" || requested === "dark") return requested;

@@ -27,6 +27,7 @@ export interface Toolbar {
   element: HTMLElement;
   left: HTMLElement;
   right: HTMLElement;
+  setGrid(on: boolean): void;
 }
 
 export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
@@ -62,6 +63,7 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     },
     ...BACKGROUNDS.map((name) => h("option", { value: name, selected: name === chosen }, BACKGROUND_NAMES[name])),
   );
+  const grid = toggle("grid", "Grid on the ground", true, (on) => actions.grid(on));
   const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
   const right = button("sensor", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
   const file = h(
@@ -75,13 +77,13 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     "div",
     { class: "tools", role: "toolbar", "aria-label": "View" },
     button("fit", "Fit the selection, or everything (F)", () => actions.fit()),
-    button("home", "Everything, from the front right (H)", () => actions.look("home")),
+    button("home", "The home view: everything, from the front right, unless a client has set another (H)", () => actions.look("home")),
     word("Top", "From above (1)", () => actions.look("top")),
     word("Front", "From +X (2)", () => actions.look("front")),
     word("Side", "From −Y (3)", () => actions.look("side")),
     gap(),
     toggle("ortho", "Orthographic", false, (on) => actions.orthographic(on)),
-    toggle("grid", "Grid on the ground", true, (on) => actions.grid(on)),
+    grid,
     toggle("axes", "Axes of the world: x red, y green, z blue", true, (on) => actions.axes(on)),
     toggle("wire", "Wireframe", false, (on) => actions.wireframe(on)),
     h("label", { class: "points" }, "Points ", points),
@@ -92,5 +94,9 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     button("theme", "Light or dark", () => actions.theme()),
   );
   const element = h("div", { class: "bar" }, left, h("span", { class: "brand" }, "Scenegate"), tools, right);
-  return { element, left, right };
+  const setGrid = (on: boolean) => {
+    grid.setAttribute("aria-pressed", String(on));
+    actions.grid(on);
+  };
+  return { element, left, right, setGrid };
 }

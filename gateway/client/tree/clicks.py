@@ -1,0 +1,103 @@
+"""Clicks on geometry in the browser: the callbacks of ``TreeViewer.on_click`` and the threads that they need."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gateway.client.tree.published import Path, is_at_or_below
+
+RENEW_SECONDS: Final = 10.0
+"""Interval of repeated subscriptions. A viewer forgets a client after 30 s without one."""
+MAX_WAITING: Final = 100
+"""Maximum number of clicks that wait for a callback; further ones are dropped."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Click:
+    """A click on geometry in the browser."""
+
+    path: Path
+    """Path of the geometry."""
+    point: tuple[float, float, float]
+    """Point on the geometry in the world, metres."""
+    button: str
+    """``left``, ``middle`` or ``right``."""
+
+
+Callback = Callable[[Click], Any]
+
+
+class ClickListener:
+    """Callbacks of one client. A thread calls them in order; another repeats the client's subscription."""
+
+    def __init__(self, renew: Callable[[list[Path]], None]) -> None:
+        """``renew`` sends the subscription without waiting for a response."""
+        self._renew = renew
+        self._callbacks: list[tuple[Path, Callback]] = []
+        self._lock = threading.Lock()
+        self._clicks: queue.Queue[Click | None] = queue.Queue(MAX_WAITING)
+        self._closed = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def add(self, path: Path, callback: Callback) -> Callable[[], None]:
+        """Add a callback for clicks at and below a path; return the function that removes it."""
+        entry = (path, callback)
+        with self._lock:
+            self._callbacks.append(entry)
+            if not self._threads:
+                for name, target in (("clicks", self._call), ("renew", self._repeat)):
+                    self._threads.append(threading.Thread(target=target, name=f"treeviewer-{name}", daemon=True))
+                    self._threads[-1].start()
+
+        def remove() -> None:
+            with self._lock, contextlib.suppress(ValueError):
+                self._callbacks.remove(entry)
+
+        return remove
+
+    def paths(self) -> list[Path]:
+        """Return the paths that have callbacks, without duplicates."""
+        with self._lock:
+            return list(dict.fromkeys(path for path, _ in self._callbacks))
+
+    def receive(self, fields: Any) -> None:
+        """Queue the click of a message. Invalid ones are ignored."""
+        try:
+            x, y, z = map(float, fields["point"])
+            click = Click(tuple(fields["path"]), (x, y, z), str(fields["button"]))
+        except (KeyError, TypeError, ValueError):
+            return
+        with contextlib.suppress(queue.Full):
+            self._clicks.put_nowait(click)
+
+    def close(self) -> None:
+        """End the threads. A callback that runs is not interrupted."""
+        self._closed.set()
+        with contextlib.suppress(queue.Full):
+            self._clicks.put_nowait(None)
+
+    def _call(self) -> None:
+        """Call the callbacks of each click: the body of a thread. An exception is logged."""
+        while (click := self._clicks.get()) is not None and not self._closed.is_set():
+            with self._lock:
+                callbacks = [callback for path, callback in self._callbacks if is_at_or_below(click.path, path)]
+            for callback in callbacks:
+                try:
+                    callback(click)
+                except Exception:  # one callback must not end the others  # noqa: BLE001
+                    _log.exception("A callback of on_click has failed")
+
+    def _repeat(self) -> None:
+        """Repeat the subscription: the body of a thread."""
+        while not self._closed.wait(RENEW_SECONDS):
+            paths = self.paths()
+            if paths:
+                self._renew(paths)

@@ -1,0 +1,119 @@
+"""Paths of the tree, and batches of changes: what ``viewer`` and its batches are indexed for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gateway.client.tree.answer import OK, Answer
+from gateway.client.tree.geometry import Geometry, Transform
+from gateway.client.tree.published import Changes, Key, Path, path_of
+
+
+class Target(Protocol):
+    """Receiver of changes: a viewer or a batch."""
+
+    def send(self, changes: Changes) -> Answer:
+        """Send or collect changes."""
+
+
+class Node:
+    """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
+
+    __slots__ = ("_target", "path")
+
+    def __init__(self, target: Target, path: Path) -> None:
+        self._target = target
+        self.path = path
+
+    def __getitem__(self, key: Key) -> Node:
+        return Node(self._target, self.path + path_of(key))
+
+    def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
+        """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
+        for geometry in geometries:
+            if not isinstance(geometry, Geometry):
+                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
+        changes = Changes()
+        changes.set(self.path, [geometry.body() for geometry in geometries])
+        if transform is not None:
+            changes.transform(self.path, Transform.of(transform).body())
+        return self._target.send(changes)
+
+    def transform(self, value: Transform | ArrayLike) -> Answer:
+        """Replace the transform to the parent: (4, 4), three numbers (a translation) or a ``Transform``."""
+        changes = Changes()
+        changes.transform(self.path, Transform.of(value).body())
+        return self._target.send(changes)
+
+    def set_visible(self, visible: bool) -> Answer:
+        """Show or hide this path and everything below it, in the browser and in images."""
+        changes = Changes()
+        changes.set_property(self.path, visible=bool(visible))
+        return self._target.send(changes)
+
+    def set_opacity(self, opacity: float) -> Answer:
+        """Multiply the alpha of this path and of everything below it by ``opacity``, 0 to 1."""
+        opacity = float(opacity)
+        if not 0.0 <= opacity <= 1.0:
+            raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
+        changes = Changes()
+        changes.set_property(self.path, opacity=opacity)
+        return self._target.send(changes)
+
+    def delete(self) -> Answer:
+        """Delete this path and everything below it."""
+        changes = Changes()
+        changes.delete(self.path)
+        return self._target.send(changes)
+
+
+class Batch:
+    """Collects changes for one request. Later changes of a path override earlier ones."""
+
+    def __init__(self) -> None:
+        self.changes = Changes()
+        self.answer: Answer | None = None
+        """Result of the request, after the block has ended."""
+
+    def __getitem__(self, key: Key) -> Node:
+        return Node(self, path_of(key))
+
+    def send(self, changes: Changes) -> Answer:
+        """Add changes to the batch. The result says nothing, since the viewer has not received them yet."""
+        self.changes.add(changes)
+        return Answer(OK)
+
+    def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
+        """See ``TreeViewer.set_transforms``."""
+        return self.send(transforms_of(paths, poses))
+
+
+def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
+    """Return the changes that replace the transforms of many paths.
+
+    Args:
+        paths: N indices of nodes, as in ``viewer[...]``.
+        poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
+    Raises:
+        ValueError: the shapes differ, or a number is not finite.
+    """
+    keys = [path_of(path) for path in paths]
+    array = np.asarray(poses, np.float64)
+    if array.shape != (len(keys), 7):
+        raise ValueError(f"poses must have shape ({len(keys)}, 7) for {len(keys)} paths, not {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"pose {int(np.argmin(np.isfinite(array).all(axis=1)))} is not finite")
+    changes = Changes()
+    for key, row in zip(keys, array.tolist(), strict=True):
+        changes.transform(key, {"translation": row[:3], "quaternion": row[3:]})
+    return changes
+
+
+def _describe(value: object) -> str:
+    """Return at most about 40 characters on any value, for an error text."""
+    text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
+    return text if len(text) <= 40 else f"{text[:40]}…"

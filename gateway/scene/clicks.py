@@ -1,0 +1,100 @@
+"""Clicks on geometry in a page, passed to the clients that asked for them.
+
+A client names all paths whose clicks it wants and repeats that before ``lease_seconds`` are over. A client that has
+vanished is forgotten afterwards; over UDP there is no other sign of it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+from gateway.scene.tree import Path
+
+Button = Literal["left", "middle", "right"]
+BUTTONS: Final[tuple[Button, ...]] = get_args(Button)
+
+
+@dataclass(frozen=True, slots=True)
+class Click:
+    """A click on the geometry of a node."""
+
+    path: Path
+    point: tuple[float, float, float]
+    """Point on the geometry in the world, metres."""
+    button: Button
+
+
+@dataclass(frozen=True, slots=True)
+class ClickLimits:
+    """Limits of subscriptions to clicks. A subscription beyond a limit fails."""
+
+    clients: int = 64
+    """Maximum number of clients with a subscription: each click is compared with the paths of all."""
+    paths: int = 1000
+    """Maximum number of paths of one client: every page gets all of them."""
+    path_chars: int = 100_000
+    """Maximum number of characters in the paths of one client, for the same reason."""
+    lease_seconds: float = 30.0
+    """Time after which a client that has not repeated its subscription is forgotten."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Subscription:
+    paths: tuple[Path, ...]
+    deliver: Callable[[Click], None]
+    end: float
+    """Time of the clock at which the lease ends."""
+
+
+class ClickSubscriptions:
+    """Paths whose clicks clients want. Not thread-safe: it is used in the event loop's thread only."""
+
+    def __init__(self, limits: ClickLimits | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self.limits = limits or ClickLimits()
+        self._clock = clock
+        self._subscriptions: dict[Hashable, _Subscription] = {}
+
+    def subscribe(self, client: Hashable, paths: Sequence[Path], deliver: Callable[[Click], None]) -> str:
+        """Replace the paths of a client. Without paths, the client is forgotten.
+
+        Args:
+            client: identifies the client.
+            paths: the client gets clicks on geometry at and below these paths.
+            deliver: called with each click. It must not block.
+        Returns:
+            the reason of a refusal, which changes nothing, or an empty string.
+        """
+        if len(paths) > self.limits.paths:
+            return f"{len(paths)} paths are clickable, the limit for one client is {self.limits.paths}"
+        chars = sum(len(str(element)) for path in paths for element in path)
+        if chars > self.limits.path_chars:
+            return f"the clickable paths have {chars} characters, the limit for one client is {self.limits.path_chars}"
+        if not paths:
+            self._subscriptions.pop(client, None)
+            return ""
+        self._forget_vanished()
+        if client not in self._subscriptions and len(self._subscriptions) >= self.limits.clients:
+            return f"{len(self._subscriptions)} clients wait for clicks, which is the limit"
+        end = self._clock() + self.limits.lease_seconds
+        self._subscriptions[client] = _Subscription(tuple(dict.fromkeys(paths)), deliver, end)
+        return ""
+
+    def paths(self) -> tuple[Path, ...]:
+        """Return the paths of all clients, without duplicates."""
+        self._forget_vanished()
+        return tuple(dict.fromkeys(path for entry in self._subscriptions.values() for path in entry.paths))
+
+    def click(self, click: Click) -> None:
+        """Deliver a click to each client that wants it, once."""
+        self._forget_vanished()
+        for entry in tuple(self._subscriptions.values()):
+            if any(click.path[: len(path)] == path for path in entry.paths):
+                entry.deliver(click)
+
+    def _forget_vanished(self) -> None:
+        now = self._clock()
+        for client in [client for client, entry in self._subscriptions.items() if entry.end < now]:
+            del self._subscriptions[client]

@@ -1,0 +1,129 @@
+"""Read the commands that Director does not have: ``setproperty``, ``setview``, ``setclicks``.
+
+Viewers before them ignore them, so a response names those that were in its request (``newer_commands``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from gateway.scene.cameras import LookAtCamera
+from gateway.scene.tree import Path
+from gateway.treeviewer import fields
+from gateway.treeviewer.command_lists import commands
+from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.requests import Failure, Request
+
+NAMES: Final = ("setproperty", "setview", "setclicks")
+
+
+def read_newer_commands(values: Mapping[str, Any], request: Request, context: ReadContext) -> None:
+    """Add the newer commands of a request.
+
+    Args:
+        values: decoded values by the name of the command; null counts as absent.
+    """
+    for name in NAMES:
+        value = values.get(name)
+        if value is not None:
+            request.newer_commands.append(name)
+            _READERS[name](value, request, context)
+
+
+def _read_properties(value: Any, request: Request, context: ReadContext) -> None:
+    """Add the visibilities and opacities of ``setproperty``."""
+    for index, command in commands("setproperty", value, request, context):
+        path = None
+        try:
+            path = fields.path(command, context)
+            visible, opacity = command.get("visible"), command.get("opacity")
+            if visible is None and opacity is None:
+                raise CommandError("visible and opacity are missing")
+            if visible is not None and not isinstance(visible, bool):
+                raise CommandError(f"visible must be true or false, not {show(visible)}")
+            if opacity is not None:
+                opacity = fields.number(opacity, "opacity")
+                if not 0.0 <= opacity <= 1.0:
+                    raise CommandError(f"opacity must be from 0 to 1, not {show(opacity)}")
+        except CommandError as error:
+            request.fail(Failure("setproperty", index, path, str(error)), context.limits)
+        else:
+            request.properties.append((path, visible, opacity))
+
+
+def _read_view(value: Any, request: Request, context: ReadContext) -> None:
+    """Set the changes of the page's view from ``setview``."""
+    try:
+        if not isinstance(value, dict):
+            raise CommandError(f"setview must be an object, not {show(value)}")
+        changes: dict[str, Any] = {}
+        for name, read in (("background", _color), ("grid", _grid), ("home", _home)):
+            if name in value:
+                changes[name] = None if value[name] is None else read(value[name])
+    except CommandError as error:
+        request.fail(Failure("setview", 0, None, str(error)), context.limits)
+    else:
+        request.view = changes
+
+
+def _color(value: Any) -> tuple[float, ...]:
+    """Return red, green and blue, sRGB from 0 to 1."""
+    color = fields.numbers(value, "background", 3)
+    if not all(0.0 <= channel <= 1.0 for channel in color):
+        raise CommandError(f"background must have numbers from 0 to 1, not {show(value)}")
+    return color
+
+
+def _grid(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise CommandError(f"grid must be true, false or null, not {show(value)}")
+    return value
+
+
+def _home(value: Any) -> LookAtCamera:
+    """Return the camera of the page's home view."""
+    if not isinstance(value, dict):
+        raise CommandError(f"home must be an object with eye, target and up, not {show(value)}")
+    eye, target, up = (_vector(value, name) for name in ("eye", "target", "up"))
+    sight = np.subtract(target, eye)
+    distance, height = float(np.linalg.norm(sight)), float(np.linalg.norm(up))
+    if not distance > 0.0:
+        raise CommandError("home.eye and home.target are the same point")
+    if not float(np.linalg.norm(np.cross(sight, up))) > 1e-6 * distance * height:
+        raise CommandError("home.up must not be zero nor along the line of sight")
+    return LookAtCamera(eye, target, up)
+
+
+def _vector(home: Mapping[str, Any], name: str) -> tuple[float, float, float]:
+    """Return a vector of the home camera; ``up`` is +z by default."""
+    value = home.get(name)
+    if value is None and name == "up":
+        return 0.0, 0.0, 1.0
+    x, y, z = fields.numbers(value, f"home.{name}", 3)
+    if not max(abs(x), abs(y), abs(z)) <= fields.MAX_DISTANCE:
+        raise CommandError(f"home.{name} must have numbers up to {fields.MAX_DISTANCE:g}, not {show(value)}")
+    return x, y, z
+
+
+def _read_clicks(value: Any, request: Request, context: ReadContext) -> None:
+    """Set the paths whose clicks the client wants, from ``setclicks``. One invalid path fails the command."""
+    paths: list[Path] = []
+    failures = len(request.failures)
+    for index, command in commands("setclicks", value, request, context):
+        try:
+            paths.append(fields.path(command, context))
+        except CommandError as error:
+            request.fail(Failure("setclicks", index, None, str(error)), context.limits)
+    if len(request.failures) == failures:
+        request.click_paths = paths
+
+
+_READERS: Final[Mapping[str, Callable[[Any, Request, ReadContext], None]]] = {
+    "setproperty": _read_properties,
+    "setview": _read_view,
+    "setclicks": _read_clicks,
+}

@@ -1,0 +1,216 @@
+"""The client's visibility, opacity, page view and clicks, with the service over TCPQ and UDP."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.client import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
+from gateway.client.tree import clicks as client_clicks
+from gateway.lcm.config import LcmConfig
+from gateway.scene import clicks
+from gateway.scene.cameras import LookAtCamera
+from gateway.scene.live import LiveTree
+from gateway.scene.live_page import PageView
+from gateway.scene.tree import Node
+from gateway.treeviewer import newer_commands, request_reader
+from gateway.treeviewer.config import TreeViewerConfig
+from tests.client.test_tree_viewer import hub_of, in_thread
+from tests.support.liblcm import liblcm
+from tests.support.ports import free_ports
+from tests.support.waiting import SECONDS, until
+from tests.treeviewer.transports import free_url, join, serving
+
+pytestmark = pytest.mark.lcm
+
+ON_ARM = clicks.Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
+
+
+@pytest.fixture(autouse=True)
+def lcm() -> None:
+    liblcm()
+
+
+def node(live: LiveTree, *path: str) -> Node:
+    found = live.snapshot.root.find(path)
+    assert found is not None
+    return found
+
+
+async def test_visibility_and_opacity() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                viewer["robot"]["arm"].set(Box((1, 1, 1)))
+                assert viewer["robot"].set_visible(False).status == 0
+                with viewer.batch() as batch:
+                    batch["robot/arm"].set_opacity(0.25)
+                    batch["robot/arm"].set_visible(True)
+                with pytest.raises(ValueError, match="opacity must be from 0 to 1, not 2"):
+                    viewer["robot"].set_opacity(2)
+
+        await in_thread(talk)
+        robot, arm = node(live, "robot"), node(live, "robot", "arm")
+        assert (robot.visible, robot.opacity, arm.visible, arm.opacity) == (False, 1.0, True, 0.25)
+
+
+async def test_many_transforms() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                for name in ("a/b", "c"):
+                    viewer[name].set(Box((1, 1, 1)))
+                answer = viewer.set_transforms(["a/b", ("c",)], [[1, 2, 3, 1, 0, 0, 0], [4, 5, 6, 0, 1, 0, 0]])
+                assert (answer.status, answer.transformed) == (0, (("a", "b"), ("c",)))
+                with viewer.batch() as batch:
+                    batch.set_transforms(["c"], np.full((1, 7), 0.5))
+                with pytest.raises(ValueError, match=r"poses must have shape \(1, 7\) for 1 paths, not \(7,\)"):
+                    viewer.set_transforms(["c"], np.zeros(7))
+                with pytest.raises(ValueError, match="pose 1 is not finite"):
+                    viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
+
+        await in_thread(talk)
+    assert node(live, "a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
+    assert node(live, "c").pose == (0.5,) * 7
+
+
+async def test_settings_of_the_page() -> None:
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                viewer.set_view(background="#ff0000", grid=False)
+                viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
+                with pytest.raises(ValueError, match="home must be eye, target and optionally up, not 1 vectors"):
+                    viewer.set_view(home=((1, 2, 3),))
+                with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target are the same point"):
+                    viewer.set_view(home=((0, 0, 0), (0, 0, 0)))
+
+        await in_thread(talk)
+        home = LookAtCamera((1, 2, 3), (0, 0, 0), (0, 0, 1))
+        assert service.protocol.page.view == PageView((1.0, 0.0, 0.0), None, home)
+
+
+@pytest.mark.parametrize("transport", ["tcpq", "udp"])
+@pytest.mark.parametrize("binary", [True, False])
+async def test_clicks(transport: str, binary: bool) -> None:
+    url = free_url()
+    if transport == "udp":
+        join(url)
+    lcm = LcmConfig(url="off", tcpq_port=0) if transport == "tcpq" else LcmConfig(url=url, tcpq_port=None)
+    received: asyncio.Queue[Click] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+    async with serving(TreeViewerConfig(lcm=lcm)) as service:
+        page = service.protocol.page
+        viewer = await in_thread(
+            lambda: TreeViewer(hub_of(service) if transport == "tcpq" else url, timeout=SECONDS, binary=binary)
+        )
+
+        def on_click(click: Click) -> None:
+            viewer[click.path].set(Box((1, 1, 1)))  # callbacks may use the client
+            loop.call_soon_threadsafe(received.put_nowait, click)
+
+        stop = await in_thread(viewer.on_click, "robot", on_click)
+        assert page.clicks.paths() == (("robot",),)
+        page.clicks.click(ON_ARM)
+        async with asyncio.timeout(SECONDS):
+            assert await received.get() == Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
+        assert service.status()["clicks"] == 1
+        await in_thread(stop)
+        assert page.clicks.paths() == ()
+        await in_thread(viewer.on_click, (), on_click)
+        await in_thread(viewer.close)
+        await until(lambda: page.clicks.paths() == ())
+
+
+async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogCaptureFixture) -> None:
+    received: list[Click] = []
+    async with serving() as service:
+        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+        await in_thread(viewer.on_click, "robot", lambda click: [][0])
+        await in_thread(viewer.on_click, "robot/arm", received.append)
+        with caplog.at_level(logging.ERROR, "gateway.client.tree.clicks"):
+            service.protocol.page.clicks.click(ON_ARM)
+            await until(lambda: received)
+        await in_thread(viewer.close)
+    assert "A callback of on_click has failed" in caplog.text
+    assert [click.path for click in received] == [("robot", "arm")]
+
+
+async def test_async_client() -> None:
+    received: list[Click] = []
+    live = LiveTree()
+    async with serving(live=live) as service:
+        page = service.protocol.page
+        async with AsyncTreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+            await viewer["robot"]["arm"].set(Box((1, 1, 1)))
+            await viewer["robot"].set_visible(False)
+            await viewer["robot"].set_opacity(0.5)
+            await viewer.set_view(grid=True)
+            stop = await viewer.on_click("robot/arm", received.append)
+            page.clicks.click(ON_ARM)
+            await until(lambda: received)
+            await stop()
+            assert page.clicks.paths() == ()
+        assert (node(live, "robot").visible, node(live, "robot").opacity) == (False, 0.5)
+        assert page.view == PageView(grid=True)
+
+
+async def test_the_subscription_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client_clicks, "RENEW_SECONDS", 0.01)
+    async with serving() as service:
+        page = service.protocol.page
+        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+        await in_thread(viewer.on_click, "robot", print)
+        page.clicks = clicks.ClickSubscriptions()  # as if the lease had ended
+        await until(lambda: page.clicks.paths() == (("robot",),))
+        await in_thread(viewer.close)
+        assert not viewer.pending
+
+
+async def test_a_restarted_viewer_gets_all_again() -> None:
+    (port,) = free_ports(1)
+    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
+    async with serving(config):
+        viewer: Any = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", SECONDS)
+        await in_thread(viewer["robot"].set, Box((1, 1, 1)))
+        await in_thread(viewer["robot"].set_visible, False)
+        await in_thread(viewer["robot"].set_opacity, 0.5)
+        await in_thread(lambda: viewer.set_view(grid=False))
+        await in_thread(viewer.on_click, "robot", print)
+    live = LiveTree()
+    try:
+        async with serving(config, live=live) as service:
+            page = service.protocol.page
+            await until(lambda: page.clicks.paths() == (("robot",),))
+            assert page.view == PageView(grid=False)
+            robot = node(live, "robot")
+            assert (robot.visible, robot.opacity, robot.nodes_with_parts) == (False, 0.5, 1)
+    finally:
+        await in_thread(viewer.close)
+
+
+async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(newer_commands, "NAMES", ())
+    monkeypatch.setattr(request_reader, "NAMES", ())
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                viewer["robot"].set(Box((1, 1, 1)))
+                with pytest.raises(TreeViewerError, match="this viewer does not know setproperty"):
+                    viewer["robot"].set_visible(False)
+                with pytest.raises(TreeViewerError, match="this viewer does not know setclicks"):
+                    viewer.on_click("robot", print)
+
+        await in_thread(talk)
+        assert node(live, "robot").visible
