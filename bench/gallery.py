@@ -26,6 +26,7 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import resolve_camera
+from gateway.stereo.profile import read_profile
 from renderers.camera import Camera
 from renderers.drawlist import (
     AlphaMode,
@@ -46,7 +47,7 @@ from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match_pair
-from renderers.stereo.model import DISPARITY_SCALE, MODELS
+from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
@@ -288,7 +289,7 @@ class Gallery:
 
     def stereo(self) -> Picture:
         """Draw the stereo camera's stream: images with projector dots and noise, matched disparity, exact disparity."""
-        model, divisor = MODELS["rc_visard 160-4"], 2
+        model, divisor = read_profile("rc_visard_160c").model, 2
         k = model.intrinsics(divisor)
         pose = camera("eye=1.55,-1.5,1.3;target=0,0.1,0.62", drawn=self._demo).X_world_camera
         exposure, depths, images = Exposure(), [], []

@@ -29,11 +29,11 @@ from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame_scheduler import PoseSource, SceneSource
 from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.profile import read_profile
 from gateway.stereo.service import StereoService
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
 from renderers.stereo.exposure import Exposure
-from renderers.stereo.model import MODELS
 from renderers.stereo.realism import parse_realism
 
 PAYLOADS = {
@@ -47,7 +47,7 @@ PAYLOADS = {
 def payload(name: str) -> list[wire.Chunk]:
     """Return the chunks of a set of 1.2, 3.1, 8.6 or 15 MB; its images are noise."""
     random = np.random.default_rng(0)
-    model = MODELS["rc_visard 160-4"]
+    model = read_profile("rc_visard_160c").model
     full, k = model.intrinsics(), model.intrinsics(1 if name == "D" else 2)
     metadata = ImageMetadata(time.time_ns(), Exposure(), noise=0.3, brightness=0.5, gpio=0)
     size = (full.height, full.width, 3) if name in "CD" else (full.height, full.width)

@@ -20,6 +20,9 @@ def stream(
     confidence: Annotated[bool, typer.Option("--confidence", help="Confidence image.")] = False,
     mesh: Annotated[bool, typer.Option("--mesh", help="Mesh, as PLY.")] = False,
     color: Annotated[bool, typer.Option("--color", help="Left and right in colour.")] = False,
+    color_camera: Annotated[bool, typer.Option("--color-camera", help="Image of the colour camera.")] = False,
+    depth: Annotated[bool, typer.Option("--depth", help="Depth in millimetres, 16 bits.")] = False,
+    aligned: Annotated[bool, typer.Option("--aligned", help="With --depth: as seen by the colour camera.")] = False,
     max_points: Annotated[
         int, typer.Option(min=0, help="Maximum number of points of a mesh, at least 1000; 0: no limit.")
     ] = 0,
@@ -93,6 +96,7 @@ def stream(
     credentials = Credentials(token, tls, ca, certificate, key)
     options = StreamOptions(
         target, left=left, right=right, disparity=disparity, error=error, confidence=confidence, mesh=mesh, color=color,
+        color_camera=color_camera, depth=depth, aligned=aligned,
         max_points=max_points, min_depth=min_depth, watertight=watertight, textured=textured, count=count, output=out,
         preview=preview, credentials=credentials, timeout=timeout or None, exposure=exposure, gpio=gpio, truth=truth,
         imu=imu, pipeline=pipeline,

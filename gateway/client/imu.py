@@ -150,6 +150,10 @@ def _open(address: str, credentials: Credentials, pipeline: int) -> tuple[socket
         connected = connection.sock
         connection.request("GET", target, headers=dict(credentials.metadata))
         response = connection.getresponse()
+    except TimeoutError:
+        connection.close()
+        reason = f"no answer within {_CONNECT_SECONDS:g} s; a gateway that starts answers after its kernels are compiled"
+        raise ImuFailure(f"{address} gives no IMU samples: {reason}") from None
     except (OSError, http.client.HTTPException) as error:
         connection.close()
         raise ImuFailure(f"{address} gives no IMU samples: {error or type(error).__name__}") from None

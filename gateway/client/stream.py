@@ -54,6 +54,12 @@ class StreamOptions:
     """Receive the mesh."""
     color: bool = False
     """Receive the left and right images in RGB instead of grey."""
+    color_camera: bool = False
+    """Receive the image of the colour camera (Scenegate only)."""
+    depth: bool = False
+    """Receive depth in millimetres (Scenegate only)."""
+    aligned: bool = False
+    """Receive ``depth`` as seen by the colour camera."""
     max_points: int = 0
     """Maximum number of points of a mesh, at least 1000; 0: no limit."""
     min_depth: bool = False
@@ -87,7 +93,8 @@ class StreamOptions:
 
     def request(self) -> pb.ImageSetRequest:
         """Return the gRPC request. If neither image nor mesh is chosen, it is for left and disparity."""
-        any_chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
+        rc_visard_images = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
+        any_chosen = rc_visard_images or self.color_camera or self.depth
         return pb.ImageSetRequest(
             left_enabled=self.left or not any_chosen,
             right_enabled=self.right,
@@ -104,6 +111,9 @@ class StreamOptions:
             if self.mesh
             else None,
             color=self.color,
+            color_camera_enabled=self.color_camera,
+            depth_mm_enabled=self.depth,
+            depth_aligned=self.aligned,
         )
 
 

@@ -151,11 +151,11 @@ def intrinsics(image: pb.Image) -> NDArray[np.float64]:
 
 
 def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
-    """Return all images of a set side by side, (H, W, 3) uint8 RGB. Disparity is mapped to colours."""
+    """Return all images of a set side by side, (H, W, 3) uint8 RGB. Disparity and depth are mapped to colours."""
     cells = []
     for name, image in _images(image_set).items():
         array = pixels(image)
-        if name == "disparity":
+        if name in ("disparity", "depth_mm"):
             array = disparity_to_rgb(array)
         elif name == "error":  # an error of half a pixel or more is white
             array = np.minimum(array * (512.0 * (image_set.disparity.scale or 1 / 16)), 255).astype(np.uint8)
@@ -203,7 +203,7 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
 def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:
     """Return the images of a set by name."""
     images = {}
-    for name in ("left", "right", "disparity", "error", "confidence"):
+    for name in ("left", "right", "disparity", "error", "confidence", "color_camera", "depth_mm"):
         field = "disparity_error" if name == "error" else name
         if image_set.HasField(field):
             message = getattr(image_set, field)

@@ -93,7 +93,7 @@ class Mesh(_message.Message):
     def __init__(self, timestamp: _Optional[_Union[Time, _Mapping]] = ..., format: _Optional[str] = ..., data: _Optional[bytes] = ...) -> None: ...
 
 class ImageSet(_message.Message):
-    __slots__ = ("timestamp", "left", "right", "disparity", "disparity_error", "confidence", "mesh")
+    __slots__ = ("timestamp", "left", "right", "disparity", "disparity_error", "confidence", "mesh", "color_camera", "depth_mm")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     LEFT_FIELD_NUMBER: _ClassVar[int]
     RIGHT_FIELD_NUMBER: _ClassVar[int]
@@ -101,6 +101,8 @@ class ImageSet(_message.Message):
     DISPARITY_ERROR_FIELD_NUMBER: _ClassVar[int]
     CONFIDENCE_FIELD_NUMBER: _ClassVar[int]
     MESH_FIELD_NUMBER: _ClassVar[int]
+    COLOR_CAMERA_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_MM_FIELD_NUMBER: _ClassVar[int]
     timestamp: Time
     left: Image
     right: Image
@@ -108,7 +110,9 @@ class ImageSet(_message.Message):
     disparity_error: Image
     confidence: Image
     mesh: Mesh
-    def __init__(self, timestamp: _Optional[_Union[Time, _Mapping]] = ..., left: _Optional[_Union[Image, _Mapping]] = ..., right: _Optional[_Union[Image, _Mapping]] = ..., disparity: _Optional[_Union[DisparityImage, _Mapping]] = ..., disparity_error: _Optional[_Union[Image, _Mapping]] = ..., confidence: _Optional[_Union[Image, _Mapping]] = ..., mesh: _Optional[_Union[Mesh, _Mapping]] = ...) -> None: ...
+    color_camera: Image
+    depth_mm: Image
+    def __init__(self, timestamp: _Optional[_Union[Time, _Mapping]] = ..., left: _Optional[_Union[Image, _Mapping]] = ..., right: _Optional[_Union[Image, _Mapping]] = ..., disparity: _Optional[_Union[DisparityImage, _Mapping]] = ..., disparity_error: _Optional[_Union[Image, _Mapping]] = ..., confidence: _Optional[_Union[Image, _Mapping]] = ..., mesh: _Optional[_Union[Mesh, _Mapping]] = ..., color_camera: _Optional[_Union[Image, _Mapping]] = ..., depth_mm: _Optional[_Union[Image, _Mapping]] = ...) -> None: ...
 
 class MeshOptions(_message.Message):
     __slots__ = ("max_points", "binning_method", "watertight", "textured")
@@ -129,7 +133,7 @@ class MeshOptions(_message.Message):
     def __init__(self, max_points: _Optional[int] = ..., binning_method: _Optional[_Union[MeshOptions.BinningMethod, str]] = ..., watertight: _Optional[bool] = ..., textured: _Optional[bool] = ...) -> None: ...
 
 class ImageSetRequest(_message.Message):
-    __slots__ = ("left_enabled", "right_enabled", "disparity_enabled", "disparity_error_enabled", "confidence_enabled", "mesh_enabled", "mesh_options", "color")
+    __slots__ = ("left_enabled", "right_enabled", "disparity_enabled", "disparity_error_enabled", "confidence_enabled", "mesh_enabled", "mesh_options", "color", "color_camera_enabled", "depth_mm_enabled", "depth_aligned")
     LEFT_ENABLED_FIELD_NUMBER: _ClassVar[int]
     RIGHT_ENABLED_FIELD_NUMBER: _ClassVar[int]
     DISPARITY_ENABLED_FIELD_NUMBER: _ClassVar[int]
@@ -138,6 +142,9 @@ class ImageSetRequest(_message.Message):
     MESH_ENABLED_FIELD_NUMBER: _ClassVar[int]
     MESH_OPTIONS_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
+    COLOR_CAMERA_ENABLED_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_MM_ENABLED_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_ALIGNED_FIELD_NUMBER: _ClassVar[int]
     left_enabled: bool
     right_enabled: bool
     disparity_enabled: bool
@@ -146,7 +153,10 @@ class ImageSetRequest(_message.Message):
     mesh_enabled: bool
     mesh_options: MeshOptions
     color: bool
-    def __init__(self, left_enabled: _Optional[bool] = ..., right_enabled: _Optional[bool] = ..., disparity_enabled: _Optional[bool] = ..., disparity_error_enabled: _Optional[bool] = ..., confidence_enabled: _Optional[bool] = ..., mesh_enabled: _Optional[bool] = ..., mesh_options: _Optional[_Union[MeshOptions, _Mapping]] = ..., color: _Optional[bool] = ...) -> None: ...
+    color_camera_enabled: bool
+    depth_mm_enabled: bool
+    depth_aligned: bool
+    def __init__(self, left_enabled: _Optional[bool] = ..., right_enabled: _Optional[bool] = ..., disparity_enabled: _Optional[bool] = ..., disparity_error_enabled: _Optional[bool] = ..., confidence_enabled: _Optional[bool] = ..., mesh_enabled: _Optional[bool] = ..., mesh_options: _Optional[_Union[MeshOptions, _Mapping]] = ..., color: _Optional[bool] = ..., color_camera_enabled: _Optional[bool] = ..., depth_mm_enabled: _Optional[bool] = ..., depth_aligned: _Optional[bool] = ...) -> None: ...
 
 class Event(_message.Message):
     __slots__ = ("timestamp", "message")

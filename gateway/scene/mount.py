@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,6 +47,49 @@ def parse_mount_path(text: str) -> Path:
     camera = parse_camera(f"path:{text}")
     assert isinstance(camera, NodeCamera)
     return camera.path
+
+
+_OPTION: Final = re.compile(r"(name|profile)=([^;]*);")
+_NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+@dataclass(frozen=True, slots=True)
+class CameraText:
+    """A camera as text: ``name=wrist;profile=rgbd;`` and a pose or a node, of which only the last is required."""
+
+    mount: str
+    """Pose, or path as JSON."""
+    name: str = ""
+    """Letters, digits, ``_`` and ``-``; empty: none is given."""
+    profile: str = ""
+    """Name or file of a camera profile; empty: none is given."""
+
+    def new_mount(self) -> Mount:
+        """Return a mount with this pose or node."""
+        if self.mount.lstrip().startswith("["):
+            return Mount(np.eye(4), parse_mount_path(self.mount))
+        return Mount(parse_mount_pose(self.mount), None)
+
+
+def parse_camera_text(text: str) -> CameraText:
+    """Parse a camera with its optional name and profile.
+
+    Raises:
+        CameraError: An option is given twice or is invalid, or the rest is neither a pose nor a node.
+    """
+    options: dict[str, str] = {}
+    rest = text.strip()
+    while (match := _OPTION.match(rest)) is not None:
+        name, value = match.groups()
+        if name in options:
+            raise CameraError(f"camera {text!r} has two of {name}=")
+        if not value or (name == "name" and not _NAME.fullmatch(value)):
+            raise CameraError(f"{name}={value!r} of a camera must have 1 to 64 letters, digits, _ or -")
+        options[name] = value
+        rest = rest[match.end() :].lstrip()
+    camera = CameraText(rest, **options)
+    camera.new_mount()
+    return camera
 
 
 class Mount:

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
-from gateway.settings.types import AnyMount, Byte, Port
+from gateway.settings.types import AnyCamera, Byte, Port
 
 ENV_PREFIX = "SCENEGATE_"
 
@@ -73,5 +73,5 @@ def metavar_of(field: FieldInfo) -> str:
     if arguments == [Port]:  # PortOrOff
         return "NUMBER|off"
     if get_origin(annotation) is tuple:
-        return {Path: "PATHS", Byte: "R,G,B", AnyMount: "POSES"}.get(arguments[0], "NAMES")
+        return {Path: "PATHS", Byte: "R,G,B", AnyCamera: "CAMERAS"}.get(arguments[0], "NAMES")
     return words.get(arguments[0], "TEXT") if arguments else "TEXT"

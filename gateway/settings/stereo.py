@@ -9,7 +9,7 @@ from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff, Realism
+from gateway.settings.types import Cameras, MountPath, MountPose, Port, PortOrOff, Realism
 
 
 class StereoSettings(BaseSettings):
@@ -36,34 +36,21 @@ class StereoSettings(BaseSettings):
         'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While the node is '
         "missing, the camera keeps its last pose.",
     )
-    stereo_cameras: Mounts = option(
+    stereo_cameras: Cameras = option(
         (),
         "Stereo camera",
-        "More stereo cameras, separated by |, each a pose (--stereo-pose) or a node (--stereo-path). They are "
-        "pipelines 1, 2, …, on the following ports, each with its own parameters.",
+        "More stereo cameras, separated by |, each a pose (--stereo-pose) or a node (--stereo-path), which may be "
+        "preceded by name=NAME; and profile=PROFILE;. They are pipelines 1, 2, …, on the following ports, each with "
+        "its own parameters.",
     )
     stereo_faults: bool = option(
         False, "Stereo camera", "Allow PUT /stereo/faults to drop, delay and cut streams, for test rigs."
     )
-    stereo_model: Literal["65-4", "160-4", "160-6", "custom"] = option(
-        "160-4",
+    stereo_profile: str = option(
+        "rc_visard_160c",
         "Stereo camera",
-        "rc_visard model; 'custom' is described by --stereo-size, --stereo-focal-factor and --stereo-baseline.",
-    )
-    stereo_size: str | None = option(
-        None, "Stereo camera", "Custom model: size of the camera images, WIDTHxHEIGHT in pixels; default 1280x960."
-    )
-    stereo_focal_factor: float | None = option(
-        None, "Stereo camera", "Custom model: focal length divided by image width; default 0.8449."
-    )
-    stereo_baseline: float | None = option(
-        None, "Stereo camera", "Custom model: distance between the two cameras in metres; default 0.16."
-    )
-    stereo_d_eps: float = option(
-        0.25, "Stereo camera", "Standard deviation of the disparity, in pixels of a camera image.", ge=0, le=5
-    )
-    stereo_image_noise: float = option(
-        1.0, "Stereo camera", "Factor of the image noise; 1 is the device's.", ge=0, le=100
+        "Kind of camera: rc_visard_65c, rc_visard_65m, rc_visard_160c, rc_visard_160m, rc_visard_160m_6mm, rgbd, or a "
+        "TOML file (docs/camera-profiles.md).",
     )
     stereo_rate: Literal["device", "max"] = option(
         "device", "Stereo camera", "Frame rate: the device's, or as high as possible."
@@ -112,18 +99,4 @@ class StereoSettings(BaseSettings):
             raise ValueError(
                 "--stereo-images and --stereo-scene exclude each other: the pairs are shown in the scene's place"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _custom_camera(self) -> Self:
-        described = (self.stereo_size, self.stereo_focal_factor, self.stereo_baseline)
-        if self.stereo_model != "custom":
-            if any(value is not None for value in described):
-                raise ValueError(
-                    "--stereo-size, --stereo-focal-factor and --stereo-baseline need --stereo-model custom"
-                )
-        elif any(value is not None for value in described):
-            from renderers.stereo.model import custom_model  # imports NumPy: only where the setting is used
-
-            custom_model(*described)
         return self

@@ -35,8 +35,11 @@ def _check_path(text: str) -> str:
     return text
 
 
-def _check_mount(text: str) -> str:
-    return _check_path(text) if text.lstrip().startswith("[") else _check_pose(text)
+def _check_camera(text: str) -> str:
+    from gateway.scene.mount import parse_camera_text  # imports NumPy
+
+    parse_camera_text(text)
+    return text
 
 
 def _check_color(value: object) -> object:
@@ -62,8 +65,8 @@ Port = Annotated[int, Field(ge=0, le=65535)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
 MountPose = Annotated[str, AfterValidator(_check_pose)]
 MountPath = Annotated[str, AfterValidator(_check_path)]
-AnyMount = Annotated[str, AfterValidator(_check_mount)]
-Mounts = Annotated[tuple[AnyMount, ...], NoDecode, _split("|"), Field(max_length=15)]
+AnyCamera = Annotated[str, AfterValidator(_check_camera)]
+Cameras = Annotated[tuple[AnyCamera, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]
 Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, BeforeValidator(_split_realism)]

@@ -1,4 +1,4 @@
-"""Timestamps of frames: from the system clock, or simulated."""
+"""Timestamps of frames: from the system clock, or simulated; and as text."""
 
 from __future__ import annotations
 
@@ -49,3 +49,23 @@ class SimulatedClock:
 
     def next_timestamp(self, previous: int | None, period: int) -> int:
         return self._start if previous is None else previous + period
+
+
+def parse_timestamp(timestamp: str) -> int:
+    """Return the nanoseconds of ``1700000000.040000000``, exactly.
+
+    The digits after the point are nanoseconds, padded on the right.
+
+    Raises:
+        ValueError: malformed timestamp.
+    """
+    seconds, _, fraction = timestamp.partition(".")
+    digits = seconds + fraction
+    if not (digits.isascii() and digits.isdigit() and seconds and len(seconds) <= 12 and len(fraction) <= 9):
+        raise ValueError(f"timestamp {timestamp[:40]!r} is not like 1700000000.040000000")
+    return int(seconds) * NANOSECONDS_PER_SECOND + int(fraction.ljust(9, "0"))
+
+
+def timestamp_text(nanoseconds: int) -> str:
+    """Return a timestamp as text; the inverse of ``parse_timestamp``."""
+    return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"

@@ -6,9 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gateway.server.tokens import Tokens
+from gateway.stereo.parameter_specs import DeviceLimits
+from gateway.stereo.profile import DEFAULT_PROFILE, read_profile
 from renderers.interface import LookName
-from renderers.stereo.model import MODELS, StereoModel
+from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
 DepthMode = Literal["modelled", "matched", "ground_truth"]
@@ -31,6 +37,8 @@ class Tls:
 class StereoConfig:
     """Configuration of one stereo camera. Defaults are the device's where it has them."""
 
+    name: str = "stereo"
+    """Name of the camera in ``/cameras``."""
     host: str = "127.0.0.1"
     """Address to listen on."""
     port: int = 50051
@@ -39,8 +47,14 @@ class StereoConfig:
     """TLS of the image stream; None: plaintext, as on the device."""
     tokens: Tokens | None = None
     """Bearer tokens of the image stream; None: no token is needed, as on the device."""
-    model: StereoModel = field(default_factory=lambda: MODELS["rc_visard 160-4"])
+    model: StereoModel = field(default_factory=lambda: read_profile(DEFAULT_PROFILE).model)
     """Geometry of the camera."""
+    limits: DeviceLimits = field(default_factory=DeviceLimits)
+    """Limits and defaults of the device's parameters."""
+    color: bool = True
+    """True if the left and right images can have colour."""
+    color_camera: ColorCamera | None = None
+    """Colour camera beside the stereo cameras; None: there is none."""
     depth_mode: DepthMode = "modelled"
     """Source of depth images: rendered depth with modelled errors, matching of rendered images, or rendered depth."""
     rate: Rate = "device"
@@ -114,3 +128,19 @@ class StereoConfig:
     def measures_images(self) -> bool:
         """True if depth depends on the camera images."""
         return self.depth_mode == "matched" or self.models_errors
+
+    @property
+    def color_intrinsics(self) -> Intrinsics:
+        """Intrinsics of colour images: those of the colour camera or, without one, of the left camera."""
+        return self.model.intrinsics() if self.color_camera is None else self.color_camera.intrinsics
+
+    @property
+    def X_left_color(self) -> NDArray[np.float64]:
+        """Pose of the camera of colour images in the left optical frame, (4, 4) float64."""
+        return np.eye(4) if self.color_camera is None else self.color_camera.X_left_color
+
+    @property
+    def uses_motion(self) -> bool:
+        """True if images depend on what moved since the frame before."""
+        rolling = self.color_camera is not None and self.color_camera.readout > 0.0
+        return rolling or "motion-blur" in self.realism

@@ -125,7 +125,7 @@ def _camera_status(service: StereoService) -> dict[str, object]:
         "height": model.height,
         "focal": round(model.focal_factor, 6),
         "baseline": round(model.baseline, 6),
-        "color": 1,
+        "color": int(service.config.color),
         "temp_left": 35.0,
         "temp_right": 35.0,
         "test": int(isinstance(service.imaging, PairImaging)),

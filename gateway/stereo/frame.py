@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Hashable, Iterable
+from collections.abc import Callable, Collection, Coroutine, Hashable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
+from gateway.stereo.color_images import ColorImage, expose_color_camera
 from gateway.stereo.depth import ImagePair
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.matched_depth import matched_depth
@@ -23,7 +24,8 @@ from renderers.drawlist import ImageError
 from renderers.interface import Output
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.mesh import MeshOptions
-from renderers.stereo.model import DISPARITY_SCALE
+from renderers.stereo.metric_depth import align_depth, depth_in_millimetres
+from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.sensor import SensorImage
 
@@ -51,7 +53,7 @@ class Frame:
         settings: StreamSettings,
         camera_capture: Capture,
         depth_capture: Capture,
-        kinds: Iterable[SetKind],
+        kinds: Collection[SetKind],
         generation: int = 0,
     ) -> None:
         """
@@ -80,8 +82,9 @@ class Frame:
         )
         """True if depth is measured in the left and right images themselves."""
         grey = [False] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
+        color = [True] if imaging.config.color_camera is None and any(kind.color_camera for kind in kinds) else []
         self._colors = {
-            NoiseStream.LEFT: frozenset([*grey, *(kind.color for kind in kinds if kind.needs_left)]),
+            NoiseStream.LEFT: frozenset([*grey, *color, *(kind.color for kind in kinds if kind.needs_left)]),
             NoiseStream.RIGHT: frozenset([*grey, *(kind.color for kind in kinds if kind.right)]),
         }
         """Images to make of each camera: True for colour, False for grey."""
@@ -111,6 +114,38 @@ class Frame:
         images = await self._make_once((stream, colors), lambda: self._expose(self.camera_capture, stream, colors))
         return images[color]
 
+    async def color_camera_image(self) -> ColorImage:
+        """Return the image of the colour camera; without a colour camera, the left image in colour."""
+        color_camera = self._imaging.config.color_camera
+        if color_camera is None:
+            image, metered = await self.image(NoiseStream.LEFT, True), await self.metered(self.camera_capture)
+            return ColorImage(image, metered.exposure)
+        arguments = (self._imaging, color_camera, self.camera_capture, self.settings)
+        return await self._make_once("color camera", lambda: self._workers.run(expose_color_camera, *arguments))
+
+    async def depth_mm(self, *, aligned: bool) -> NDArray[np.uint16]:
+        """Return depth in millimetres, (H, W) uint16, 0: invalid.
+
+        Args:
+            aligned: as seen by the colour camera, if there is one.
+        """
+        return await self._make_once(("depth_mm", aligned), lambda: self._depth_mm(aligned))
+
+    def depth_intrinsics(self, *, aligned: bool) -> Intrinsics:
+        """Return the intrinsics of ``depth_mm``."""
+        config = self._imaging.config
+        if aligned and config.color_camera is not None:
+            return config.color_intrinsics
+        return config.model.intrinsics(self.settings.quality.divisor)
+
+    async def _depth_mm(self, aligned: bool) -> NDArray[np.uint16]:
+        images, config, divisor = await self.depth_images(), self._imaging.config, self.settings.quality.divisor
+        factor = config.model.focal_times_baseline(divisor)
+        depth = await self._workers.run(depth_in_millimetres, images.disparity, factor)
+        if not aligned or config.color_camera is None:
+            return depth
+        return await self._workers.run(align_depth, depth, config.model.intrinsics(divisor), config.color_camera)
+
     def cancel(self) -> None:
         """Cancel all unfinished tasks."""
         for task in self._tasks.values():
@@ -129,6 +164,10 @@ class Frame:
             fields.append((5, self._depth_message("error", kind)))
         if kind.confidence:
             fields.append((6, self._depth_message("confidence", kind)))
+        if kind.color_camera:
+            fields.append((1001, self._color_camera_message()))
+        if kind.depth_mm:
+            fields.append((1002, self._depth_mm_message(kind)))
         if kind.mesh is not None:
             fields.append((7, self._mesh_message(kind.mesh, kind.color)))
         values = await _gather([value for _, value in fields])
@@ -160,6 +199,19 @@ class Frame:
             # The message has one scale for disparity and error.
             pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
         k = self._imaging.config.model.intrinsics(self.settings.quality.divisor)
+        return messages.image(pixels, k, self._metadata(self.depth_capture, metered, brightness))
+
+    async def _color_camera_message(self) -> list[Chunk]:
+        config = self._imaging.config
+        color = await self.color_camera_image()
+        image, metered = color.sensor_image, MeteredExposure(color.exposure, color.sensor_image.brightness)
+        metadata = self._metadata(self.camera_capture, metered, image.brightness)
+        return messages.image(image.image, config.color_intrinsics, metadata)
+
+    async def _depth_mm_message(self, kind: SetKind) -> list[Chunk]:
+        pixels = await self.depth_mm(aligned=kind.aligned)
+        metered, brightness = await self.metered(self.depth_capture), await self._depth_brightness(kind)
+        k = self.depth_intrinsics(aligned=kind.aligned)
         return messages.image(pixels, k, self._metadata(self.depth_capture, metered, brightness))
 
     async def _depth_brightness(self, kind: SetKind) -> float:

@@ -79,7 +79,7 @@ class FrameScheduler:
         self._scene_lock = asyncio.Lock()
         self._frame_number = 0
         self._earlier: EarlierFrame | None = None
-        """Frame captured last, for motion blur."""
+        """Frame captured last, for motion blur and rolling shutters."""
 
     @property
     def settings(self) -> StreamSettings:
@@ -235,14 +235,22 @@ class FrameScheduler:
         self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
         return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
 
+    async def read_scene(self) -> tuple[DrawList, int, NDArray[np.float64]]:
+        """Return the current scene, its revision and the camera's pose, X_world_left.
+
+        Raises:
+            QueueFull: the worker queue is full.
+        """
+        async with self._scene_lock:
+            return await self._workers.run(self._scene_and_pose)
+
     async def _capture_scene(self, frame_number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
         """Return the current scene and pose, or None if they cannot be read.
 
         An error ends the streams of ``kinds``; a full worker queue does not.
         """
         try:
-            async with self._scene_lock:
-                scene, revision, pose = await self._workers.run(self._scene_and_pose)
+            scene, revision, pose = await self.read_scene()
         except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
@@ -250,7 +258,7 @@ class FrameScheduler:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
             capture = Capture(timestamp, scene, revision, pose, gpio, frame_number, self._earlier)
-            if "motion-blur" in self.imaging.config.realism:
+            if self.imaging.config.uses_motion:
                 self._earlier = EarlierFrame(timestamp, scene, pose)
             return capture
         return None

@@ -40,7 +40,7 @@ class Capture:
     """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
     frame_number: int = 0
     earlier: EarlierFrame | None = None
-    """Frame before this one, for motion blur; None: there is none, or motion blur is off."""
+    """Frame before this one, for motion blur and rolling shutters; None: there is none, or nothing needs it."""
 
     @property
     def out1_high(self) -> bool:

@@ -61,7 +61,7 @@ def imu_router(*services: StereoService) -> APIRouter:
         return _ImuResponse(queue, exit_stack)
 
     @api.websocket("/stereo/imu/ws")
-    async def connection(socket: WebSocket, pipeline: Pipeline = 0) -> None:
+    async def connection(socket: WebSocket, pipeline: str = "0") -> None:
         origin = socket.headers.get("origin")
         if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
             # Browsers do not prevent a page of another site from opening this WebSocket.
@@ -70,7 +70,7 @@ def imu_router(*services: StereoService) -> APIRouter:
         await socket.accept()
         with ExitStack() as exit_stack:
             try:
-                queue = _subscribe(services, pipeline, exit_stack)
+                queue = _subscribe(services, _pipeline_number(pipeline), exit_stack)
             except RestError as error:
                 await socket.close(1013 if error.status == 503 else 1008, str(error))
                 return
@@ -83,6 +83,17 @@ def imu_router(*services: StereoService) -> APIRouter:
                 await asyncio.gather(sending, return_exceptions=True)
 
     return api
+
+
+def _pipeline_number(text: str) -> int:
+    """Return the number of a pipeline. FastAPI would refuse a wrong one without a reason, before the connection.
+
+    Raises:
+        RestError: the text is not a number.
+    """
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise RestError(400, f"pipeline={text[:40]!r} is not a number")
+    return int(text)
 
 
 def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: ExitStack) -> ImuQueue:

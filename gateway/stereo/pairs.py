@@ -141,5 +141,5 @@ def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) 
     height, width = left.shape[:2]
     focal_factor = focal if focal < FACTOR_LIMIT else focal / width
     model = StereoModel(MODEL_NAME, width, height, focal_factor, baseline)
-    config = replace(imaging.config, model=model, depth_mode="matched")
+    config = replace(imaging.config, model=model, color_camera=None, depth_mode="matched")
     return PairImaging(config=config, renderer=imaging.renderer, pairs=pairs)

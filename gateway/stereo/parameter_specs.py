@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final, Literal
+
+from renderers.stereo.model import Quality
 
 Value = float | int | bool | str
 """Value of a parameter."""
@@ -31,6 +33,24 @@ class Spec:
     """Allowed strings."""
     aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Other accepted spellings, and the choices that they mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceLimits:
+    """Limits and defaults that differ between kinds of cameras; those of the rc_visard."""
+
+    fps: float = 25.0
+    """Maximum rate of the camera images, Hz, and the default."""
+    depth_range: tuple[float, float] = (0.1, 100.0)
+    """Limits of ``mindepth`` and ``maxdepth``, and their defaults, metres."""
+    quality: Quality = Quality.HIGH
+    """Default of ``quality``."""
+    out1_mode: str = "Low"
+    """Default of ``out1_mode``."""
+    depth_rates: Mapping[Quality, float] = field(
+        default_factory=lambda: MappingProxyType({quality: quality.depth_rate for quality in Quality})
+    )
+    """Depth images per second."""
 
 
 def _float(name: str, minimum: float, maximum: float, default: float, text: str, *, has_effect: bool = True) -> Spec:
@@ -121,3 +141,21 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
 
 NODE_ALIASES: Final[Mapping[str, str]] = MappingProxyType({"rc_stereocamera": "rc_camera"})
 """Names of nodes up to firmware 20, and their current names."""
+
+
+def specs_of(limits: DeviceLimits) -> Mapping[str, Mapping[str, Spec]]:
+    """Return ``NODES`` with the limits and defaults of a kind of camera."""
+    nearest, farthest = limits.depth_range
+    changes: Mapping[str, Mapping[str, Mapping[str, Value]]] = {
+        "rc_camera": {"fps": {"maximum": limits.fps, "default": limits.fps}},
+        "rc_stereomatching": {
+            "quality": {"default": limits.quality.value},
+            "mindepth": {"minimum": nearest, "maximum": farthest, "default": nearest},
+            "maxdepth": {"minimum": nearest, "maximum": farthest, "default": farthest},
+        },
+        "rc_iocontrol": {"out1_mode": {"default": limits.out1_mode}},
+    }
+    return {
+        node: {name: replace(spec, **changes[node].get(name, {})) for name, spec in specs.items()}  # type: ignore[arg-type]
+        for node, specs in NODES.items()
+    }

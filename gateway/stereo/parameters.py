@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from gateway.stereo.parameter_specs import NODES, Spec, Value
+from gateway.stereo.parameter_specs import NODES, DeviceLimits, Spec, Value, specs_of
 
 _MAX_SHOWN_CHARS: Final = 80
 """Maximum number of characters of a client's value in an error message."""
@@ -23,9 +23,15 @@ class UnknownParameterError(LookupError):
 class Parameters:
     """Values of the parameters of all nodes."""
 
-    def __init__(self) -> None:
+    def __init__(self, limits: DeviceLimits | None = None) -> None:
+        """
+        Args:
+            limits: limits and defaults of the camera; None: those of the rc_visard.
+        """
+        self.limits = limits or DeviceLimits()
+        self._specs = specs_of(self.limits)
         self._values: dict[str, dict[str, Value]] = {
-            node: {spec.name: spec.default for spec in specs.values()} for node, specs in NODES.items()
+            node: {spec.name: spec.default for spec in specs.values()} for node, specs in self._specs.items()
         }
         self.version = 0
         """Number of changes."""
@@ -49,7 +55,7 @@ class Parameters:
         Raises:
             UnknownParameterError: unknown node or parameter.
         """
-        specs = NODES.get(node)
+        specs = self._specs.get(node)
         if specs is None:
             raise UnknownParameterError(f"there is no node {node!r}; there are {', '.join(NODES)}")
         spec = specs.get(name)
@@ -85,7 +91,7 @@ class Parameters:
 
     def reset(self, node: str) -> None:
         """Restore the defaults of a node."""
-        for spec in NODES[node].values():
+        for spec in self._specs[node].values():
             self._values[node][spec.name] = spec.default
         self.version += 1
 

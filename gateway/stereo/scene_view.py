@@ -30,10 +30,6 @@ class SceneView:
         self._mount = mount
         self._snapshot = snapshot()
 
-    def copy(self) -> SceneView:
-        """Return a view for another thread, with its own snapshot."""
-        return SceneView(self._take_snapshot, self._flattener, self._mount)
-
     def scene(self) -> tuple[DrawList, int]:
         """Return the current scene and its revision."""
         self._snapshot = self._take_snapshot()

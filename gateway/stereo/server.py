@@ -89,7 +89,7 @@ class StreamServicer:
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Send image sets until the client cancels or its deadline passes."""
         try:
-            kind = read_set_kind(request, mesh_rgb=self._config.mesh_rgb)
+            kind = read_set_kind(request, self._config)
         except RequestError as error:
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
         try:

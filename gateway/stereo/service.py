@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 import structlog
@@ -15,15 +16,16 @@ from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame import FrameRecord
+from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
 from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
 from gateway.stereo.hub import ImageSetHub
-from gateway.stereo.images import Imaging, MeteredExposure
+from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imu import Imu, PoseLog
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.realistic_images import make_imaging
+from gateway.stereo.request import SetKind
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from renderers.interface import Renderer
 
@@ -53,7 +55,7 @@ class StereoService:
             clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
         """
-        self.parameters = Parameters()
+        self.parameters = Parameters(config.limits)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
         file."""
@@ -80,6 +82,8 @@ class StereoService:
         )
         self._image_changes = 0
         """Number of changes between the scene and recorded pairs."""
+        self._captures = 0
+        """Number of captures apart from the stream."""
         self._port: int | None = None
         """Port of the image stream; None while it is closed."""
 
@@ -154,6 +158,21 @@ class StereoService:
             imu.cancel()
             await asyncio.gather(imu, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
+
+    async def capture(self, kind: SetKind) -> Frame:
+        """Capture the scene as it is now, apart from the stream, and return a frame for sets of a kind.
+
+        Nothing in the frame is blurred by motion.
+
+        Raises:
+            QueueFull: the worker queue is full.
+        """
+        settings = self.settings
+        scene, revision, pose = await self._scheduler.read_scene()
+        self._captures += 1
+        camera = Capture(time.time_ns(), scene, revision, pose, settings.gpio(depth=False), self._captures)
+        depth = replace(camera, gpio=settings.gpio(depth=True))
+        return Frame(self.imaging, self.workers, settings, camera, depth, (kind,))
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
         """Set parameters, all or none; see ``Parameters.set``.

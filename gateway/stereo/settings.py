@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.stereo.parameter_specs import Value
+from gateway.stereo.parameter_specs import DeviceLimits, Value
 from gateway.stereo.parameters import Parameters
 from renderers.stereo.exposure import AutoExposure, Exposure
 from renderers.stereo.filters import Filters
@@ -46,6 +46,8 @@ class Region:
 class StreamSettings:
     """Values of all parameters at one time."""
 
+    limits: DeviceLimits
+    """Limits of the camera."""
     fps: float
     """Camera images per second."""
     auto_exposure: AutoExposure | None
@@ -90,7 +92,7 @@ class StreamSettings:
     def camera_rate(self) -> float:
         """Camera image sets per second. In alternate exposure every second exposure is for depth."""
         fps = self.fps / HDR_IMAGES if self.manual_exposure.hdr else self.fps
-        return min(fps, 12.5) if self.alternate_exposure else fps
+        return min(fps, self.limits.fps / 2) if self.alternate_exposure else fps
 
     @property
     def averaged_images(self) -> int:
@@ -100,7 +102,7 @@ class StreamSettings:
     @property
     def depth_rate(self) -> float:
         """Depth images per second of the device."""
-        return min(self.camera_rate / self.averaged_images, self.quality.depth_rate)
+        return min(self.camera_rate / self.averaged_images, self.limits.depth_rates[self.quality])
 
     def gpio(self, *, depth: bool) -> int:
         """Return the GPIO values during an exposure; Out1 is bit 0, Out2 bit 1.
@@ -124,6 +126,7 @@ def read_settings(parameters: Parameters) -> StreamSettings:
     automatic_exposure = camera["exp_control"] != "Manual"
     acquisition_mode = str(matching["acquisition_mode"])
     return StreamSettings(
+        limits=parameters.limits,
         fps=float(camera["fps"]),
         auto_exposure=AutoExposure(
             float(camera["exp_max"]), float(camera["exp_auto_average_max"]), float(camera["exp_auto_average_min"])

@@ -27,11 +27,11 @@ _LOG_LINE: Final = {
     "message": "client connected",
     "timestamp": 1700000000.04,
 }
-_PIPELINE: Final = {"type": "rc_visard", "model_name": "rc_visard 160-4", "ready": True}
+_PIPELINE: Final = {"type": "rc_visard", "model_name": "rc_visard 160c", "ready": True}
 _SYSTEM: Final[dict[str, Any]] = {
     "ready": True,
     "serial": "00000000",
-    "model_name": "rc_visard 160-4",
+    "model_name": "rc_visard 160c",
     "firmware": {"active_image": {"image_version": device.IMAGE_VERSION}},
     "pipelines": {"config": {"max_pipelines": 1, "pending_changes": False, "pipelines": {"0": _PIPELINE}}},
 }

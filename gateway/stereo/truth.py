@@ -8,16 +8,14 @@ from typing import Annotated, Any, Final
 import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
-from numpy.typing import NDArray
 
 from gateway.server.openapi import Responses, example
-from gateway.stereo.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.clock import parse_timestamp, timestamp_text
 from gateway.stereo.depth import measurable_depths
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
 from gateway.stereo.service import StereoService
 from renderers.interface import Output
-from renderers.stereo.model import Intrinsics
 from renderers.stereo.truth import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
@@ -96,26 +94,6 @@ def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameReco
     )
 
 
-def parse_timestamp(timestamp: str) -> int:
-    """Return the nanoseconds of ``1700000000.040000000``, exactly.
-
-    The digits after the point are nanoseconds, padded on the right.
-
-    Raises:
-        ValueError: malformed timestamp.
-    """
-    seconds, _, fraction = timestamp.partition(".")
-    digits = seconds + fraction
-    if not (digits.isascii() and digits.isdigit() and seconds and len(seconds) <= 12 and len(fraction) <= 9):
-        raise ValueError(f"timestamp {timestamp[:40]!r} is not like 1700000000.040000000")
-    return int(seconds) * NANOSECONDS_PER_SECOND + int(fraction.ljust(9, "0"))
-
-
-def timestamp_text(nanoseconds: int) -> str:
-    """Return a timestamp as text; the inverse of ``parse_timestamp``."""
-    return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
-
-
 def ground_truth_npz(record: FrameRecord) -> bytes:
     """Return the ground truth of a frame as an npz file.
 
@@ -157,8 +135,8 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     X_left_right = np.eye(4)
     X_left_right[0, 3] = model.baseline
     arrays |= {
-        "K": _intrinsic_matrix(depth_intrinsics),
-        "K_left": _intrinsic_matrix(camera_intrinsics),
+        "K": depth_intrinsics.matrix,
+        "K_left": camera_intrinsics.matrix,
         "baseline": np.float64(model.baseline),
         "X_world_left": record.camera_capture.X_world_left,
         "X_world_right": record.camera_capture.X_world_left @ X_left_right,
@@ -171,8 +149,3 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **arrays)
     return file.getvalue()
-
-
-def _intrinsic_matrix(k: Intrinsics) -> NDArray[np.float64]:
-    """Return the (3, 3) float64 camera matrix."""
-    return np.array(((k.focal_length, 0, k.cx), (0, k.focal_length, k.cy), (0, 0, 1)))

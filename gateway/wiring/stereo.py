@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -16,22 +15,22 @@ from gateway.assets.scene_file import read_scene_file
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
-from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
+from gateway.scene.mount import CameraText, Mount, parse_camera_text, parse_mount_path, parse_mount_pose
 from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
 from gateway.settings import Settings
+from gateway.stereo.camera_routes import camera_router
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.fault_routes import fault_router
-from gateway.stereo.frame import Frame
-from gateway.stereo.images import Capture
 from gateway.stereo.imu import PoseLog
 from gateway.stereo.imu_routes import imu_router
 from gateway.stereo.node_routes import node_router
 from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import PairImaging, pair_imaging
 from gateway.stereo.parameter_specs import NODES
+from gateway.stereo.profile import read_profile
 from gateway.stereo.request import SetKind
 from gateway.stereo.scene_view import SceneView
 from gateway.stereo.service import StereoService
@@ -43,7 +42,7 @@ from gateway.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.model import DISPARITY_SCALE, MODELS, StereoModel, custom_model
+from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 
@@ -55,10 +54,12 @@ _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 async def setup(context: Context) -> None:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
-    path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
-    mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
+    configs, mounts = await asyncio.to_thread(_cameras, settings)
     scene = await _scene(settings)
-    services = [_start_camera(context, number, mount, scene) for number, mount in enumerate(mounts)]
+    services = [
+        _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene)
+        for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
+    ]
     watch_stereo(context.metrics, *services)
     apps = [context.app]
     if settings.rest_port is not None:
@@ -75,29 +76,37 @@ async def setup(context: Context) -> None:
         app.include_router(system_router(*services))
         app.include_router(node_router(*services))
         app.include_router(upload_router(*services))
+    context.app.include_router(camera_router(*services))
     context.app.include_router(truth_router(*services))
     context.app.include_router(imu_router(*services))
     context.app.include_router(fault_router(*services))
 
 
-def _mount(text: str) -> Mount:
-    """Return the mount of a further camera: a node (JSON) or a pose."""
-    if text.lstrip().startswith("["):
-        return Mount(np.eye(4), parse_mount_path(text))
-    return Mount(parse_mount_pose(text), None)
+def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
+    """Return the configuration and the mount of every camera. Reads profiles: call this in a worker thread.
+
+    Raises:
+        ValueError: a profile cannot be used, or two cameras have one name.
+    """
+    path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
+    texts = [parse_camera_text(text) for text in settings.stereo_cameras]
+    configs = [config_of(settings), *(config_of(settings, number, text) for number, text in enumerate(texts, 1))]
+    names = [config.name for config in configs]
+    if doubles := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"--stereo-cameras: two cameras have the name {min(doubles)!r}")
+    mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *(text.new_mount() for text in texts)]
+    return configs, mounts
 
 
-def _start_camera(context: Context, number: int, mount: Mount, scene: Snapshot | None) -> StereoService:
+def _start_camera(
+    context: Context, number: int, config: StereoConfig, mount: Mount, scene: Snapshot | None
+) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
 
     Args:
         scene: the scene that all cameras see; None: the live tree.
     """
     settings = context.settings
-    config = replace(config_of(settings), tokens=context.security.grpc)
-    if number > 0:
-        port = settings.grpc_port + number if settings.grpc_port else 0
-        config = replace(config, port=port, seed=config.seed + number)
     if scene is None:
         view = SceneView(lambda: context.tree.snapshot, context.flattener, mount)
         pose_log = PoseLog(lambda: context.tree.snapshot, view.pose_in, context.tree)
@@ -127,7 +136,7 @@ def _start_camera(context: Context, number: int, mount: Mount, scene: Snapshot |
         service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
         context.stereo_camera = lambda: view.camera(config) if scene is None else None
-        context.stereo_sensor = StereoSensor(service, view.copy(), live=scene is None)
+        context.stereo_sensor = StereoSensor(service, view, live=scene is None)
     context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service
 
@@ -148,22 +157,39 @@ def _pairs(folder: Path, service: StereoService) -> PairImaging:
     return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
-def config_of(settings: Settings) -> StereoConfig:
-    """Return the configuration of camera 0."""
+def config_of(settings: Settings, number: int = 0, camera: CameraText | None = None) -> StereoConfig:
+    """Return the configuration of a camera.
+
+    Args:
+        settings: settings of the gateway.
+        number: number of its pipeline.
+        camera: its entry in ``--stereo-cameras``; None: camera 0.
+
+    Raises:
+        ProfileError: its profile cannot be used.
+    """
     tls = None
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
         tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
+    profile = read_profile((camera and camera.profile) or settings.stereo_profile)
+    projector = profile.projector
     return StereoConfig(
+        name=(camera and camera.name) or (f"stereo{number}" if number else "stereo"),
         host=settings.host,
-        port=settings.grpc_port,
+        port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
-        model=model_of(settings),
+        model=profile.model,
+        limits=profile.limits,
+        color=profile.stereo.color,
+        color_camera=profile.color_camera,
         depth_mode=settings.depth_mode,
         rate=settings.stereo_rate,
-        seed=settings.stereo_seed,
+        seed=settings.stereo_seed + number,
         noise=settings.stereo_noise,
-        image_noise=settings.stereo_image_noise,
-        disparity_error=settings.stereo_d_eps,
+        image_noise=profile.stereo.noise,
+        disparity_error=profile.depth.disparity_error,
+        projector=projector is not None,
+        dot_light=projector.light if projector is not None else 0.0,
         mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
         faults=settings.stereo_faults,
@@ -178,13 +204,6 @@ def realism_of(settings: Settings) -> frozenset[RealismPart]:
     return frozenset(settings.stereo_realism)
 
 
-def model_of(settings: Settings) -> StereoModel:
-    """Return one of the device's models, or the model that the settings define."""
-    if settings.stereo_model != "custom":
-        return MODELS[f"rc_visard {settings.stereo_model}"]
-    return custom_model(settings.stereo_size, settings.stereo_focal_factor, settings.stereo_baseline)
-
-
 class StereoSensor:
     """Images of a stereo camera for the browser view, made as for clients of the stream but independent of them."""
 
@@ -192,13 +211,12 @@ class StereoSensor:
         """
         Args:
             service: camera.
-            view: view of its own, because scene and pose belong together.
+            view: scene and pose of the camera.
             live: True if the camera sees the live tree.
         """
         self._service = service
         self._view = view
         self._live = live
-        self._number = 0
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
         """Return the cameras in a snapshot of the live tree; None if the camera sees another scene."""
@@ -216,31 +234,22 @@ class StereoSensor:
             QueueFull: the worker queue is full.
             ImageError: a texture of the scene cannot be decoded.
         """
-        service, settings = self._service, self._service.settings
-        self._number += 1
-        camera, depth = await service.workers.run(self._captures, settings, self._number)
-        frame = Frame(service.imaging, service.workers, settings, camera, depth, (_VIEW_IMAGES,))
+        service = self._service
+        frame = await service.capture(_VIEW_IMAGES)
         try:
             left, right, images, metered = await asyncio.gather(
                 frame.image(NoiseStream.LEFT, color=True),
                 frame.image(NoiseStream.RIGHT, color=True),
                 frame.depth_images(),
-                frame.metered(camera),
+                frame.metered(frame.camera_capture),
             )
         except BaseException:
             frame.cancel()
             raise
         exposure = f"{metered.exposure.time * 1e3:.3g} ms, {metered.exposure.gain:.3g} dB"
         captions: dict[ImageName, str] = {"left": exposure, "right": exposure}
-        captions.update(await service.workers.run(self._depth_captions, images, settings))
+        captions.update(await service.workers.run(self._depth_captions, images, frame.settings))
         return StereoImages(left.image, right.image, images.disparity, images.confidence, captions)
-
-    def _captures(self, settings: StreamSettings, number: int) -> tuple[Capture, Capture]:
-        """Return the camera and the depth capture of one instant."""
-        scene, revision = self._view.scene()
-        pose, now = self._view.pose(), time.time_ns()
-        camera = Capture(now, scene, revision, pose, settings.gpio(depth=False), number)
-        return camera, replace(camera, gpio=settings.gpio(depth=True))
 
     def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:
         valid = images.disparity[images.disparity > 0]

@@ -54,6 +54,7 @@ _STEREO: Final = tuple(
         "key_light",
         "matching",
         "mesh",
+        "metric_depth",
         "motion_blur",
         "optics",
         "projector",

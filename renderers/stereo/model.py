@@ -18,10 +18,6 @@ DISPARITY_SCALE: Final = 1.0 / 16.0
 MAX_DISPARITIES: Final = 2032
 """Maximum number of disparities: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels)."""
 
-FULL_MAX_DISPARITIES: Final = 256
-"""Maximum number of disparities at full resolution, a limit of the device's memory. The manual (20.04) says 128 at
-High, half the resolution; later manuals mention the limit without a figure."""
-
 
 class Quality(Enum):
     """Resolution of the depth images; the value is the device's parameter value."""
@@ -55,6 +51,11 @@ class Intrinsics:
     cy: float
     """Principal point, pixels from the top edge."""
 
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix K, (3, 3) float64."""
+        return np.array(((self.focal_length, 0, self.cx), (0, self.focal_length, self.cy), (0, 0, 1)))
+
 
 @dataclass(frozen=True, slots=True)
 class StereoModel:
@@ -72,6 +73,8 @@ class StereoModel:
     """Metres; the right camera is at +x of the left one."""
     full_max_disparities: int = MAX_DISPARITIES
     """Maximum number of disparities at full resolution, pixels."""
+    principal_point: tuple[float, float] | None = None
+    """Pixels from the left and the upper edge, at full resolution; None: the centre."""
 
     def __post_init__(self) -> None:
         if not (16 <= self.width <= 8192 and 16 <= self.height <= 8192):
@@ -88,12 +91,13 @@ class StereoModel:
         device: the smaller image has larger pixels, and its last column and row lie partly outside.
         """
         focal_length = self.focal_factor * self.width
+        cx, cy = self.principal_point or (self.width / 2, self.height / 2)
         return Intrinsics(
             width=-(-self.width // divisor),
             height=-(-self.height // divisor),
             focal_length=focal_length / divisor,
-            cx=self.width / 2 / divisor,
-            cy=self.height / 2 / divisor,
+            cx=cx / divisor,
+            cy=cy / divisor,
         )
 
     def focal_times_baseline(self, divisor: int = 1) -> float:
@@ -135,40 +139,3 @@ class StereoModel:
         pose = X_world_left.copy()
         pose[:3, 3] += X_world_left[:3, 0] * offset
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, near, far, pose)
-
-
-MODELS: Final[dict[str, StereoModel]] = {
-    model.name: model
-    for model in (
-        # 4 mm lens: 0.8449 is an example in the manual. 6 mm lens: 1.255 follows from the published accuracy table
-        # (0.25 pixels are 8.8 mm at 3 m) and the field of view of 43 x 33 degrees.
-        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_MAX_DISPARITIES),
-        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160, FULL_MAX_DISPARITIES),
-        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160, FULL_MAX_DISPARITIES),
-    )
-}
-"""The vendor's models."""
-
-
-def custom_model(size: str | None, focal_factor: float | None, baseline: float | None) -> StereoModel:
-    """Return a user-defined camera. Arguments that are None default to the rc_visard 160-4's values.
-
-    Args:
-        size: size of the camera images, ``WIDTHxHEIGHT`` in pixels.
-        focal_factor: focal length divided by the image width.
-        baseline: metres.
-
-    Raises:
-        ValueError: malformed size, or a value beyond its limits; one sentence.
-    """
-    default = MODELS["rc_visard 160-4"]
-    width, separator, height = (size or f"{default.width}x{default.height}").partition("x")
-    if not (separator and all(text.isascii() and text.isdigit() and len(text) < 6 for text in (width, height))):
-        raise ValueError(f"{size!r} is not a size like 1280x960")
-    return StereoModel(
-        "rc_visard custom",
-        int(width),
-        int(height),
-        default.focal_factor if focal_factor is None else focal_factor,
-        default.baseline if baseline is None else baseline,
-    )

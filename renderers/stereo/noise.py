@@ -33,6 +33,7 @@ class NoiseStream(IntEnum):
     RIGHT_SECOND = 7
     DISPARITY_WIDE = 8
     OUTCOME = 9
+    COLOR_CAMERA = 10
 
     @property
     def is_right(self) -> bool:

@@ -22,13 +22,15 @@ def parse_realism(text: str) -> tuple[RealismPart, ...]:
     """Return the parts for ``off``, ``all`` or names separated by commas, without duplicates.
 
     Raises:
-        ValueError: unknown name; the message lists the parts.
+        ValueError: unknown name, of which the message lists the known ones, or ``off`` or ``all`` with others.
     """
     if text == "off":
         return ()
     if text == "all":
         return REALISM_PARTS
     names = [name.strip() for name in text.split(",")]
+    if len(names) > 1 and (alone := {"off", "all"}.intersection(names)):
+        raise ValueError(f"{min(alone)!r} cannot be combined with other names")
     if unknown := [name for name in names if name not in REALISM_PARTS]:
         raise ValueError(f"{unknown[0]!r} is not a part; use 'off', 'all' or some of {', '.join(REALISM_PARTS)}")
     return tuple(part for part in REALISM_PARTS if part in names)

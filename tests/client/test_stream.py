@@ -23,8 +23,8 @@ from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
 from gateway.stereo.pair_files import read_geometry
+from gateway.stereo.profile import read_profile
 from gateway.stereo.truth import truth_router
-from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until
 
@@ -73,7 +73,7 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
 @pytest.mark.parametrize("quality", ["Low", "High"])
 async def test_cvkit_s_tools_find_depth_in_the_files(start: Start, tmp_path: Path, quality: str) -> None:
     """Names, keys and formula follow cvkit's USAGE.md for perspective disparity images."""
-    camera = await start(rate="max", model=MODELS["rc_visard 160-4"], depth_mode="ground_truth")
+    camera = await start(rate="max", model=read_profile("rc_visard_160c").model, depth_mode="ground_truth")
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", disparity=True, count=1, output=tmp_path)
     progress = await asyncio.to_thread(receive_all, options)

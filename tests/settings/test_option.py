@@ -43,11 +43,10 @@ def test_defaults(default: Any, text: str) -> None:
         ("lcm_url", "TEXT"),
         ("mesh_root", "PATHS"),
         ("background", "R,G,B"),
-        ("stereo_cameras", "POSES"),
+        ("stereo_cameras", "CAMERAS"),
         ("only", "NAMES"),
         ("look", "auto|phong|pbr|gltf"),
         ("clock", "real|simulated"),
-        ("stereo_baseline", "NUMBER"),
     ],
 )
 def test_placeholders(name: str, metavar: str) -> None:

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.profile import read_profile
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.errors import exact_images
 from renderers.stereo.filters import Filters, apply_filters
-from renderers.stereo.model import MODELS, Quality, StereoModel
+from renderers.stereo.model import Quality, StereoModel
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
-MODEL = MODELS["rc_visard 160-4"]
+MODEL = read_profile("rc_visard_160c").model
 RANGE = DepthRange(0.4, 100.0)
 
 

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.profile import read_profile
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.errors import ErrorModel, choose_error_scale, measured_images
-from renderers.stereo.model import MODELS, Quality, StereoModel
+from renderers.stereo.model import Quality
 from renderers.stereo.pixel_classes import RADIUS, ImageKind
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
-MODEL = MODELS["rc_visard 160-4"]
+MODEL = read_profile("rc_visard_160c").model
 RANGE = DepthRange(0.4, 100.0)
 NOISE = 0.3
 ACCURACY_MM = {
-    "rc_visard 65-4": (0.9, 3.6, 14.2, 32.1),
-    "rc_visard 160-4": (0.4, 1.5, 5.8, 13.0),
-    "rc_visard 160-6": (0.3, 1.0, 3.9, 8.8),
+    "rc_visard_65c": (0.9, 3.6, 14.2, 32.1),
+    "rc_visard_160c": (0.4, 1.5, 5.8, 13.0),
+    "rc_visard_160m_6mm": (0.3, 1.0, 3.9, 8.8),
 }
 """The manual's depth accuracy at 0.5, 1, 2 and 3 m."""
 
@@ -61,10 +62,11 @@ def deviations(disparity: NDArray[np.float32], images: DepthImages) -> NDArray[n
     return np.where(images.disparity > 0, images.disparity / np.float32(16) - disparity, np.float32(np.nan))
 
 
-@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda model: model.name)
-def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
+@pytest.mark.parametrize("profile", list(ACCURACY_MM))
+def test_depth_error_matches_the_accuracy_table(profile: str) -> None:
+    model = read_profile(profile).model
     factor = model.focal_times_baseline()
-    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
+    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[profile], strict=True):
         disparity = np.full((240, 1280), factor / depth, np.float32)
         pair = images_of(disparity)
         models = [ErrorModel(0.25, NOISE, 0, ImageKind.PLAIN, frame) for frame in range(16)]

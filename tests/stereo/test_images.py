@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.profile import read_profile
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
 from renderers.stereo.matching import match_pair
-from renderers.stereo.model import MODELS, Quality
+from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
@@ -16,7 +17,7 @@ from renderers.stereo.sensor import sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
-MODEL = MODELS["rc_visard 160-4"]
+MODEL = read_profile("rc_visard_160c").model
 KEY = frame_key(0, 0, NoiseStream.LEFT)
 
 

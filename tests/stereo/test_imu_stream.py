@@ -215,6 +215,7 @@ async def test_the_websocket_sends_the_same_lines(renderer: CpuRenderer) -> None
             assert (await client.get("/stereo/imu")).status_code == 503
         await until(lambda: len(service.imu.hub) == 0)
         await refused(address + "?pipeline=7", 1008, "there is no pipeline 7")
+        await refused(address + "?pipeline=x", 1008, "pipeline='x' is not a number")
         with pytest.raises(InvalidStatus, match="403"):
             async with websocket(address, origin=Origin("http://elsewhere.example")):
                 pass

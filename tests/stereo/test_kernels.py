@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.jit import KERNELS, compile_kernel
 from renderers.stereo import mesh_kernels as mesh
+from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.errors import ErrorModel, exact_images, measured_images
 from renderers.stereo.exposure import Exposure
@@ -17,6 +18,7 @@ from renderers.stereo.fixed_pattern import fixed_pattern
 from renderers.stereo.key_light import light_factors
 from renderers.stereo.matching import match_pair
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
+from renderers.stereo.metric_depth import align_depth
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.motion_blur import write_mean_light
 from renderers.stereo.optics import Lens, SceneLight, light_on_sensor
@@ -64,8 +66,9 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     apply_filters(images, Filters(), 8.0, 2)
     k = Intrinsics(40, 24, 40.0, 20.0, 12.0)
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
+    align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 21
+    assert len(kernels) == 22
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         compile_kernel(kernel)

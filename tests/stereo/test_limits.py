@@ -9,13 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.clock import parse_timestamp
+from gateway.stereo.config import StereoConfig
 from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.pairs import Pair, Pairs
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, check_value
 from gateway.stereo.request import RequestError, read_set_kind
 from gateway.stereo.settings import Region
-from gateway.stereo.truth import parse_timestamp
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
 from renderers.stereo.depth_images import DepthImages
@@ -155,12 +156,12 @@ def test_the_minimum_of_mesh_points() -> None:
         return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
 
     for points in (0, 1000):
-        kind = read_set_kind(mesh(points))
+        kind = read_set_kind(mesh(points), StereoConfig())
         assert kind.mesh is not None
         assert kind.mesh.max_points == points
     for points in (1, 999):
         with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
-            read_set_kind(mesh(points))
+            read_set_kind(mesh(points), StereoConfig())
 
 
 def test_timestamps_have_twelve_and_nine_digits() -> None:

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from gateway.stereo.profile import read_profile
 from renderers.stereo.mesh import MeshOptions, disparity_mesh, smallest_bin_size
-from renderers.stereo.model import MODELS, Intrinsics
+from renderers.stereo.model import Intrinsics
 from tests.stereo.analytic import plane, sphere
 
-MODEL = MODELS["rc_visard 160-4"]
+MODEL = read_profile("rc_visard_160c").model
 K = MODEL.intrinsics(6)
 
 

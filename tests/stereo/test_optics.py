@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.profile import PROFILE_NAMES, read_profile
 from renderers.camera import Camera
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.fixed_pattern import (
@@ -18,7 +19,7 @@ from renderers.stereo.fixed_pattern import (
 )
 from renderers.stereo.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
 from renderers.stereo.matching import match_pair
-from renderers.stereo.model import MODELS, Intrinsics, Quality
+from renderers.stereo.model import Intrinsics, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import LENS_BLUR, LIGHT_WHITE, Lens, SceneLight, brightness_of_light, light_on_sensor
 from renderers.stereo.pixel_classes import ImageKind
@@ -29,7 +30,7 @@ from renderers.stereo.sensor import image_from_light, sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
-MODEL = MODELS["rc_visard 160-4"]
+MODEL = read_profile("rc_visard_160c").model
 KEY_LEFT = frame_key(0, 0, NoiseStream.LEFT)
 K = MODEL.intrinsics()
 NO_LENS, NO_LIGHT = Lens(), SceneLight()
@@ -49,6 +50,8 @@ def test_names_of_parts() -> None:
     assert parse_realism("vignetting, shadows") == ("shadows", "vignetting")
     with pytest.raises(ValueError, match="'haze' is not a part; use 'off', 'all' or some of shadows, lens-blur"):
         parse_realism("shadows,haze")
+    with pytest.raises(ValueError, match="'all' cannot be combined with other names"):
+        parse_realism("shadows,all")
 
 
 @pytest.mark.parametrize("color", [True, False])
@@ -75,9 +78,9 @@ def test_point_spread_has_the_lens_blur() -> None:
     assert light_of(image, Lens(blur=LENS_BLUR)) == pytest.approx(light_of(image), rel=2e-3), "also at the edges"
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", PROFILE_NAMES)
 def test_vignetting_is_the_third_power_of_the_cosine(name: str) -> None:
-    k = MODELS[name].intrinsics()
+    k = read_profile(name).model.intrinsics()
     grey = np.full((k.height, k.width, 3), 200, np.uint8)
     ratio = light_of(grey, Lens(vignetting=True), k) / light_of(grey, k=k)
     x = (np.arange(k.width) + 0.5 - k.cx) / k.focal_length

@@ -18,10 +18,11 @@ from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, Imaging
 from gateway.stereo.parameters import Parameters
+from gateway.stereo.profile import PROFILE_NAMES, read_profile
 from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.interface import LookName, Output
 from renderers.raster import CpuRenderer
-from renderers.stereo.model import MODELS, Quality, StereoModel
+from renderers.stereo.model import Quality, StereoModel
 from tests.stereo.scenes import part
 from tests.support.corpus import drake_scene
 
@@ -53,7 +54,7 @@ def measure(imaging: Imaging, capture: Capture, quality: Quality) -> NDArray[np.
     return imaging.measure(left, right, settings(quality), 1, None).disparity
 
 
-@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
+@pytest.mark.parametrize("model", [read_profile(name).model for name in PROFILE_NAMES], ids=lambda m: m.name)
 @pytest.mark.parametrize("scene", [demo, pytest.param(recorded, marks=pytest.mark.corpus)])
 def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
     assert callable(scene)

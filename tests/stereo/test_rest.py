@@ -19,13 +19,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.runtime import logs
+from gateway.stereo.clock import parse_timestamp, timestamp_text
 from gateway.stereo.device import node_status
 from gateway.stereo.node_routes import node_router
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, check_value
+from gateway.stereo.profile import read_profile
 from gateway.stereo.system_routes import system_router
-from gateway.stereo.truth import parse_timestamp, timestamp_text, truth_router
-from renderers.stereo.model import MODELS, StereoModel
+from gateway.stereo.truth import truth_router
+from renderers.stereo.model import StereoModel
 from tests.stereo.conftest import Camera, Start, pixels
 
 V2 = "/api/v2/pipelines/0/nodes"
@@ -298,7 +300,7 @@ async def test_parameters_act_on_the_stream(rest_client: httpx.AsyncClient, came
 
 
 async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start) -> None:
-    camera = await start(model=MODELS["rc_visard 160-4"], rate="max", noise=False)
+    camera = await start(model=read_profile("rc_visard_160c").model, rate="max", noise=False)
     app = FastAPI()
     app.include_router(node_router(camera.service))
     transport = httpx.ASGITransport(app=app)

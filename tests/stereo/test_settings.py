@@ -9,9 +9,8 @@ import pytest
 
 from gateway.settings import Settings, SettingsError, load
 from gateway.stereo.config import StereoConfig
-from gateway.wiring.stereo import config_of, model_of, realism_of
+from gateway.wiring.stereo import config_of, realism_of
 from renderers.stereo.exposure import Exposure
-from renderers.stereo.model import MODELS, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor import sensor_image
@@ -21,26 +20,6 @@ from tests.stereo.conftest import SMALL, Start, pixels
 def test_the_defaults_are_the_device_s() -> None:
     config = config_of(Settings(grpc_port=50051))
     assert config == StereoConfig(background=config.background)
-
-
-def test_custom_camera_from_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "camera.toml"
-    path.write_text(
-        'stereo_model = "custom"\nstereo_size = "640x400"\nstereo_focal_factor = 1.1\nstereo_baseline = 0.05\n'
-        "stereo_d_eps = 0.5\nstereo_image_noise = 3.0\nstereo_mesh_rgb = true\n"
-    )
-    config = config_of(load(config=path))
-    assert (config.model.width, config.model.height, config.model.baseline) == (640, 400, 0.05)
-    assert config.model.intrinsics(2).focal_length == 352.0
-    assert (config.disparity_error, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
-    assert model_of(load({"stereo_model": "custom"})).baseline == MODELS["rc_visard 160-4"].baseline
-    assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
-
-
-def test_disparity_range_is_limited_by_the_matcher() -> None:
-    huge = model_of(load({"stereo_model": "custom", "stereo_size": "8192x64", "stereo_focal_factor": "20"}))
-    assert huge.disparity_count(1, 0.1) == 2032
-    assert MODELS["rc_visard 160-6"].disparity_count(Quality.FULL.divisor, 0.1) < 2032
 
 
 def test_image_noise_is_a_factor() -> None:

@@ -14,11 +14,11 @@ import pytest
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.profile import read_profile
 from gateway.stereo.truth import find_frame, ground_truth_npz
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from renderers.stereo.model import MODELS
 from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running
 from tests.stereo.scenes import table
 from tests.support.waiting import until
@@ -100,7 +100,7 @@ async def test_quality_determines_size_and_intrinsics(
 
 
 async def test_depth_error_at_every_quality(start: Start) -> None:
-    model = MODELS["rc_visard 160-4"]
+    model = read_profile("rc_visard_160c").model
     camera = await start(model=model, rate="max")
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     for quality in ("Low", "Medium", "High", "Full"):
@@ -283,7 +283,7 @@ async def test_device_rates(start: Start, quality: str, request_depth: bool, per
 
 
 async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
-    camera = await start(depth_mode="matched", rate="max", model=MODELS["rc_visard 160-4"])
+    camera = await start(depth_mode="matched", rate="max", model=read_profile("rc_visard_160c").model)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
     record = find_frame(camera.service.history, image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec)

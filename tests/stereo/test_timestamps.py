@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.clock import parse_timestamp, timestamp_text
 from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.frame import FrameRecord
 from gateway.stereo.images import Capture
 from gateway.stereo.messages import time_message
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import read_settings
-from gateway.stereo.truth import find_frame, parse_timestamp, timestamp_text
+from gateway.stereo.truth import find_frame
 
 
 def record(number: int, camera: int, depth: int) -> FrameRecord:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
+from gateway.stereo.config import StereoConfig
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import RequestError, SetKind, read_set_kind
 from renderers.stereo.exposure import Exposure
@@ -107,7 +108,7 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     options = request.mesh_options
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
-        kind = read_set_kind(request)
+        kind = read_set_kind(request, StereoConfig())
     except RequestError as error:
         assert wrong
         assert "mesh_options." in str(error)
@@ -123,10 +124,11 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
 
 def test_equivalent_requests_are_one_kind() -> None:
     # Mesh options without a mesh, and colour without images, are ignored.
-    assert read_set_kind(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
-    assert read_set_kind(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
-        left=True
+    assert read_set_kind(pb.ImageSetRequest(disparity_enabled=True, color=True), StereoConfig()) == SetKind(
+        disparity=True
     )
+    request = pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1), depth_aligned=True)
+    assert read_set_kind(request, StereoConfig()) == SetKind(left=True)
 
 
 @pytest.mark.parametrize("value", [1, 127, 128, 129, 255, 256, 16_383, 16_384, 16_385, 2**31, 2**32 - 1])

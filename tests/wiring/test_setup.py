@@ -25,6 +25,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.profile import read_profile
 from gateway.stereo.scene_view import SceneView
 from gateway.stereo.service import StereoService
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
@@ -32,7 +33,7 @@ from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
-from renderers.stereo.model import MODELS, StereoModel
+from renderers.stereo.model import StereoModel
 from tests.support.waiting import until
 
 MIB = 1 << 20
@@ -172,8 +173,7 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
             stereo_rate="max",
             stereo_seed=5,
             stereo_noise=False,
-            stereo_image_noise=2.5,
-            stereo_d_eps=0.5,
+            stereo_profile="rc_visard_65m",
             stereo_mesh_rgb=True,
             background=(1, 2, 3),
             stereo_faults=True,
@@ -187,25 +187,17 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
     assert replace(config, tls=None) == StereoConfig(
         host="127.0.0.2",
         port=1234,
-        model=MODELS["rc_visard 160-4"],
+        model=read_profile("rc_visard_65m").model,
+        color=False,
         depth_mode="matched",
         rate="max",
         seed=5,
         noise=False,
-        image_noise=2.5,
-        disparity_error=0.5,
         mesh_rgb=True,
         background=(1, 2, 3),
         faults=True,
     )
     assert stereo.config_of(Settings()).tls is None
-
-
-def test_models_of_the_stereo_camera() -> None:
-    assert stereo.model_of(Settings(stereo_model="65-4")) == MODELS["rc_visard 65-4"]
-    custom = Settings(stereo_model="custom", stereo_size="320x200", stereo_focal_factor=0.5, stereo_baseline=0.25)
-    model = stereo.model_of(custom)
-    assert (model.width, model.height, model.focal_factor, model.baseline) == (320, 200, 0.5, 0.25)
 
 
 @pytest.mark.parametrize(("grpc_port", "ports"), [(5000, [5000, 5001, 5002]), (0, [0, 0, 0])])

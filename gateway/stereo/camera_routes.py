@@ -1,0 +1,190 @@
+"""``GET /cameras/…``: the images of the cameras as they are now, without a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from fastapi import APIRouter, Path, Query
+from fastapi.responses import Response
+from numpy.typing import NDArray
+
+from gateway.server.openapi import Responses, example, json_example
+from gateway.stereo.clock import timestamp_text
+from gateway.stereo.frame import Frame
+from gateway.stereo.request import SetKind
+from gateway.stereo.rest_common import RestError, error_responses, with_error_responses
+from gateway.stereo.rgbd import rgbd_npz
+from gateway.stereo.service import StereoService
+from renderers.drawlist import ImageError
+from renderers.encode import png_gray8, png_gray16, png_rgb
+from renderers.stereo.model import Intrinsics
+from renderers.stereo.noise import NoiseStream
+
+ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence"]
+_KINDS: Final[Mapping[ImageName, SetKind]] = {
+    "color": SetKind(color_camera=True),
+    "depth": SetKind(depth_mm=True),
+    "left": SetKind(left=True),
+    "right": SetKind(right=True),
+    "disparity": SetKind(disparity=True),
+    "confidence": SetKind(confidence=True),
+}
+_RGBD: Final = SetKind(color_camera=True, depth_mm=True)
+_K: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
+_CAMERA_EXAMPLE: Final = {
+    "name": "stereo",
+    "model": "RGB-D",
+    "pipeline": 0,
+    "port": 50051,
+    "baseline": 0.05,
+    "images": {"left": _K},
+    "X_left_color": [[1.0, 0.0, 0.0, 0.015], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+}
+_ERRORS: Final = {
+    404: "There is no such camera, or it has no such image.",
+    500: "A texture of the scene cannot be decoded.",
+    503: "Too many requests wait already; see Retry-After.",
+}
+_HEADERS: Final = "The header X-Timestamp has the time of the image, seconds.nanoseconds."
+
+CameraName = Annotated[str, Path(description="Name of the camera, or number of its pipeline", examples=["stereo"])]
+Aligned = Annotated[
+    bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
+]
+
+
+def camera_router(*services: StereoService) -> APIRouter:
+    """Return the routes below ``/cameras``."""
+    api = APIRouter(tags=["Stereo camera"])
+
+    @api.get("/cameras", summary="Cameras", responses=json_example({"cameras": [_CAMERA_EXAMPLE]}))
+    async def cameras() -> dict[str, Any]:
+        return {"cameras": [_describe(number, service) for number, service in enumerate(services)]}
+
+    @api.get("/cameras/{name}", summary="A camera", responses=json_example(_CAMERA_EXAMPLE) | error_responses(_ERRORS))
+    @with_error_responses
+    async def camera(name: CameraName) -> dict[str, Any]:
+        return _describe(*_find(services, name))
+
+    @api.get(
+        "/cameras/{name}/rgbd.npz",
+        summary="Colour and depth of one instant, with intrinsics and poses",
+        response_class=Response,
+        responses=_responses("application/zip"),
+    )
+    @with_error_responses
+    async def rgbd(name: CameraName, aligned: Aligned = False) -> Response:
+        service = _find_with_color(services, name)
+        frame = await service.capture(_RGBD)
+        data = await _make(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
+        return _response(data, "application/zip", frame)
+
+    @api.get(
+        "/cameras/{name}/{image}",
+        summary="An image",
+        response_class=Response,
+        responses=_responses("image/png"),
+    )
+    @with_error_responses
+    async def image(
+        name: CameraName,
+        image: Annotated[
+            ImageName,
+            Path(
+                description="color: RGB. depth: 16 bits, millimetres, 0: invalid. left, right: grey. "
+                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255",
+                examples=["color"],
+            ),
+        ],
+        aligned: Aligned = False,
+    ) -> Response:
+        service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
+        frame = await service.capture(_KINDS[image])
+        pixels = await _make(frame, lambda: _pixels(frame, image, aligned=aligned))
+        return _response(await service.workers.run(_png, pixels), "image/png", frame)
+
+    return api
+
+
+def _responses(media_type: str) -> Responses:
+    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
+    return {200: {"description": _HEADERS, "content": content}, **error_responses(_ERRORS)}
+
+
+def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
+    """Return the number and the camera with a name or number. Raises RestError."""
+    for number, service in enumerate(services):
+        if name in (service.config.name, str(number)):
+            return number, service
+    names = ", ".join(service.config.name for service in services)
+    raise RestError(404, f"there is no camera {name[:80]!r}; there are {names}")
+
+
+def _find_with_color(services: Sequence[StereoService], name: str) -> StereoService:
+    """Return the camera with a name or number, if it has colour. Raises RestError."""
+    _, service = _find(services, name)
+    if service.config.color_camera is None and not service.config.color:
+        raise RestError(404, f"the camera {service.config.name!r}, {service.config.model.name}, is monochrome")
+    return service
+
+
+def _describe(number: int, service: StereoService) -> dict[str, Any]:
+    config, divisor = service.config, service.settings.quality.divisor
+    left, depth = (_intrinsics(config.model.intrinsics(d)) for d in (1, divisor))
+    images = {"left": left, "right": left, "depth": depth, "disparity": depth, "confidence": depth}
+    description = {
+        "name": config.name,
+        "model": config.model.name,
+        "pipeline": number,
+        "port": service.port,
+        "baseline": config.model.baseline,
+        "images": images,
+    }
+    if config.color or config.color_camera is not None:
+        images["color"] = _intrinsics(config.color_intrinsics)
+        description["X_left_color"] = config.X_left_color.tolist()
+    return description
+
+
+def _intrinsics(k: Intrinsics) -> dict[str, Any]:
+    return {"width": k.width, "height": k.height, "K": k.matrix.round(6).tolist()}
+
+
+async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
+    """Return the result of the coroutine function ``make``; if it fails or is cancelled, cancel the frame.
+
+    Raises:
+        RestError: a texture of the scene cannot be decoded.
+    """
+    try:
+        return await make()
+    except ImageError as error:
+        raise RestError(500, f"a texture of the scene cannot be decoded: {error}") from None
+    finally:
+        frame.cancel()
+
+
+async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    if name == "color":
+        return (await frame.color_camera_image()).sensor_image.image
+    if name == "depth":
+        return await frame.depth_mm(aligned=aligned)
+    if name in ("left", "right"):
+        stream = NoiseStream.LEFT if name == "left" else NoiseStream.RIGHT
+        return (await frame.image(stream, color=False)).image
+    images = await frame.depth_images()
+    return images.disparity if name == "disparity" else images.confidence
+
+
+def _png(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    if pixels.dtype == np.uint16:
+        return png_gray16(np.ascontiguousarray(pixels, np.uint16))
+    image = np.ascontiguousarray(pixels, np.uint8)
+    return png_rgb(image) if image.ndim == 3 else png_gray8(image)
+
+
+def _response(data: bytes, media_type: str, frame: Frame) -> Response:
+    headers = {"Cache-Control": "no-store", "X-Timestamp": timestamp_text(frame.camera_capture.timestamp)}
+    return Response(data, media_type=media_type, headers=headers)

@@ -1,0 +1,192 @@
+"""Profiles of cameras: TOML files that describe a kind of camera. ``docs/camera-profiles.md`` explains their keys.
+
+``read_profile`` reads one of the shipped files in ``profiles/``, or a user's.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from gateway.stereo.parameter_specs import DeviceLimits
+from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
+
+DEFAULT_PROFILE: Final = "rc_visard_160c"
+MAX_FILE_BYTES: Final = 1 << 20
+"""Maximum size of a profile. The shipped ones have less than 1 kB."""
+_FOLDER: Final = Path(__file__).parent / "profiles"
+PROFILE_NAMES: Final = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
+"""Names of the shipped profiles."""
+
+Side = Annotated[int, msgspec.Meta(ge=16, le=8192)]
+Pixels = Annotated[float, msgspec.Meta(ge=-100_000, le=100_000)]
+FocalLength = Annotated[float, msgspec.Meta(gt=0, le=100_000)]
+Metres = Annotated[float, msgspec.Meta(ge=-100, le=100)]
+Depth = Annotated[float, msgspec.Meta(ge=0.01, le=100)]
+Rate = Annotated[float, msgspec.Meta(ge=1, le=1000)]
+Unit = Annotated[float, msgspec.Meta(ge=-1, le=1)]
+
+
+class ProfileError(ValueError):
+    """A profile cannot be used; one sentence that names the file and the key."""
+
+
+class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The two rectified cameras, with a global shutter."""
+
+    size: tuple[Side, Side]
+    """Width and height of the images, pixels."""
+    focal_length: FocalLength
+    """Pixels."""
+    baseline: Annotated[float, msgspec.Meta(ge=1e-4, le=100)]
+    """Metres; the right camera is at +x of the left one."""
+    principal_point: tuple[Pixels, Pixels] | None = None
+    """Pixels from the left and the upper edge; None: the centre."""
+    color: bool = True
+    """True if the left and right images can have colour."""
+    noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
+    """Factor of the image noise; 1 is the rc_visard's."""
+    fps: Rate = 25.0
+    """Maximum rate of the images, Hz."""
+
+
+class DepthSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Depth images."""
+
+    range: tuple[Depth, Depth] = (0.1, 100.0)
+    """Nearest and farthest depth, metres: the limits of the parameters ``mindepth`` and ``maxdepth``."""
+    disparity_error: Annotated[float, msgspec.Meta(ge=0, le=5)] = 0.25
+    """Standard deviation of the disparity on good texture, pixels of a camera image."""
+    max_disparities: Annotated[int, msgspec.Meta(ge=16, le=MAX_DISPARITIES)] = MAX_DISPARITIES
+    """Maximum number of disparities at quality ``Full``, pixels."""
+    quality: Quality = Quality.HIGH
+    """Quality at the start."""
+    rates: dict[Quality, Rate] = {}
+    """Depth images per second by quality; those of the rc_visard where missing."""
+
+
+class ProjectorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Random-dot projector half-way between the stereo cameras."""
+
+    output: Literal["Low", "High", "ExposureActive", "ExposureAlternateActive"] = "Low"
+    """Mode of output 1, which switches the projector, at the start."""
+    light: Annotated[float, msgspec.Meta(ge=0, le=100)] = 2.0
+    """Light of a projected dot, relative to the scene's own."""
+
+
+class ColorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Colour camera apart from the stereo cameras. It does not see the projector's light."""
+
+    size: tuple[Side, Side]
+    """Width and height of the images, pixels."""
+    focal_length: FocalLength
+    """Pixels."""
+    principal_point: tuple[Pixels, Pixels] | None = None
+    """Pixels from the left and the upper edge; None: the centre."""
+    position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    """Optical centre in the left optical frame, metres."""
+    rotation: tuple[Unit, Unit, Unit, Unit] = (1.0, 0.0, 0.0, 0.0)
+    """Quaternion [w, x, y, z] of the optical frame in the left one."""
+    noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
+    """Factor of the image noise."""
+    readout: Annotated[float, msgspec.Meta(ge=0, le=0.1)] = 0.0
+    """Seconds between the exposures of the first and the last row (rolling shutter); 0: global shutter."""
+
+
+class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A kind of camera."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
+    """Model name in the device's system information."""
+    stereo: StereoSection
+    depth: DepthSection = DepthSection()
+    projector: ProjectorSection | None = None
+    """None: the camera has no projector."""
+    color: ColorSection | None = None
+    """None: the camera has no colour camera of its own."""
+
+    @property
+    def model(self) -> StereoModel:
+        """Geometry of the stereo cameras."""
+        (width, height), stereo = self.stereo.size, self.stereo
+        return StereoModel(
+            self.name,
+            width,
+            height,
+            stereo.focal_length / width,
+            stereo.baseline,
+            self.depth.max_disparities,
+            stereo.principal_point,
+        )
+
+    @property
+    def color_camera(self) -> ColorCamera | None:
+        """The colour camera, if there is one."""
+        color = self.color
+        if color is None:
+            return None
+        width, height = color.size
+        cx, cy = color.principal_point or (width / 2, height / 2)
+        k = Intrinsics(width, height, color.focal_length, cx, cy)
+        return ColorCamera(k, color.position, color.rotation, color.noise, color.readout)
+
+    @property
+    def limits(self) -> DeviceLimits:
+        """Limits and defaults of the device's parameters."""
+        rates = {quality: self.depth.rates.get(quality, quality.depth_rate) for quality in Quality}
+        out1_mode = self.projector.output if self.projector is not None else "Low"
+        return DeviceLimits(self.stereo.fps, self.depth.range, self.depth.quality, out1_mode, rates)
+
+
+def read_profile(name: str) -> Profile:
+    """Return a profile.
+
+    Args:
+        name: name of a shipped profile, or path of a TOML file.
+
+    Raises:
+        ProfileError: there is no such profile, or it is invalid.
+    """
+    if name in PROFILE_NAMES:
+        return _shipped_profile(name)
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise ProfileError(f"there is no camera profile {name!r}: use {', '.join(PROFILE_NAMES)} or a .toml file")
+    return _read_file(path)
+
+
+@cache
+def _shipped_profile(name: str) -> Profile:
+    return _read_file(_FOLDER / f"{name}.toml")
+
+
+def _read_file(path: Path) -> Profile:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ProfileError(f"camera profile {path}: {error.strerror}") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise ProfileError(f"camera profile {path} has more than {MAX_FILE_BYTES} bytes")
+    try:
+        profile = msgspec.convert(tomllib.loads(data.decode()), Profile)
+        _check(profile)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, ValidationError
+        raise ProfileError(f"camera profile {path}: {str(error).replace('$.', '')}") from None
+    return profile
+
+
+def _check(profile: Profile) -> None:
+    """Check what the types of the keys cannot say. Raises ValueError."""
+    nearest, farthest = profile.depth.range
+    if nearest >= farthest:
+        raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
+    if profile.color is not None and not any(profile.color.rotation):
+        raise ValueError("color.rotation is zero")
+    if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
+        raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
