@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Transform,
         Triad,
     )
+    from gateway.client.tree.image_geometry import CameraFrustum, Heightmap, ImagePlane, Text
     from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer, TreeViewerError
 
 __all__ = [
@@ -32,10 +33,13 @@ __all__ = [
     "AsyncTreeViewer",
     "Batch",
     "Box",
+    "CameraFrustum",
     "Capsule",
     "Cylinder",
     "Ellipsoid",
     "Geometry",
+    "Heightmap",
+    "ImagePlane",
     "Line",
     "Mesh",
     "MeshFile",
@@ -43,6 +47,7 @@ __all__ = [
     "PlanarLidar",
     "PointCloud",
     "Sphere",
+    "Text",
     "Transform",
     "TreeViewer",
     "TreeViewerError",
@@ -54,9 +59,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, geometry, viewer
+    from gateway.client.tree import aio, geometry, image_geometry, viewer
 
-    for module in (viewer, geometry, aio):
+    for module in (viewer, geometry, image_geometry, aio):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

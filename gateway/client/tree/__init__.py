@@ -1,10 +1,11 @@
 """Typed client of Director's tree viewer: publish geometry at paths over LCM (UDP multicast or TCPQ).
 
 - ``viewer``: the client; ``aio``: the same for asyncio.
-- ``geometry``, ``colors``: geometry that can be published.
+- ``geometry``, ``image_geometry``, ``colors``: geometry that can be published.
 - ``published``: changes of a request, and a record of published geometry.
 - ``wire``: encoding of requests and responses; ``connection``: LCM.
 
-The package needs lcm, numpy and msgspec, and Pillow for colours given as text. It imports no module of the server.
+The package needs lcm, numpy and msgspec, and Pillow for colours given as text and for
+images sent as JSON. It imports no module of the server.
 ``gateway.client`` exports the public names.
 """
