@@ -52,9 +52,12 @@ def heightmap(
         triangles = triangles[finite.reshape(-1)[triangles].all(axis=1)]
     if not len(triangles):
         return None
-    slope_y, slope_x = np.gradient(z.astype(np.float64), lengths[1] / (rows - 1), lengths[0] / (columns - 1))
-    normals = np.stack((-slope_x, -slope_y, np.ones_like(slope_x)), axis=2).reshape(-1, 3)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    with np.errstate(all="ignore"):
+        slope_y, slope_x = np.gradient(z.astype(np.float64), lengths[1] / (rows - 1), lengths[0] / (columns - 1))
+        normals = np.stack((-slope_x, -slope_y, np.ones_like(slope_x)), axis=2).reshape(-1, 3)
+        lengths_of_normals = np.linalg.norm(normals, axis=1)
+        normals /= lengths_of_normals[:, None]
+    normals[~np.isfinite(lengths_of_normals)] = (0.0, 0.0, 1.0)  # slopes of tiny lengths overflow
     return Mesh(
         np.ascontiguousarray(positions, np.float32),
         np.ascontiguousarray(triangles),
@@ -81,10 +84,11 @@ def frustum(
     """
     pixels = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
     corners = np.empty((4, 3))
-    corners[:, :2] = (pixels - principal) / focal * depth
     corners[:, 2] = depth
-    top_left, top_right, bottom_left = corners[0], corners[1], corners[3]
-    roof = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
-    positions = np.concatenate((np.zeros((1, 3)), corners, roof[None]))
     edges = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
-    return Mesh(np.ascontiguousarray(positions, np.float32), np.array(edges, np.uint32)), corners
+    with np.errstate(all="ignore"):  # callers check the corners
+        corners[:, :2] = (pixels - principal) / focal * depth
+        top_left, top_right, bottom_left = corners[0], corners[1], corners[3]
+        roof = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
+        positions = np.concatenate((np.zeros((1, 3)), corners, roof[None])).astype(np.float32)
+    return Mesh(positions, np.array(edges, np.uint32)), corners

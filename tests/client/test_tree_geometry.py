@@ -111,15 +111,19 @@ def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
     viewer = Viewer()
     colors = ["#336699", "orange", "white", "black"]
     rgb = np.array([[0x33, 0x66, 0x99], [255, 165, 0], [255, 255, 255], [0, 0, 0]], np.uint8)
-    meshes = [Mesh(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)]
+    meshes: list[Geometry] = [
+        Mesh(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)
+    ]
     meshes += [Sphere(1, color=color) for color in colors]
     body = {"setgeometry": [{"path": ["a"], "geometries": [mesh.body() for mesh in meshes]}]}
     assert viewer.protocol.handle(encoded(body, 5, name)).status == 0
-    first, second, *spheres = viewer.parts("a")
+    parts: list[Any] = list(viewer.parts("a"))
+    first, second, *spheres = parts
     expected = sorted(sphere.material.base_color for sphere in spheres)
     for part in (first, second):
-        mesh: Any = part.shape.mesh
-        np.testing.assert_allclose(sorted(set(map(tuple, mesh.colors.round(6).tolist()))), expected, atol=2e-6)
+        np.testing.assert_allclose(
+            sorted(set(map(tuple, part.shape.mesh.colors.round(6).tolist()))), expected, atol=2e-6
+        )
 
 
 def test_only_what_other_viewers_know_has_their_names() -> None:
@@ -135,7 +139,8 @@ def test_only_what_other_viewers_know_has_their_names() -> None:
 
 def test_a_frustum_from_the_field_of_view() -> None:
     frustum = CameraFrustum.from_fov(np.pi / 2, 1.5)
-    assert (frustum.width / frustum.height, frustum.fx / frustum.height) == (1.5, pytest.approx(0.5))
+    assert frustum.width / frustum.height == 1.5
+    assert frustum.fx / frustum.height == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,8 @@ def test_vertex_colours_are_linear_in_the_tree(viewer: Viewer) -> None:
     assert (answer["status"], answer.get("warnings")) == (0, None)
     part = only_part(viewer)
     assert part.kind == "mesh"
-    np.testing.assert_allclose(
-        sorted(part.shape.mesh.colors.tolist()), [[0, 0, 1, 1], [0, LINEAR_GREY, 0, 1], [1, 0, 0, 1]], atol=1e-6
-    )
+    found: Any = sorted(part.shape.mesh.colors.tolist())
+    np.testing.assert_allclose(found, [[0, 0, 1, 1], [0, LINEAR_GREY, 0, 1], [1, 0, 0, 1]], atol=1e-6)
     assert part.material.base_color == (1.0, 1.0, 1.0, 0.5)
     assert part.material.alpha_mode is AlphaMode.BLEND
 
@@ -271,7 +270,8 @@ def test_warns_of_characters_without_a_letter(viewer: Viewer) -> None:
 def test_a_frustum_has_edges_and_an_image(viewer: Viewer) -> None:
     camera = {"type": "camera_frustum", "width": 640, "height": 480, "fx": 320, "cy": 0, "depth": 2}
     assert viewer.publish({**camera, "line_width": 3, "image": text(file())})["status"] == 0
-    edges, plane = viewer.parts()
+    parts: Any = viewer.parts()
+    edges, plane = parts
     assert edges.shape.mesh.topology is Topology.LINES
     assert edges.material.line_width == 3
     assert edges.shape.mesh.positions[:5].tolist() == [[0, 0, 0], [-2, 0, 2], [2, 0, 2], [2, 3, 2], [-2, 3, 2]]
@@ -280,6 +280,30 @@ def test_a_frustum_has_edges_and_an_image(viewer: Viewer) -> None:
     np.testing.assert_allclose(top_left, [[-2, 0, 2]])
     bottom_right = corners[(plane.shape.mesh.uv0 == 1).all(axis=1)]
     np.testing.assert_allclose(bottom_right, [[2, 3, 2]])
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        image(width=1e15, image=text(file(np.zeros((40, 2), np.uint8)))),
+        image(width=float("nan")),
+        {"type": "text", "text": "wide", "size": 9e14},
+        {"type": "camera_frustum", "width": 4, "height": 3, "fx": 1e-300},
+        {"type": "camera_frustum", "width": 4, "height": 3, "fx": 1, "cx": 1e15, "depth": 2},
+    ],
+)
+def test_what_is_too_large_is_not_drawn(viewer: Viewer, geometry: dict[str, Any]) -> None:
+    answer = viewer.publish(geometry)
+    assert answer["status"] == 0
+    assert "so nothing is drawn" in answer["warnings"][0]
+    assert viewer.parts() == ()
+
+
+def test_steep_heightmaps_have_unit_normals(viewer: Viewer) -> None:
+    heights = [[0, 1e15], [1, 2]]
+    assert viewer.publish({"type": "heightmap", "heights": heights, "lengths": [1e-300, 1]})["status"] == 0
+    normals = only_part(viewer).shape.mesh.normals
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-5)
 
 
 def test_sizes_of_points_and_lines(viewer: Viewer) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,18 @@ from gateway.client.tree.wire import empty_with_header
 
 RANGE_TOLERANCE: Final = 1e-5
 """Accepted distance of a float below 0 or above 1, for rounding errors. The viewer clamps such values."""
+
+
+class HasPixels(Protocol):
+    """An image of Pillow, or another object that NumPy reads as an array."""
+
+    @property
+    def __array_interface__(self) -> Mapping[str, Any]:
+        """See NumPy's array interface."""
+
+
+ImageLike: TypeAlias = ArrayLike | HasPixels | bytes | str | os.PathLike[str]
+"""Image that ``image_field`` reads."""
 
 
 def rgba(value: ArrayLike) -> list[float]:
@@ -54,7 +67,7 @@ def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     return copy
 
 
-def image_field(value: ArrayLike | bytes | str | os.PathLike[str]) -> NDArray[np.uint8] | bytes:
+def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     """Return an image as the protocol's field: an encoded file, or a copy of its pixels as uint8.
 
     Args:

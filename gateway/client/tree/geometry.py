@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
@@ -11,7 +10,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.client.tree.colors import check_range, color_rows, image_field, rgba
+from gateway.client.tree.colors import ImageLike, check_range, color_rows, image_field, rgba
 from gateway.client.tree.wire import empty_with_header
 
 ROTATION_TOLERANCE: Final = 1e-4
@@ -258,7 +257,7 @@ class Mesh(Geometry):
     uv: ArrayLike | None = None
     """Texture coordinates, (N, 2). (0, 0) is the image's top left corner, (1, 1) its bottom right one; use ``1 - v``
     for coordinates from OBJ files."""
-    image: ArrayLike | bytes | str | os.PathLike[str] | None = None
+    image: ImageLike | None = None
     """Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in ``ImagePlane``."""
 
     def body(self) -> dict[str, Any]:

@@ -7,7 +7,6 @@ their top is towards +y, and they are seen upright from the side of +z. They are
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gateway.client.tree.colors import color_rows, image_field, rgba
+from gateway.client.tree.colors import ImageLike, color_rows, image_field, rgba
 from gateway.client.tree.geometry import Geometry, number_list, number_rows
 
 
@@ -24,7 +23,7 @@ class ImagePlane(Geometry):
     """An image on a rectangle that is centred on the origin."""
 
     kind = "image"
-    image: ArrayLike | bytes | str | os.PathLike[str]
+    image: ImageLike
     """A PNG or JPEG file as bytes, its path, or pixels, top row first: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
     from 0 to 1. ``color`` multiplies it."""
     width: float | None = None
@@ -54,7 +53,7 @@ class Heightmap(Geometry):
     """Extents along x and y."""
     colors: ArrayLike | None = None
     """Colours of the heights, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
-    image: ArrayLike | bytes | str | os.PathLike[str] | None = None
+    image: ImageLike | None = None
     """Texture, as in ``ImagePlane``. Its first row lies along the first row of heights."""
 
     def _fields(self) -> dict[str, Any]:
@@ -106,7 +105,7 @@ class CameraFrustum(Geometry):
     """Principal point from the top edge; None: the centre."""
     depth: float = 0.3
     """Distance of the image plane from the camera, in metres."""
-    image: ArrayLike | bytes | str | os.PathLike[str] | None = None
+    image: ImageLike | None = None
     """Image on the image plane, as in ``ImagePlane``; None: none."""
     line_width: float | None = None
     """Width of the edges in pixels, 1 to 256; None: 1."""
