@@ -65,8 +65,9 @@ def test_vertex_colours_are_linear_in_the_tree(viewer: Viewer) -> None:
     assert (answer["status"], answer.get("warnings")) == (0, None)
     part = only_part(viewer)
     assert part.kind == "mesh"
-    found: Any = sorted(part.shape.mesh.colors.tolist())
-    np.testing.assert_allclose(found, [[0, 0, 1, 1], [0, LINEAR_GREY, 0, 1], [1, 0, 0, 1]], atol=1e-6)
+    found = sorted(part.shape.mesh.colors.tolist())
+    expected: Any = [[0, 0, 1, 1], [0, LINEAR_GREY, 0, 1], [1, 0, 0, 1]]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
     assert part.material.base_color == (1.0, 1.0, 1.0, 0.5)
     assert part.material.alpha_mode is AlphaMode.BLEND
 
