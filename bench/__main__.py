@@ -97,6 +97,7 @@ BENCHES = {
     "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
     "concurrency": Bench(),
+    "drakeviewer": Bench(quick=("--seconds", "0.5")),
     "startup": Bench(
         ("--cold", "--scenes", "10000", "--plot", PLOT),
         quick=("--starts", "1", "--scenes", "100", "--plot", os.devnull),

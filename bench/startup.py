@@ -38,16 +38,15 @@ def cpu_seconds(pid: int) -> tuple[float, float]:
     return own / os.sysconf("SC_CLK_TCK"), children / os.sysconf("SC_CLK_TCK")
 
 
-def warm_starts(starts: int) -> list[Row]:
-    """Measure starts with kernels in the cache, all interfaces and ``--only render``."""
-    rows: list[Row] = []
+def all_starts(starts: int, *, cold: bool) -> list[Row]:
+    """Measure starts with kernels in the cache, all interfaces and ``--only render``; with ``cold`` also without."""
     with tempfile.TemporaryDirectory() as folder:
         installed = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
         for flags in ((), ("--only", "render")):
             with gateway(*flags, environment=installed):
                 pass  # fills the caches if need be
-        rows += _warm_starts(starts, installed)
-    return rows
+        rows = _warm_starts(starts, installed)
+        return rows + _cold_start(installed) if cold else rows
 
 
 def _warm_starts(starts: int, environment: dict[str, str]) -> list[Row]:
@@ -66,14 +65,12 @@ def _warm_starts(starts: int, environment: dict[str, str]) -> list[Row]:
     return rows
 
 
-def cold_start() -> list[Row]:
+def _cold_start(environment: dict[str, str]) -> list[Row]:
     """Measure a start with an empty kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
-        empty = {"SCENEGATE_CACHE_DIR": folder, "NUMBA_CACHE_DIR": ""}
-        environment = {name: value for name, value in empty.items() if value}
         inherited = os.environ.pop("NUMBA_CACHE_DIR", None)
         try:
-            with gateway(environment=environment) as running:
+            with gateway(environment={**environment, "SCENEGATE_CACHE_DIR": folder}) as running:
                 took = running.started - running.began
                 own, children = cpu_seconds(running.process.pid)
         finally:
@@ -166,9 +163,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=STARTS, help="of each kind, for the median")
     parser.add_argument("--cold", action="store_true", help="also start with an empty cache (a minute of CPU)")
     options = parser.parse_args()
-    rows = warm_starts(options.starts)
-    if options.cold:
-        rows += cold_start()
+    rows = all_starts(options.starts, cold=options.cold)
     if options.scenes:
         rows += memory(options.scenes, options.plot)
     show(rows)

@@ -33,7 +33,13 @@ class MeshFormatError(ValueError):
     """A file that cannot be parsed. The message does not name the file."""
 
 
-def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
+class EmptyMeshError(MeshFormatError):
+    """A file without triangles and points."""
+
+
+def parse_mesh(
+    data: bytes, extension: str, resolve: Resolve, limits: GltfLimits, *, collada_up_axis: bool = True
+) -> tuple[Part, ...]:
     """Return the parts of a mesh file, in metres and Z up.
 
     glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
@@ -45,6 +51,7 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
         extension: One of ``FORMATS``.
         resolve: Returns the files of materials and textures; those for which it raises an error are left out.
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
+        collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
 
     Raises:
         MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.
@@ -54,10 +61,10 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
     if extension == "vtk":
         return _parts_of_vtk(data, limits)
-    X_part_file = _collada_axes(data) if extension == "dae" else IDENTITY
+    X_part_file = _collada_axes(data, collada_up_axis) if extension == "dae" else IDENTITY
     parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), X_part_file, limits)
     if not parts:
-        raise MeshFormatError("the file holds no triangles or points")
+        raise EmptyMeshError("the file holds no triangles or points")
     return without_broken_textures(tuple(parts), limits.max_total_image_pixels)
 
 
@@ -119,8 +126,8 @@ def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
         raise MeshFormatError(f"it cannot be read as {extension.upper()}: {reason or type(error).__name__}") from error
 
 
-def _collada_axes(data: bytes) -> Matrix:
-    """Return the transform from the unit and up axis of a COLLADA document (1.4, 5-19) to metres and Z up."""
+def _collada_axes(data: bytes, use_up_axis: bool) -> Matrix:
+    """Return the transform from a COLLADA document's unit and, if used, up axis (1.4, 5-19) to metres and Z up."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise MeshFormatError("COLLADA documents with a DOCTYPE, or not in UTF-8, are refused")
     header = data[: 1 << 16].decode("utf-8", "replace")
@@ -132,6 +139,8 @@ def _collada_axes(data: bytes) -> Matrix:
         metres_per_unit = 1.0
     if not 1e-9 < metres_per_unit < 1e9:
         raise MeshFormatError(f"its unit of {metres_per_unit:g} m is out of range")
+    if not use_up_axis:
+        return scaling(metres_per_unit, metres_per_unit, metres_per_unit)
     rotation = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[up_axis[1] if up_axis else "Y"]
     return rotation @ scaling(metres_per_unit, metres_per_unit, metres_per_unit)
 
@@ -229,7 +238,7 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
-        return None, _diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
+        return None, diffuse_material(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
     file_material = getattr(visual, "material", None)
     if file_material is None:
         return None, PLAIN_MATERIAL
@@ -245,21 +254,24 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     color = np.ones(4) if diffuse is None else np.asarray(diffuse, dtype=np.float64)[:4] / 255.0
     color = np.append(color, 1.0)[:4]
     color[3] *= _mtl_opacity(getattr(file_material, "kwargs", None) or {})
-    return uv if image is not None else None, _diffuse_material(color, image)
+    return uv if image is not None else None, diffuse_material(color, image)
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:
-    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1."""
+    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1.
+
+    A ``Tr`` of 1 is taken as opaque: exporters that wrote it meant the opposite, since invisible meshes make no sense.
+    """
     for key in ("d", "tr"):
         try:
             value = float(statements[key][-1])
         except (KeyError, IndexError, TypeError, ValueError):
             continue
-        return value if key == "d" else 1.0 - value
+        return value if key == "d" else 1.0 - value or 1.0
     return 1.0
 
 
-def _diffuse_material(color: NDArray[np.float64], image: Image | None) -> Material:
+def diffuse_material(color: NDArray[np.float64], image: Image | None) -> Material:
     """Return a diffuse material.
 
     If there is an image, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a

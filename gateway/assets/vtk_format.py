@@ -1,7 +1,7 @@
-"""Parse VTK's legacy files (.vtk): surfaces of polygons, and the boundaries of tetrahedral volumes.
+"""Parse legacy VTK files (.vtk): surfaces of polygons, and boundaries of tetrahedral volumes.
 
-Format: VTK File Formats, "Simple Legacy Formats"; versions 2 to 4 with CELLS as counts and indices, version 5 with
-OFFSETS and CONNECTIVITY. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
+Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
+(OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TRIANGLE, QUAD, TETRAHEDRON = 5, 9, 10
-"""Cell types that are read; others draw nothing."""
+"""VTK cell types that are read; others are left out."""
 _TYPES: Final = {
     b"float": ">f4",
     b"double": ">f8",
@@ -21,17 +21,17 @@ _TYPES: Final = {
     b"long": ">i8",
     b"vtkidtype": ">i4",
 }
-"""Types of a binary file's numbers, which are big-endian."""
+"""NumPy types by the names in a file. Binary files are big-endian."""
 _FACES: Final = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-"""Faces of a tetrahedron with outward normals."""
+"""Vertices of each face of a tetrahedron, counter-clockwise from outside."""
 
 
 class VtkError(ValueError):
-    """A file that cannot be parsed. The message does not name the file."""
+    """A file cannot be parsed. The message is the reason, without the file's name."""
 
 
 class _Parser:
-    """Reads words and arrays of a file in their order."""
+    """Reads words and arrays of a file in their order. Methods raise VtkError."""
 
     def __init__(self, data: bytes) -> None:
         lines = data.split(b"\n", 3)
@@ -42,7 +42,7 @@ class _Parser:
         self._position = 0
 
     def next_is(self, word: bytes) -> bool:
-        """Return True, and skip the next word, if it is ``word``."""
+        """Return True if the next word is ``word``, and skip it then. ``word`` is in lower case."""
         begin = self._position
         if self.word() == word:
             return True
@@ -61,7 +61,7 @@ class _Parser:
         return data[begin:end].lower()
 
     def count(self, limit: int) -> int:
-        """Return the next word as a number of elements."""
+        """Return the next word as a number of elements, which is at most ``limit``."""
         word = self.word()
         count = int(word) if word.isdigit() and len(word) < 12 else -1
         if not 0 <= count <= limit:
@@ -69,7 +69,11 @@ class _Parser:
         return count
 
     def numbers(self, kind: bytes, count: int) -> NDArray[np.float64]:
-        """Return the next ``count`` numbers."""
+        """Return the next ``count`` numbers, (count,) float64.
+
+        Args:
+            kind: type of the numbers in a binary file, a key of ``_TYPES``.
+        """
         if self._is_binary:
             return self._binary(kind, count)
         found = self._data[self._position :].split(None, count)
@@ -101,10 +105,10 @@ def parse_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArr
         max_triangles: Maximum number of cells, and of triangles.
 
     Returns:
-        Positions (N, 3) float32, and triangles (M, 3) uint32.
+        Positions (N, 3) float32, in the file's unit, and triangles (M, 3) uint32.
 
     Raises:
-        VtkError: The file is damaged, not of these kinds, or beyond a limit.
+        VtkError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         return _parse(_Parser(data), max_vertices, max_triangles)
@@ -136,9 +140,9 @@ def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDAr
 
 
 def _cells(parser: _Parser, limit: int) -> list[NDArray[np.int64]]:
-    """Return the point indices of each cell."""
+    """Return the point indices of each cell, of at most ``limit`` cells."""
     first, size = parser.count(limit), parser.count(16 * limit)
-    if parser.next_is(b"offsets"):  # version 5
+    if parser.next_is(b"offsets"):  # version 5: numbers of offsets and of indices; before: of cells and of all numbers
         offsets = parser.numbers(parser.word(), first).astype(np.int64)
         if parser.word() != b"connectivity":
             raise VtkError("its cells have no connectivity")
@@ -159,7 +163,7 @@ def _cells(parser: _Parser, limit: int) -> list[NDArray[np.int64]]:
 
 
 def _triangles(cells: list[NDArray[np.int64]], types: NDArray[np.int64] | None) -> NDArray[np.int64]:
-    """Return the triangles of cells, (M, 3): of tetrahedra only the faces that belong to one of them.
+    """Return the triangles of cells, (M, 3): polygons as fans, then the boundary of the tetrahedra.
 
     Args:
         types: Type of each cell; None: they are convex polygons.
@@ -179,7 +183,7 @@ def _triangles(cells: list[NDArray[np.int64]], types: NDArray[np.int64] | None) 
 
 
 def _boundary(tetrahedra: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces that only one tetrahedron has, (M, 3), in the order of the tetrahedra."""
+    """Return the faces that belong to only one tetrahedron, (M, 3), in the order of the tetrahedra."""
     faces = tetrahedra[:, _FACES].reshape(-1, 3)
     _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     boundary: NDArray[np.int64] = faces[np.sort(first[counts == 1])]

@@ -32,6 +32,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Render endpoint", "gateway.render.config", "RenderConfig"),
     ("Scenes in glTF", "gateway.gltf.limits", "GltfLimits"),
     ("Mesh files", "gateway.assets.mesh_files", "MeshFileLimits"),
+    ("Robot files", "gateway.robots.limits", "RobotLimits"),
     ("Tree viewer: one message, and the tree", "gateway.treeviewer.config", "Limits"),
     ("Tree viewer: scheduling", "gateway.treeviewer.config", "TreeViewerConfig"),
     ("Drake's visualizer: one message", "gateway.drakeviewer.config", "Limits"),
@@ -62,6 +63,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Uploaded stereo pairs", "gateway.stereo.upload", ("MAX_CONTENT_TYPE",)),
     ("Faults for test rigs", "gateway.stereo.fault_routes", ("MAX_BODY",)),
     ("Packages of meshes", "gateway.assets.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
+    ("Robot files: MJCF", "gateway.robots.mjcf_files", ("MAX_INCLUDES",)),
     ("Labels", "gateway.scene.labels", ("MAX_LABELS",)),
     (
         "Cameras as text",

@@ -10,41 +10,55 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gateway.cli.lcm_log import LcmUrl
+from gateway.cli.robot_options import Joints, Roots
 
 if TYPE_CHECKING:
+    from gateway.client.tree.answer import Answer
     from gateway.client.tree.geometry import Geometry
     from gateway.client.tree.published import Changes
     from gateway.client.tree.published import Path as NodePath
-    from gateway.client.tree.viewer import Answer
-    from gateway.scene.geometry import Part
+    from gateway.client.tree.viewer import TreeViewer
 
 
 def publish(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="SCENE.json|MESH",
+            metavar="SCENE.json|MESH|ROBOT",
             exists=True,
             dir_okay=False,
-            help="A request of the protocol in JSON, or a mesh: glb, gltf, obj, stl, ply, dae.",
+            help="A request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae; or a robot file: urdf, xml "
+            "(MJCF).",
         ),
     ],
     path: Annotated[str, typer.Option(help="Path in the tree: robot/base.")] = "",
+    joint: Joints = None,
+    root: Roots = None,
+    collision: Annotated[
+        bool, typer.Option("--collision", help="Publish a robot's collision geometry, not its visual geometry.")
+    ] = False,
     lcm_url: LcmUrl = None,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the viewer.")] = 10.0,
 ) -> None:
     """Publish a file at a path of the live scene, in place of everything at and below the path."""
     from gateway.client.tree.published import Changes, path_of
     from gateway.client.tree.viewer import TreeViewer
+    from gateway.robots.reader import SUFFIXES
 
-    root = path_of(path)
+    top = path_of(path)
+    if source.suffix.lower() in SUFFIXES:
+        with TreeViewer(lcm_url, timeout=timeout) as viewer:
+            _print(_publish_robot(viewer, source, top or (source.stem,), joint or [], root or [], collision))
+        return
+    if joint or root or collision:
+        raise ValueError(f"{source}: --joint, --root and --collision are for robot files ({', '.join(SUFFIXES)})")
     changes = Changes()
     if source.suffix.lower() == ".json":
-        _read_request(source, root, changes)
+        _read_request(source, top, changes)
     else:
-        root = root or (source.stem,)
-        changes.delete(root)
-        changes.set(root, [geometry.body() for geometry in _read_mesh(source)])
+        top = top or (source.stem,)
+        changes.delete(top)
+        changes.set(top, [geometry.body() for geometry in _read_mesh(source)])
     with TreeViewer(lcm_url, timeout=timeout) as viewer:
         answer = viewer.send(changes)
     _print(answer)
@@ -79,42 +93,29 @@ def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tupl
 
 
 def _read_mesh(source: Path) -> Iterator[Geometry]:
-    """Yield a mesh file's triangles and points in the colours of their materials; the protocol has no textures."""
+    """Yield a mesh file's triangles and points in the colours of their materials."""
     from gateway.assets.mesh_files import MeshFiles
-    from gateway.scene.geometry import Surface
+    from gateway.client.tree.parts import geometries_of, has_textures
 
-    complete = True
-    for part in MeshFiles([source.parent]).load(str(source.resolve())):
-        colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
-        complete = complete and not colored and part.material.base_color_texture is None
-        yield from _geometries(part)
-    if not complete:
+    parts = MeshFiles([source.parent]).load(str(source.resolve()))
+    if any(map(has_textures, parts)):
         typer.echo(f"{source}: textures and vertex colours are not published; mesh_file shows them", err=True)
+    for part in parts:
+        yield from geometries_of(part)
 
 
-def _geometries(part: Part) -> Iterator[Geometry]:
-    import numpy as np
+def _publish_robot(
+    viewer: TreeViewer, source: Path, root: NodePath, joints: list[str], roots: list[Path], collision: bool
+) -> Answer:
+    """Publish a robot file with a path for each link."""
+    from gateway.robots.joint_text import parse_joints
 
-    from gateway.client.tree.geometry import Mesh, PointCloud
-    from gateway.scene.geometry import PointCloud as Points
-    from gateway.scene.meshing import meshes_of
-    from renderers.color import srgb_from_linear
-
-    X = part.X_node_part
-    red, green, blue, alpha = part.material.base_color
-    # colour factors of a file may exceed 1
-    color = np.clip((srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha), 0.0, 1.0)
-    if isinstance(part.shape, Points):
-        points = part.shape.points @ X[:3, :3].T + X[:3, 3]
-        yield PointCloud(points, rgb=part.shape.channels.get("rgb"), color=color)
-        return
-    for mesh, _, X_part_mesh in meshes_of(part.shape, part.material):
-        if mesh.elements.shape[1] != 3:
-            continue
-        X_path_mesh = X @ X_part_mesh
-        mirrored = np.linalg.det(X_path_mesh[:3, :3]) < 0
-        faces = mesh.elements[:, ::-1] if mirrored else mesh.elements
-        yield Mesh(mesh.positions @ X_path_mesh[:3, :3].T + X_path_mesh[:3, 3], faces, color=color)
+    robot = viewer.robot(
+        root, source, joints=parse_joints(joints), roots=roots, geometry="collision" if collision else "visual"
+    )
+    for warning in robot.warnings:
+        typer.echo(f"{source}: {warning}", err=True)
+    return robot.answer
 
 
 def _print(answer: Answer) -> None:

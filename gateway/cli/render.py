@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from gateway.cli.robot_options import Joints, Roots
+
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes of OUT that mean one image."""
 UNSUPPORTED_SUFFIXES = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
@@ -23,8 +25,8 @@ def render(
         typer.Argument(
             metavar="SCENES...",
             exists=True,
-            help="glTF files, mesh files (.obj, .stl, .ply, .dae), tree viewer requests (.json), recorded render "
-            "requests (.multipart), or folders of such files.",
+            help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .xml), tree viewer "
+            "requests (.json), recorded render requests (.multipart), or folders of such files.",
         ),
     ],
     out: Annotated[
@@ -90,6 +92,8 @@ def render(
         Literal["auto", "y", "z"],
         typer.Option(help="Up axis of glTF files; auto: z for Drake's files, else y."),
     ] = "auto",
+    joint: Joints = None,
+    root: Roots = None,
     threads: Annotated[int, typer.Option(min=0, help="Number of cores to use; 0: all.")] = 0,
     timeout: Annotated[
         float,
@@ -118,10 +122,13 @@ def render(
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
+    from gateway.robots.joint_text import parse_joints
     from gateway.runtime import kernel_cache
     from gateway.runtime.kernel_progress import on_stderr
     from gateway.wiring import warmup
 
+    joints = tuple(joint or ())
+    parse_joints(joints)  # raises an error now instead of for each scene
     kernel_cache.ensure_cached(warmup.PARTS, on_stderr)
     # The following imports load compiled kernels.
     from gateway.assets.light_rig_file import rig_digest
@@ -148,6 +155,8 @@ def render(
         samples=samples,
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
+        joints=joints,
+        roots=tuple(str(folder.absolute()) for folder in root or ()),
     )
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),

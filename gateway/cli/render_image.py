@@ -9,7 +9,7 @@ import typer
 from gateway.client import manifest
 from gateway.client.manifest import Settings
 from gateway.datasets.rendering import IMAGE_FORMATS, ignored_rig, render_images, style_of
-from gateway.datasets.scenes import SceneError, load_scene
+from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
 from renderers.raster import CpuRenderer
@@ -44,7 +44,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     if source.kind is SourceKind.REQUEST:
         raise ValueError(f"{path}: a recorded request contains its own camera and type; name a folder with -o")
     try:
-        scene = load_scene(source, settings.up)  # type: ignore[arg-type]  # checked by the command
+        scene = load_scene(source, load_options(settings))
     except SceneError as error:
         raise ValueError(f"{path}: {error}") from None
     view = views[0] if views else View("default", None)

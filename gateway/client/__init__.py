@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gateway.client.tree.aio import AsyncTreeViewer
+    from gateway.client.tree.answer import Answer
     from gateway.client.tree.geometry import (
         Box,
         Capsule,
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
         Triad,
     )
     from gateway.client.tree.image_geometry import CameraFrustum, Heightmap, ImagePlane, Text
-    from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer, TreeViewerError
+    from gateway.client.tree.robot import PublishedRobot
+    from gateway.client.tree.viewer import Batch, Node, TreeViewer, TreeViewerError
 
 __all__ = [
     "Answer",
@@ -46,6 +48,7 @@ __all__ = [
     "Node",
     "PlanarLidar",
     "PointCloud",
+    "PublishedRobot",
     "Sphere",
     "Text",
     "Transform",
@@ -59,9 +62,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, geometry, image_geometry, viewer
+    from gateway.client.tree import aio, geometry, image_geometry, robot, viewer
 
-    for module in (viewer, geometry, image_geometry, aio):
+    for module in (viewer, geometry, image_geometry, robot, aio):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

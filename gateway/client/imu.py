@@ -152,7 +152,9 @@ def _open(address: str, credentials: Credentials, pipeline: int) -> tuple[socket
         response = connection.getresponse()
     except TimeoutError:
         connection.close()
-        reason = f"no answer within {_CONNECT_SECONDS:g} s; a gateway that starts answers after its kernels are compiled"
+        reason = (
+            f"no answer within {_CONNECT_SECONDS:g} s; a gateway that starts answers after its kernels are compiled"
+        )
         raise ImuFailure(f"{address} gives no IMU samples: {reason}") from None
     except (OSError, http.client.HTTPException) as error:
         connection.close()

@@ -69,6 +69,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Path of the rig file, which has the lights of the look ``studio``; None: the built-in lights."""
     rig_sha256: str | None = None
     """SHA-256 of the rig file and of the environment map that it names; None: no rig file."""
+    joints: tuple[str, ...] = ()
+    """Joint values of robot files, as ``name=value``."""
+    roots: tuple[str, ...] = ()
+    """Folders with the packages that robot files name."""
 
 
 class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):

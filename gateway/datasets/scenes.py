@@ -21,6 +21,9 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
+from gateway.robots.errors import RobotFileError
+from gateway.robots.joint_text import parse_joints
+from gateway.robots.reader import read_robot
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -67,19 +70,36 @@ class LoadedScene:
     """Content of ``scene.json``."""
 
 
-def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
+@dataclass(frozen=True, slots=True)
+class LoadOptions:
+    """Options of loading scenes. Each applies to the kind of scene that it is for."""
+
+    up: Up = "auto"
+    """Up axis of glTF files. Scenes of other kinds are not rotated."""
+    joints: tuple[str, ...] = ()
+    """Joint values of robot files, as ``name=value``."""
+    roots: tuple[str, ...] = ()
+    """Folders with packages of robot files."""
+
+
+def load_options(settings: manifest.Settings) -> LoadOptions:
+    """Return the options in a dataset's settings."""
+    return LoadOptions(settings.up, settings.joints, settings.roots)  # type: ignore[arg-type]  # checked by the command
+
+
+def load_scene(source: Source, options: LoadOptions = LoadOptions()) -> LoadedScene:
     """Load a scene.
 
     Args:
         source: scene file.
-        up: up axis of glTF files. Scenes of other kinds are not rotated.
+        options: options, of which most kinds of scenes use none.
 
     Raises:
         SceneError: the scene cannot be loaded.
     """
     files = FolderFiles(Path(source.path))
     try:
-        return _LOADERS[source.kind](source, files, up)
+        return _LOADERS[source.kind](source, files, options)
     except OSError as error:
         raise SceneError(error.strerror or str(error)) from None
     except SceneFileError as error:
@@ -88,29 +108,43 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
         raise SceneError(str(error)) from None
 
 
-def _load_gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_gltf(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
     """Load a glTF file."""
-    scene = read_scene_file(Path(source.path), up=up, files=files)
+    scene = read_scene_file(Path(source.path), up=options.up, files=files)
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera = scene.cameras[0] if scene.cameras else None
-    description = _describe(source, files, labels, scene.generator, scene.warnings)
+    description = _describe(source, files.digests, labels, scene.generator, scene.warnings)
     return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
 
 
-def _load_mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_mesh(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
     """Load a mesh file as one node."""
     suffix = Path(source.path).suffix[1:].lower()
     parts = parse_mesh(files.read_scene(), suffix, files.resolve, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
     draw_list, labels = _flatten_numbered(root)
-    return LoadedScene(root, draw_list, None, "studio", None, _describe(source, files, labels))
+    return LoadedScene(root, draw_list, None, "studio", None, _describe(source, files.digests, labels))
 
 
-def _load_tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_robot(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
+    """Load a robot file as a node for each link, in the pose of the joint values."""
+    try:
+        robot = read_robot(source.path, roots=options.roots)
+        root = robot.tree(parse_joints(options.joints))
+    except ImportError as error:
+        raise SceneError(str(error)) from None
+    except RobotFileError as error:
+        raise SceneError(str(error).removeprefix(f"{source.path}: ")) from None
+    draw_list, labels = _flatten_numbered(root)
+    description = _describe(source, robot.digests, labels, warnings=robot.warnings)
+    return LoadedScene(root, draw_list, None, "studio", None, description)
+
+
+def _load_tree(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
     """Apply a tree viewer request to an empty tree."""
     limits = Limits()
     live = LiveTree()
@@ -124,11 +158,11 @@ def _load_tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
         raise SceneError(response.error)
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
-    description = _describe(source, files, labels, warnings=tuple(response.warnings))
+    description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
     return LoadedScene(root, draw_list, None, "studio", None, description)
 
 
-def _load_request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
+def _load_request(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
     """Parse a recorded render request."""
     config = RenderConfig()
     body = files.read_scene()
@@ -140,13 +174,14 @@ def _load_request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     finally:
         reader.close()
     # Only the form is parsed here. The render pipeline reads the glTF scene in it.
-    description = _describe(source, files, {}, warnings=request.warnings)
+    description = _describe(source, files.digests, {}, warnings=request.warnings)
     return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
 
 
-_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, Up], LoadedScene]]] = {
+_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, LoadOptions], LoadedScene]]] = {
     SourceKind.GLTF: _load_gltf,
     SourceKind.MESH: _load_mesh,
+    SourceKind.ROBOT: _load_robot,
     SourceKind.TREE: _load_tree,
     SourceKind.REQUEST: _load_request,
 }
@@ -190,12 +225,12 @@ def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
 
 
 def _describe(
-    source: Source, files: FolderFiles, labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
+    source: Source, digests: Mapping[str, str], labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
 ) -> manifest.SceneRecord:
-    """Return the description of a scene. ``files`` has the digests of the files that were read."""
+    """Return the description of a scene. ``digests`` has those of the files that were read."""
     scene_file = Path(source.path).name
-    other_files = sorted(name for name in files.digests if name != scene_file)
-    sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (scene_file, *other_files))
+    other_files = sorted(name for name in digests if name != scene_file)
+    sources = tuple(manifest.SourceFile(name, digests[name]) for name in (scene_file, *other_files))
     return manifest.SceneRecord(
         scene=source.name,
         sha256=scene_digest(sources),

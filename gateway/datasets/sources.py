@@ -16,6 +16,8 @@ class SourceKind(Enum):
 
     GLTF = "glTF"
     MESH = "mesh file"
+    ROBOT = "robot file"
+    """URDF or MJCF."""
     TREE = "request of a tree viewer client"
     """A request of Director's remote tree viewer protocol, as JSON."""
     REQUEST = "recorded render request"
@@ -24,8 +26,12 @@ class SourceKind(Enum):
 _MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
 """Suffix of tree viewer requests in folders. If the command names the file, .json suffices."""
+ROBOT_SUFFIXES: Final = (".urdf", ".mjcf")
+"""Suffixes of robot files in folders. If the command names the file, .xml is one, too."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
+_NAMED_SUFFIXES: Final = {".json": SourceKind.TREE, ".xml": SourceKind.ROBOT}
+"""Suffixes of files that may be something else, so that they are scenes only if a command names them."""
 MAX_NAME_CHARS: Final = 200
 """Maximum length of a scene's name. It becomes a file name, for which file systems allow 255 bytes."""
 
@@ -74,7 +80,7 @@ def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
 
 def _suffixes() -> list[str]:
     """Return the suffixes of scene files except those of glTF, for error messages."""
-    return [*sorted(f".{name}" for name in _MESH_FORMATS), TREE_SUFFIX, REQUEST_SUFFIX]
+    return [*sorted(f".{name}" for name in _MESH_FORMATS), *ROBOT_SUFFIXES, TREE_SUFFIX, REQUEST_SUFFIX]
 
 
 def _sources_below(folder: Path) -> Iterable[Source]:
@@ -90,9 +96,9 @@ def _sources_below(folder: Path) -> Iterable[Source]:
 
 def _named_source(path: Path) -> Source:
     """Return the scene file that a command names."""
-    kind = kind_of(path) or (SourceKind.TREE if path.suffix.lower() == ".json" else None)
+    kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, {', '.join(_suffixes())}")
+        raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, .xml, {', '.join(_suffixes())}")
     return _make_source(path.name, path, kind)
 
 
@@ -115,4 +121,6 @@ def kind_of(path: Path) -> SourceKind | None:
         return SourceKind.TREE
     if name.endswith(REQUEST_SUFFIX):
         return SourceKind.REQUEST
+    if name.endswith(ROBOT_SUFFIXES):
+        return SourceKind.ROBOT
     return SourceKind.MESH if name.rpartition(".")[2] in _MESH_FORMATS and "." in name else None

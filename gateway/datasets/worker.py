@@ -12,13 +12,12 @@ from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Final, TypeVar
 
-from gateway.assets.scene_file import Up
 from gateway.client import manifest
 from gateway.client.manifest import FailureRecord, ImageType, SampleRecord
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task
 from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, ignored_rig, render_images, style_of
-from gateway.datasets.scenes import LoadedScene, SceneError, load_scene
+from gateway.datasets.scenes import LoadedScene, LoadOptions, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
 from gateway.render.errors import RequestError
@@ -122,13 +121,13 @@ def _task_problem(task: Task) -> str:
 def _load(task: Task) -> LoadedScene:
     """Load the scene of a task, or return it from the cache if its file has not changed."""
     status = Path(task.source.path).stat()
-    return _load_cached(task.source, task.settings.up, status.st_mtime_ns, status.st_size)
+    return _load_cached(task.source, load_options(task.settings), status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(CACHED_SCENES)
-def _load_cached(source: Source, up: Up, modified_ns: int, size: int) -> LoadedScene:
+def _load_cached(source: Source, options: LoadOptions, modified_ns: int, size: int) -> LoadedScene:
     """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
-    return load_scene(source, up)
+    return load_scene(source, options)
 
 
 def _with_timeout(task: Task, call: Callable[[], T]) -> T:

@@ -1,4 +1,4 @@
-"""Arrows and triads of shared unit meshes, so that browsers get only their matrices when they change."""
+"""Parts of arrows and coordinate axes. They share unit meshes: when they change, browsers get only their matrices."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gateway.scene.transforms import scaling, translation
 from renderers import primitives
 
 
-def along(direction: Vector3) -> NDArray[np.float64]:
-    """Return a rotation whose +z axis is ``direction``, (4, 4) float64."""
+def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:
+    """Return a rotation that turns +z to ``direction``, which must not be zero, (4, 4) float64."""
     z = np.array(direction, dtype=np.float64) / math.hypot(*direction)
     x = np.cross(np.eye(3)[int(np.abs(z).argmin())], z)
     x /= np.linalg.norm(x)
@@ -27,31 +27,35 @@ def along(direction: Vector3) -> NDArray[np.float64]:
 def arrow(
     origin: Vector3, vector: Vector3, length: float, radius: float, color: Color, *, centred: bool
 ) -> tuple[Part, ...]:
-    """Return an arrow along ``vector`` as Drake draws contact forces: heads are added to the length.
+    """Return an arrow along ``vector`` as Drake draws contact forces: a cylinder with a cone at one or both ends.
 
     Args:
-        length: length of the shaft, metres.
-        radius: radius of the shaft; heads have twice the radius, and a length of twice the radius.
-        centred: True: ``origin`` is the centre of the shaft, which has two heads; False: its start, with one head.
+        origin: point in the world, metres.
+        vector: direction in the world, not zero; its length has no effect.
+        length: length of the cylinder, metres.
+        radius: radius of the cylinder, metres. Cones have twice this radius, and twice this radius as length.
+        centred: True: ``origin`` is the centre of the cylinder, which has two cones; False: its start, with one cone.
     """
-    X_world_arrow = translation(*origin) @ along(vector)
-    paint = material(color)
+    X_world_arrow = translation(*origin) @ rotation_from_z(vector)
+    arrow_material = material(color)
     begin, end = (-0.5 * length, 0.5 * length) if centred else (0.0, length)
     head = Surface(primitives.cone())
     size = 2.0 * radius
-    to_head = scaling(size, size, size)
-    shaft = Part(Cylinder(radius, length), paint, X_world_arrow @ translation(0.0, 0.0, 0.5 * (begin + end)), "arrow")
+    X_tip_head = scaling(size, size, size)
+    shaft = Part(
+        Cylinder(radius, length), arrow_material, X_world_arrow @ translation(0.0, 0.0, 0.5 * (begin + end)), "arrow"
+    )
     tips = [translation(0.0, 0.0, end + size)]
     if centred:
-        tips.append(translation(0.0, 0.0, begin - size) @ along((0.0, 0.0, -1.0)))
-    return (shaft, *(Part(head, paint, X_world_arrow @ tip @ to_head, "arrow") for tip in tips))
+        tips.append(translation(0.0, 0.0, begin - size) @ rotation_from_z((0.0, 0.0, -1.0)))
+    return (shaft, *(Part(head, arrow_material, X_world_arrow @ tip @ X_tip_head, "arrow") for tip in tips))
 
 
 def triad(length: float, radius: float) -> tuple[Part, ...]:
-    """Return three axes from the origin as cylinders: x red, y green, z blue."""
+    """Return three axes from the origin as cylinders: x red, y green, z blue. Lengths in metres."""
     parts = []
     for axis in range(3):
         direction = (float(axis == 0), float(axis == 1), float(axis == 2))
-        X = along(direction) @ translation(0.0, 0.0, 0.5 * length)
+        X = rotation_from_z(direction) @ translation(0.0, 0.0, 0.5 * length)
         parts.append(Part(Cylinder(radius, length), material((*direction, 1.0)), X, "triad"))
     return tuple(parts)

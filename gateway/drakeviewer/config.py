@@ -26,9 +26,9 @@ class Limits:
     points: int = 20_000_000
     """Maximum number of points in a point cloud: 240 MB of coordinates."""
     name_bytes: int = 4096
-    """Maximum length of a name: names are stored, listed and shown."""
+    """Maximum length of a name: names are stored, listed and shown in the browser."""
     mesh_text_bytes: int = 256 * MIB
-    """Maximum length of a mesh that is sent as JSON, and of all files in it."""
+    """Maximum length of the JSON of a mesh in memory, with all its files."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +37,10 @@ class DrakeViewerConfig:
 
     limits: Limits = Limits()
     offload_bytes: int = 64 * KIB
-    """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
+    """Minimum size of messages that are read in the worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     channels: int = 256
-    """Maximum number of channels that are shown, and of names of channels that are heard but not shown."""
+    """Maximum number of channels that are shown, and of other channels whose messages are counted by name."""
+    shown_bytes: int = 4096 * MIB
+    """Maximum total size of the newest message of every channel: the live tree holds their geometry."""
     waiting_bytes: int = 512 * MIB
-    """Maximum size of messages that wait for the worker thread. Further messages are dropped."""
+    """Maximum total size of the messages that wait for the worker thread. Further messages are dropped."""

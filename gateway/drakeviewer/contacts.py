@@ -1,4 +1,7 @@
-"""Contact forces as arrows, and contact surfaces coloured by their pressure, as Drake's own viewer draws them."""
+"""Contact forces as arrows, and contact surfaces coloured by their pressure, as Drake's own viewer draws them.
+
+Thresholds, scales, radius and colours are Drake's.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,13 @@ from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Mesh
 
 CONTACTS: Final = "contacts"
-"""Node below ``ROOT``, of which ``point`` and ``hydroelastic`` are children."""
+"""Name of the node below ``ROOT`` with the children ``point`` and ``hydroelastic``."""
 MIN_FORCE: Final = 0.01
-"""Smaller forces (newtons) and moments (newton metres) are not shown. These constants are Drake's."""
+"""Minimum force in newtons, and minimum moment in newton metres, that is shown."""
 NEWTONS_PER_METRE: Final = 10.0
-"""Force of an arrow of one metre."""
+"""Scale of force arrows."""
 NEWTON_METRES_PER_METRE: Final = 3.0
-"""Moment of an arrow of one metre."""
+"""Scale of moment arrows."""
 RADIUS: Final = 0.002
 """Radius of arrows, metres."""
 MAX_LENGTH: Final = 100.0
@@ -34,14 +37,14 @@ POINT_COLOR: Final[Color] = (0.0, 1.0, 0.0, 1.0)
 FORCE_COLOR: Final[Color] = (1.0, 0.0, 0.0, 1.0)
 MOMENT_COLOR: Final[Color] = (0.0, 0.0, 1.0, 1.0)
 FLAME: Final = np.array(((0, 0, 0), (0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)), np.float64)
-"""Colours of the pressures 0, 1/4, 1/2, 3/4 and 1 of the highest pressure, sRGB."""
+"""Colour map of pressures: sRGB at 0, 1/4, 1/2, 3/4 and 1 times the highest pressure, (5, 3)."""
 
 ContactParts = dict[Path, tuple[Part, ...]]
-"""Parts of the contacts between two bodies, by path in the live tree."""
+"""Parts by path in the live tree. A path has all contacts between two bodies."""
 
 
 def read_contacts(contacts: Contacts) -> ContactParts:
-    """Return the arrows and surfaces of a message.
+    """Return the arrows and surfaces of a message. A surface without a force or moment to show is left out.
 
     Raises:
         MessageError: A contact surface is damaged.
@@ -49,21 +52,25 @@ def read_contacts(contacts: Contacts) -> ContactParts:
     parts: ContactParts = {}
     for contact in contacts.points:
         path = (ROOT, CONTACTS, "point", "+".join(contact.bodies))
-        shown = _vector(contact.point, contact.force, NEWTONS_PER_METRE, POINT_COLOR, centred=True)
-        if shown:
-            parts[path] = parts.get(path, ()) + shown
+        arrows = _arrow(contact.point, contact.force, NEWTONS_PER_METRE, POINT_COLOR, centred=True)
+        if arrows:
+            parts[path] = parts.get(path, ()) + arrows
     for surface in contacts.surfaces:
         path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
-        force = _vector(surface.centroid, surface.force, NEWTONS_PER_METRE, FORCE_COLOR, centred=False)
-        moment = _vector(surface.centroid, surface.moment, NEWTON_METRES_PER_METRE, MOMENT_COLOR, centred=False)
-        shown = force + moment
-        if shown:
-            parts[path] = parts.get(path, ()) + shown + _pressure_surface(surface)
+        force = _arrow(surface.centroid, surface.force, NEWTONS_PER_METRE, FORCE_COLOR, centred=False)
+        moment = _arrow(surface.centroid, surface.moment, NEWTON_METRES_PER_METRE, MOMENT_COLOR, centred=False)
+        arrows = force + moment
+        if arrows:
+            parts[path] = parts.get(path, ()) + arrows + _pressure_surface(surface)
     return parts
 
 
-def _vector(origin: Vector3, vector: Vector3, per_metre: float, color: Color, *, centred: bool) -> tuple[Part, ...]:
-    """Return an arrow; nothing for vectors that are too small or not finite."""
+def _arrow(origin: Vector3, vector: Vector3, per_metre: float, color: Color, *, centred: bool) -> tuple[Part, ...]:
+    """Return the parts of an arrow; none for vectors that are too small or not finite.
+
+    Args:
+        per_metre: norm of the vector for an arrow of 1 m.
+    """
     norm = math.hypot(*vector)
     if not (MIN_FORCE <= norm < math.inf and all(map(math.isfinite, origin))):
         return ()
@@ -71,7 +78,7 @@ def _vector(origin: Vector3, vector: Vector3, per_metre: float, color: Color, *,
 
 
 def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
-    """Return the contact surface, coloured by its pressure; nothing without vertices."""
+    """Return the contact surface, coloured by its pressure; nothing if no triangle has finite vertices."""
     triangles = triangles_of(contact.polygons, len(contact.vertices))
     finite = np.asarray(np.isfinite(contact.vertices).all(axis=1))
     triangles = triangles[finite[triangles].all(axis=1)]
@@ -95,6 +102,10 @@ def flame_colors(pressure: NDArray[np.float64]) -> NDArray[np.float32]:
 
 def triangles_of(polygons: NDArray[np.int32], vertex_count: int) -> NDArray[np.uint32]:
     """Return the triangles of convex polygons, (M, 3) uint32: fans around the first vertex of each.
+
+    Args:
+        polygons: (N,) int32, for each polygon its number of vertices, then their indices.
+        vertex_count: number of vertices that exist.
 
     Raises:
         MessageError: A polygon is cut off, or refers to a vertex that does not exist.
@@ -127,11 +138,12 @@ class ContactChannel:
     """The contacts that are in the live tree."""
 
     shown: frozenset[Path] = frozenset()
+    """Paths of the contacts in the live tree."""
 
     def apply(self, parts: ContactParts, edit: TreeEdit) -> None:
-        """Replace the contacts, and delete those that have ended."""
+        """Replace the contacts, and delete those that are no longer in the message."""
         for path in self.shown - parts.keys():
             edit.delete(path)
-        for path, shown in parts.items():
-            edit.set_parts(path, shown)
+        for path, parts_of_pair in parts.items():
+            edit.set_parts(path, parts_of_pair)
         self.shown = frozenset(parts)

@@ -1,4 +1,4 @@
-"""Deformable bodies: all vertices in every message."""
+"""Deformable bodies. Every message has all their vertices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ Deformables = dict[Path, tuple[Part, ...]]
 
 
 def read_deformables(link: Link, family: str, limits: Limits) -> Deformables:
-    """Return the bodies of a message.
+    """Return the bodies of a message. A body without drawable triangles has no parts.
+
+    Args:
+        link: the message; each of its geometries is a body.
+        family: family of the channel.
 
     Raises:
         MessageError: A mesh is damaged or beyond a limit.
@@ -41,6 +45,7 @@ class DeformableChannel:
 
     family: str
     shown: frozenset[Path] = frozenset()
+    """Paths of the bodies in the live tree."""
 
     def apply(self, bodies: Deformables, edit: TreeEdit) -> None:
         """Replace the bodies, and delete those that are no longer in the message."""

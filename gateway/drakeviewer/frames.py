@@ -1,4 +1,4 @@
-"""Frames of the channels ``DRAKE_DRAW_FRAMES*``, as triads."""
+"""Frames of the channels ``DRAKE_DRAW_FRAMES*``, each drawn as three axes."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ class FrameChannel:
     """The frames of one channel in the live tree."""
 
     root: Path
-    """Path below which they are."""
+    """Path of the node above the frames."""
     names: LinkNames | None = None
-    """Frames of the last message, for ``wire.decode_draw``."""
+    """Names in the last message, for ``wire.decode_draw``."""
     _paths: list[Path] = field(default_factory=list)
+    """Path of each frame in ``names``."""
 
     def apply(self, draw: Draw, edit: TreeEdit) -> None:
-        """Place the frames. If their names differ from the last ones, delete those."""
+        """Move the frames. If their names have changed, delete the earlier frames."""
         if draw.names is not self.names:
             if self.names is None or set(draw.names.keys) != set(self.names.keys):
                 edit.delete(self.root)

@@ -23,7 +23,11 @@ from gateway.scene.transforms import from_pose
 def read_geometries(
     geometries: Iterable[Geometry], files: MeshFiles, limits: Limits, problems: list[str]
 ) -> tuple[Part, ...]:
-    """Return the parts of geometries. A geometry that cannot be shown is left out; ``problems`` gets the reason."""
+    """Return the parts of a link's geometries, in the link's frame.
+
+    Args:
+        problems: list to which the reason is added if a geometry cannot be shown. That geometry is left out.
+    """
     parts: list[Part] = []
     for geometry in geometries:
         try:
@@ -34,7 +38,7 @@ def read_geometries(
 
 
 def color_of(geometry: Geometry) -> Color:
-    """Return a geometry's colour, clipped to 0 .. 1."""
+    """Return a geometry's colour, sRGB and alpha, clipped to 0 .. 1; 0 for NaN."""
     r, g, b, alpha = (min(max(value, 0.0), 1.0) if value == value else 0.0 for value in geometry.color)
     return r, g, b, alpha
 
@@ -65,9 +69,9 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits) -> tuple[Par
 
 
 def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
-    """Load a mesh file. The geometry's colour is that of meshes without a material of their own, as in Drake."""
-    numbers = [*geometry.floats.tolist(), 1.0, 1.0, 1.0]
-    scale = (numbers[0], numbers[1], numbers[2])
+    """Load a mesh file, or a mesh in JSON. The geometry's colour is for meshes without materials, as in Drake."""
+    padded = [*geometry.floats.tolist(), 1.0, 1.0, 1.0]  # a missing scale is 1
+    scale = (padded[0], padded[1], padded[2])
     if geometry.text.startswith("{"):
         loaded = memory_mesh(geometry.text, scale, files)
     else:

@@ -1,4 +1,4 @@
-"""Names of links as paths in the tree."""
+"""Converts names of links to paths in the live tree, relative to their family's node."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from gateway.scene.tree import Path
 SEPARATOR: Final = "::"
 """Separates source, model and link in Drake's names."""
 OWN_NODE: Final = "body"
-"""Name of a link's own node if other links are below its path: their poses are in the world, not relative to it."""
+"""Name of a link's own node if other links are below its path. Their poses are in the world, so that a link's node must
+not be above another one's."""
 
 
 def split_name(name: str) -> Path:
-    """Return the elements of a scoped name. A name without any is one empty element."""
+    """Return the elements of a scoped name; ``("",)`` if it has none."""
     return tuple(element for element in name.split(SEPARATOR) if element) or ("",)
 
 

@@ -1,4 +1,4 @@
-"""Mesh files that Drake sends in a message (``InMemoryMesh``), as JSON with base64."""
+"""Mesh files inside a message (Drake's ``InMemoryMesh``): JSON with contents in base64."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FileSource(msgspec.Struct):
     extension: str = ""
     """Extension of the file's name with its dot."""
     filename_hint: str = ""
-    """Name for messages."""
+    """File name for error messages."""
 
     def data(self, files: MeshFiles) -> bytes:
         """Return the file's bytes.

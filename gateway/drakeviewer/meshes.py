@@ -1,4 +1,4 @@
-"""Triangle meshes that Drake sends as numbers."""
+"""Triangle meshes that Drake sends as numbers (``float_data``)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def surface_of(numbers: NDArray[np.float32], limits: Limits) -> Surface | None:
 
 
 def smooth_surface(positions: NDArray[np.floating], indices: NDArray[np.integer]) -> Surface | None:
-    """Return a mesh with normals; None without drawable triangles. Triangles with NaN or infinity are left out.
+    """Return a mesh with smooth normals; None without drawable triangles.
+
+    Triangles with a vertex that is NaN or infinite are left out.
 
     Args:
         positions: (V, 3) metres.
@@ -63,6 +65,7 @@ def smooth_surface(positions: NDArray[np.floating], indices: NDArray[np.integer]
 
 
 def _count(numbers: NDArray[np.float32], index: int) -> int:
+    """Return a number as a count. Raises MessageError if it is missing, negative or not whole."""
     value = float(numbers[index]) if len(numbers) > index else -1.0
     if not (value >= 0.0 and value.is_integer()):
         raise MessageError(f"a mesh starts with {value:g}, which is not a number of vertices or triangles")

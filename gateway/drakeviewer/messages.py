@@ -71,7 +71,7 @@ class Draw:
 
     names: LinkNames
     poses: NDArray[np.float64]
-    """(N, 7) float64: x, y, z, qw, qx, qy, qz in the world."""
+    """(N, 7) float64: x, y, z (metres), qw, qx, qy, qz of each link in the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +80,7 @@ class PointContact:
 
     bodies: tuple[str, str]
     point: Vector3
+    """Metres."""
     force: Vector3
     """Newtons."""
 
@@ -89,18 +90,19 @@ class SurfaceContact:
     """``lcmt_hydroelastic_contact_surface_for_viz``, in the world. Slip and traction are left out."""
 
     bodies: tuple[str, str]
-    """Names of the bodies, with their models and geometries where those are needed to tell them apart."""
+    """Names of the bodies, with model and geometry where the name of the body is ambiguous."""
     centroid: Vector3
+    """Metres."""
     force: Vector3
     """Newtons."""
     moment: Vector3
     """Newton metres, about the centroid."""
     vertices: NDArray[np.float64]
-    """(N, 3) float64."""
+    """(N, 3) float64, metres."""
     pressure: NDArray[np.float64]
     """(N,) float64, pascals."""
     polygons: NDArray[np.int32]
-    """For each polygon its number of vertices, then their indices."""
+    """(M,) int32: for each polygon its number of vertices, then their indices."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,9 @@ class CloudField:
     offset: int
     """Bytes from the start of a point."""
     datatype: int
+    """Type of the values, 1 to 8: see ``point_clouds``."""
     count: int
+    """Number of values for each point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,9 +131,12 @@ class Cloud:
     """``lcmt_point_cloud``."""
 
     width: int
+    """Points in a row."""
     height: int
+    """Number of rows."""
     fields: tuple[CloudField, ...]
     flags: int
+    """Bits; ``point_clouds.BIG_ENDIAN`` is the only one that is used."""
     point_step: int
     """Bytes from one point to the next."""
     row_step: int

@@ -13,7 +13,7 @@ from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.materials import WHITE, material
 
 BIG_ENDIAN: Final = 1
-"""Bit of ``flags``."""
+"""Bit of ``Cloud.flags``: values are big-endian."""
 _DTYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy types by ``lcmt_point_cloud_field.datatype``."""
 MAX_DISTANCE: Final = 1e15
@@ -21,7 +21,7 @@ MAX_DISTANCE: Final = 1e15
 
 
 def read_cloud(cloud: Cloud) -> tuple[Part, ...]:
-    """Return the finite points with their colours.
+    """Return the points that can be drawn, with their colours (the field ``rgb``) if there are any.
 
     Raises:
         MessageError: The cloud has no x, y or z, or its data is too short.
@@ -45,7 +45,7 @@ def read_cloud(cloud: Cloud) -> tuple[Part, ...]:
 
 
 def _column(cloud: Cloud, field: CloudField) -> NDArray[np.generic]:
-    """Return the first value of a field for each point, (height, width)."""
+    """Return the first value of a field for each point, (height, width). Raises MessageError."""
     kind = _DTYPES.get(field.datatype)
     if kind is None or field.count < 1:
         raise MessageError(f"the field {field.name} has the type {field.datatype} and {field.count} values")
@@ -53,7 +53,7 @@ def _column(cloud: Cloud, field: CloudField) -> NDArray[np.generic]:
 
 
 def _colors(cloud: Cloud, field: CloudField) -> NDArray[np.float32]:
-    """Return red, green, blue in 0 .. 1, (N, 3): the first three bytes of the field."""
+    """Return red, green, blue in 0 .. 1, (N, 3) float32: the first three bytes of the field."""
     if field.datatype not in (5, 6, 7) or field.count != 1:
         raise MessageError(f"the field rgb has the type {field.datatype} and {field.count} values instead of 4 bytes")
     packed = np.ascontiguousarray(_view(cloud, field, np.dtype("<u4")))
@@ -61,7 +61,7 @@ def _colors(cloud: Cloud, field: CloudField) -> NDArray[np.float32]:
 
 
 def _view(cloud: Cloud, field: CloudField, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
-    """Return the values of a field in the cloud's data, (height, width)."""
+    """Return a view of a field's first value in the cloud's data, (height, width). Raises MessageError."""
     row_step = cloud.row_step if cloud.height > 1 else cloud.point_step * cloud.width
     count = cloud.width * cloud.height
     end = field.offset + dtype.itemsize

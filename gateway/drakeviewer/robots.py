@@ -1,4 +1,4 @@
-"""Links of rigid bodies: the load and draw messages of one pair of channels."""
+"""Links of rigid bodies, from the load and draw messages of one family."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from gateway.drakeviewer.messages import WORLD, Draw, Link, LinkKey, LinkNames
 from gateway.scene.tree import Node, Path, TreeEdit
 
 ROOT: Final = "drake"
-"""Node of the live tree below which everything from Drake is."""
+"""Name of the node of the live tree that contains everything from Drake."""
 ILLUSTRATION: Final = "illustration"
 PROXIMITY: Final = "proximity"
 INERTIA: Final = "inertia"
 HIDDEN: Final = frozenset((PROXIMITY, INERTIA))
-"""Families that are hidden at first: their shapes enclose those of the illustration."""
+"""Families that are hidden by default: their shapes enclose those of the illustration."""
 HIDDEN_OPACITY: Final = 0.5
-"""Opacity of those families once they are shown, as in Drake's own viewer."""
+"""Opacity of families in ``HIDDEN``, as in Drake's own viewer."""
 INERTIA_MARK: Final = "::InertiaVisualizer::"
-"""Part of the names of the links that Drake's ``InertiaVisualizer`` publishes, on the channels of the illustration."""
+"""Marks the names of links of Drake's ``InertiaVisualizer``, which publishes on the channels of the illustration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class LoadedRobots:
     """The links of a load message as subtrees, without poses."""
 
     families: Mapping[str, Node]
-    """Committed subtree of each family."""
+    """Subtree of each family, to be placed at ``(ROOT, family)``."""
     paths: Mapping[LinkKey, Path]
     """Path of each link in the live tree."""
     problems: tuple[str, ...]
@@ -50,27 +50,34 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
     problems: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}
     paths: dict[LinkKey, Path] = {}
-    names = {link.key: _name_below_family(link.key) for link in links}
-    own_paths = {name: link_paths(key for found, key in names.values() if found == name) for name in (None, INERTIA)}
+    origins = {link.key: _family_and_key(link.key, family) for link in links}
+    paths_by_family = {
+        name: link_paths(key for own_family, key in origins.values() if own_family == name)
+        for name in (family, INERTIA)
+    }
     for link in links:
-        found, key = names[link.key]
-        path = own_paths[found][key]
-        paths[link.key] = (ROOT, found or family, *path)
-        tree = trees.setdefault(found or family, TreeEdit(Node()))
+        own_family, key = origins[link.key]
+        path = paths_by_family[own_family][key]
+        paths[link.key] = (ROOT, own_family, *path)
+        tree = trees.setdefault(own_family, TreeEdit(Node()))
         tree.set_parts(path, read_geometries(link.geometries, files, limits, problems))
     return LoadedRobots({name: tree.commit() for name, tree in trees.items()}, paths, tuple(problems))
 
 
-def _name_below_family(key: LinkKey) -> tuple[str | None, LinkKey]:
-    """Return the family that a link's name states, or None, and the link without it."""
+def _family_and_key(key: LinkKey, family: str) -> tuple[str, LinkKey]:
+    """Return a link's family, ``INERTIA`` if its name is marked so, and the link's key without the mark.
+
+    Args:
+        family: family of the channel.
+    """
     robot, name = key
     _, mark, rest = name.partition(INERTIA_MARK)
-    return (INERTIA, (robot, rest)) if mark else (None, key)
+    return (INERTIA, (robot, rest)) if mark else (family, key)
 
 
 @dataclass(slots=True, eq=False)
 class RobotChannels:
-    """The state of one pair of load and draw channels, and their edits of the live tree."""
+    """State of a family's load and draw channels, and their edits of the live tree."""
 
     family: str
     names: LinkNames | None = None
@@ -80,14 +87,15 @@ class RobotChannels:
     stale: int = 0
     """Draw messages that were ignored, because their links are not those that were loaded."""
     unloaded: int = 0
-    """Draw messages that were ignored, because no load message was heard."""
+    """Draw messages that were ignored, because no load message was received."""
     _loaded: LoadedRobots | None = None
+    """Content of the last load message."""
     _is_shown: bool = False
     """True if the loaded links are in the live tree."""
     _paths: list[Path] = field(default_factory=list)
-    """Paths of the links in ``names``; empty if some are not loaded."""
+    """Paths of the links in ``names`` that are loaded."""
     _poses: NDArray[np.float64] | None = None
-    """Poses of the last shown message."""
+    """Poses of the last draw message that was shown, (N, 7) float64."""
 
     @property
     def links(self) -> int:
@@ -107,14 +115,14 @@ class RobotChannels:
         loaded = self._loaded
         if loaded is None:
             self.unloaded += 1
-            return "no load message was heard: start the simulation after the gateway, or let it publish again"
+            return "no load message was received: start the simulation after the gateway, or let it publish again"
         if draw.names is not self.names:
             self.names, self._poses = draw.names, None
             self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
         is_complete = len(self._paths) == len(draw.names.keys)
         if not is_complete or (not self._is_shown and len(set(draw.names.keys)) < self._movable):
             self.stale += 1
-            return f"it has {len(draw.names.keys)} links, and {self._movable} other ones are loaded"
+            return f"its {len(draw.names.keys)} links are not the {self._movable} that are loaded"
         if not self._is_shown:
             self._show(loaded, edit)
         poses, last = draw.poses, self._poses
@@ -132,6 +140,7 @@ class RobotChannels:
         return 0 if self._loaded is None else sum(key != WORLD for key in self._loaded.paths)
 
     def _show(self, loaded: LoadedRobots, edit: TreeEdit) -> None:
+        """Add the loaded links to the live tree."""
         for family, subtree in loaded.families.items():
             show_family(edit, family)
             for name, child in subtree.children.items():
@@ -140,14 +149,14 @@ class RobotChannels:
 
 
 def show_family(edit: TreeEdit, family: str) -> None:
-    """Create the node of a family, hidden if its geometry is hidden at first. An existing node is not changed."""
+    """Create the node of a family, with its default visibility. An existing node is not changed."""
     if edit.root.find((ROOT, family)) is None:
         edit.set_visible((ROOT, family), family not in HIDDEN)
         edit.set_opacity((ROOT, family), HIDDEN_OPACITY if family in HIDDEN else 1.0)
 
 
 def clear_children(edit: TreeEdit, path: Path) -> None:
-    """Delete the children of a node; it keeps its visibility."""
+    """Delete the children of a node. The node keeps its visibility and opacity."""
     node = edit.root.find(path)
     for name in () if node is None else tuple(node.children):
         edit.delete((*path, name))

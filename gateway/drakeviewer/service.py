@@ -1,6 +1,6 @@
-"""Run Drake's visualizer channels: read big messages in a worker thread, apply all on the event loop.
+"""Run Drake's visualizer channels: read big messages in a worker thread, and apply all messages on the event loop.
 
-If messages of a channel arrive faster than they can be read, the newest one is shown.
+While the thread reads a message, later ones wait. Of each channel only the newest waits.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from renderers.compiler.pending import is_pending
 _log = structlog.get_logger("gateway.drakeviewer")
 
 MAX_REASONS: Final = 1000
-"""Maximum number of different reasons that are logged; later ones are only counted."""
+"""Maximum number of log entries about messages. Later ones are only counted."""
 
 
 class DrakeViewerService:
@@ -36,18 +36,24 @@ class DrakeViewerService:
         self.viewer = DrakeViewer(live, files, self._config)
         self._executor = ThreadPoolExecutor(1, "drakeviewer", yield_to_event_loop)
         self._waiting: dict[str, Message] = {}
-        """Newest message of each channel while the worker thread reads one, oldest first."""
+        """Queue of messages by channel, oldest first."""
         self._waiting_bytes = 0
         self._task: asyncio.Task[None] | None = None
+        """Empties the queue; None if it is empty."""
         self._channels: dict[str, int] = {}
         """Number of messages of each channel that is shown."""
+        self._sizes: dict[str, int] = {}
+        """Bytes of the newest message of each channel that is shown."""
         self._unshown: dict[str, int] = {}
-        """Number of messages of each channel that is heard but not shown."""
+        """Number of messages of each channel that is not shown."""
         self._logged: set[tuple[str, str]] = set()
         """Channels and reasons that were logged."""
         self._last_problem = ""
+        """Channel and reason of the last message that was not shown completely."""
         self._superseded = 0
+        """Messages that were replaced in the queue by a newer one of their channel."""
         self._dropped = 0
+        """Messages beyond the limits on all channels together."""
         self.ready = False
 
     def status(self) -> dict[str, Any]:
@@ -61,7 +67,7 @@ class DrakeViewerService:
         }
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)
-            status["warning"] = f"heard, but not shown: {', '.join(list(self._unshown)[:10])}"
+            status["warning"] = f"received, but not shown: {', '.join(list(self._unshown)[:10])}"
         if self._last_problem:
             status["last_problem"] = self._last_problem
         return status
@@ -80,31 +86,48 @@ class DrakeViewerService:
             self._executor.shutdown(wait=False, cancel_futures=True)
 
     def receive(self, channel: str, message: Message) -> None:
-        """Show a message: small ones at once, others as soon as the worker thread has read them."""
+        """Show a message: a small one at once, others after the worker thread has read them.
+
+        Must be called on the event loop.
+        """
         if not self.ready:
             return
         if not self.viewer.is_shown(channel):
             self._count_unshown(channel)
             return
-        if channel not in self._channels and len(self._channels) >= self._config.channels:
-            self._dropped += 1
-            self._report(channel, f"there are {len(self._channels)} channels, which is the limit")
+        if not self._admit(channel, len(message)):
             return
         self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
-        if self._task is None and not self._is_big(channel, message):
+        if self._task is None and not self._needs_thread(channel, message):
             self._show(channel, message)
             return
-        self._wait(channel, message)
+        self._enqueue(channel, message)
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._show_waiting())
 
-    def _is_big(self, channel: str, message: Message) -> bool:
-        """Return True for messages whose reading may take milliseconds."""
+    def _admit(self, channel: str, size: int) -> bool:
+        """Return False, and count the message, if it is beyond the limits on all channels."""
+        if channel not in self._channels and len(self._channels) >= self._config.channels:
+            reason = f"there are {len(self._channels)} channels, which is the limit"
+        elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
+            reason = f"{size} bytes are too many: the limit for all channels together is {self._config.shown_bytes}"
+        else:
+            self._sizes[channel] = size
+            return True
+        self._dropped += 1
+        self._report(channel, reason)
+        return False
+
+    def _needs_thread(self, channel: str, message: Message) -> bool:
+        """Return True if reading the message may take milliseconds.
+
+        Load messages may name files; and kernels for meshes (``formats``) may still have to be compiled.
+        """
         return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
 
-    def _wait(self, channel: str, message: Message) -> None:
-        """Queue a message in place of an earlier one of its channel."""
+    def _enqueue(self, channel: str, message: Message) -> None:
+        """Add a message to the end of the queue, and remove an earlier one of its channel."""
         earlier = self._waiting.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
@@ -117,14 +140,14 @@ class DrakeViewerService:
         self._waiting_bytes += len(message)
 
     async def _show_waiting(self) -> None:
-        """Show the waiting messages in order, until there are none."""
+        """Show the messages of the queue until it is empty."""
         try:
             while self._waiting:
                 channel = next(iter(self._waiting))
                 message = self._waiting.pop(channel)
                 self._waiting_bytes -= len(message)
-                if self._is_big(channel, message):
-                    await self._show_big(channel, message)
+                if self._needs_thread(channel, message):
+                    await self._read_in_thread(channel, message)
                 else:
                     self._show(channel, message)
         finally:
@@ -136,7 +159,7 @@ class DrakeViewerService:
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
             self._report_error(channel, error)
 
-    async def _show_big(self, channel: str, message: Message) -> None:
+    async def _read_in_thread(self, channel: str, message: Message) -> None:
         loop = asyncio.get_running_loop()
         try:
             edit = await loop.run_in_executor(self._executor, self.viewer.read, channel, message)
@@ -167,4 +190,4 @@ class DrakeViewerService:
             self._unshown[channel] += 1
         elif len(self._unshown) < self._config.channels:
             self._unshown[channel] = 1
-            _log.warning("A channel is heard, but the viewer does not show it", channel=channel)
+            _log.warning("Messages of a channel are received, but not shown", channel=channel)

@@ -1,6 +1,6 @@
-"""Drake's visualizer channels without I/O: read a message, then apply it to the live tree.
+"""Drake's visualizer channels without network I/O: read a message, then apply it to the live tree.
 
-``service`` calls it; tests call ``DrakeViewer.handle``.
+Reading a load message opens the mesh files that it names.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 
 PREFIXES: Final = ("DRAKE_", "CONTACT_RESULTS")
-"""Starts of the names of all channels that are heard."""
+"""Prefixes of the names of channels that are received. Not all of them are shown."""
 LOAD: Final = "DRAKE_VIEWER_LOAD_ROBOT"
+"""Prefix of the channels of load messages. Those below are names or prefixes too."""
 DRAW: Final = "DRAKE_VIEWER_DRAW"
 DEFORMABLE: Final = "DRAKE_VIEWER_DEFORMABLE"
 CONTACT_RESULTS: Final = "CONTACT_RESULTS"
@@ -34,10 +35,10 @@ FAMILIES: Final = {
     "_PROXIMITY": PROXIMITY,
     "_INERTIA": INERTIA,
 }
-"""Family by the end of the names of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
+"""Family by the suffix of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
 
 Edit = Callable[[TreeEdit], str]
-"""Applies a message to the live tree; returns the reason why it is ignored, or an empty string."""
+"""Applies a message to the live tree; returns the reason why it is not shown, or not completely, or an empty string."""
 
 
 @dataclass(slots=True)
@@ -58,7 +59,7 @@ class Counters:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """What the viewer knows of the channels so far."""
+    """State of the channels."""
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """By family."""
@@ -74,7 +75,7 @@ class _State:
 class DrakeViewer:
     """Shows Drake's messages in the live tree.
 
-    ``read`` is thread-safe for messages of different channels; edits and ``handle`` run in one thread.
+    ``read`` is thread-safe for messages of different channels; ``apply`` and ``handle`` must run in one thread.
     """
 
     def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
@@ -90,14 +91,15 @@ class DrakeViewer:
 
     def is_shown(self, channel: str) -> bool:
         """Return True for the channels that are shown."""
-        return _split(channel) is not None or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
+        is_of_family = _kind_and_family(channel) is not None
+        return is_of_family or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
 
     def is_load(self, channel: str) -> bool:
         """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
         return channel.startswith(LOAD)
 
     def handle(self, channel: str, message: wire.Message) -> str:
-        """Read a message and apply it at once; return the reason why it is ignored, or an empty string.
+        """Read a message and apply it at once; see ``Edit`` for the result.
 
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
@@ -105,21 +107,21 @@ class DrakeViewer:
         return self.apply(self.read(channel, message))
 
     def apply(self, edit: Edit | None) -> str:
-        """Apply an edit as one revision of the live tree."""
+        """Apply an edit as one revision of the live tree; see ``Edit`` for the result."""
         if edit is None:
             return ""
         with self._live.edit() as tree:
             return edit(tree)
 
     def read(self, channel: str, message: wire.Message) -> Edit | None:
-        """Read a message of a channel that is shown; return its edit, None if it changes nothing.
+        """Read a message of a channel for which ``is_shown`` is true; return its edit, None if it changes nothing.
 
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
         """
-        parts = _split(channel)
-        if parts is not None:
-            kind, family = parts
+        found = _kind_and_family(channel)
+        if found is not None:
+            kind, family = found
             if kind == LOAD:
                 return self._read_load(channel, family, message)
             return self._read_draw(family, message) if kind == DRAW else self._read_deformable(channel, family, message)
@@ -148,7 +150,7 @@ class DrakeViewer:
 
         def apply(edit: TreeEdit) -> str:
             self._robots(family).load(loaded, edit)
-            for other in [name for name in loads if _split(name) == (LOAD, family)]:
+            for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
             if not has_files:
                 loads[channel] = data
@@ -166,27 +168,27 @@ class DrakeViewer:
         limits = self._config.limits
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
-        return _silent(lambda edit: shown.apply(bodies, edit)) if bodies or shown.shown else None
+        return _always_shown(lambda edit: shown.apply(bodies, edit)) if bodies or shown.shown else None
 
     def _read_contacts(self, message: wire.Message) -> Edit | None:
         parts, shown = read_contacts(wire.decode_contacts(message, self._config.limits)), self._state.contacts
-        return _silent(lambda edit: shown.apply(parts, edit)) if parts or shown.shown else None
+        return _always_shown(lambda edit: shown.apply(parts, edit)) if parts or shown.shown else None
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits))
         path = _channel_path("point clouds", channel, POINT_CLOUD)
-        return _silent(lambda edit: edit.set_parts(path, parts))
+        return _always_shown(lambda edit: edit.set_parts(path, parts))
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.setdefault(channel, FrameChannel(_channel_path("frames", channel, FRAMES)))
         draw = wire.decode_draw(message, self._config.limits, shown.names)
-        return _silent(lambda edit: shown.apply(draw, edit))
+        return _always_shown(lambda edit: shown.apply(draw, edit))
 
     def _robots(self, family: str) -> RobotChannels:
         return self._state.robots.setdefault(family, RobotChannels(family))
 
 
-def _split(channel: str) -> tuple[str, str] | None:
+def _kind_and_family(channel: str) -> tuple[str, str] | None:
     """Return the kind and the family of a load, draw or deformable channel; None for others."""
     for kind in (LOAD, DRAW, DEFORMABLE):
         if channel.startswith(kind):
@@ -196,12 +198,12 @@ def _split(channel: str) -> tuple[str, str] | None:
 
 
 def _channel_path(group: str, channel: str, prefix: str) -> Path:
-    """Return the path of a channel's content: below ``group``, named by the end of the channel's name."""
+    """Return the path of a channel's node: below ``group``, with the channel's name without ``prefix``."""
     return (ROOT, group, channel[len(prefix) :].removeprefix("_") or "default")
 
 
-def _silent(apply: Callable[[TreeEdit], object]) -> Edit:
-    """Return an edit that is never ignored."""
+def _always_shown(apply: Callable[[TreeEdit], object]) -> Edit:
+    """Return an ``Edit`` that calls ``apply`` and returns an empty string."""
 
     def edit(tree: TreeEdit) -> str:
         apply(tree)
@@ -211,7 +213,7 @@ def _silent(apply: Callable[[TreeEdit], object]) -> Edit:
 
 
 def _summary(problems: tuple[str, ...]) -> str:
-    """Return the first of the reasons why geometries are not shown, and the number of the others."""
+    """Return the first reason why a geometry is not shown, and the number of further ones; "" if there is none."""
     if not problems:
         return ""
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""

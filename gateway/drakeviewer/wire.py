@@ -39,11 +39,16 @@ QUADRATURE_POINT_BYTES: Final = 9 * 8
 """Size of a ``lcmt_hydroelastic_quadrature_per_point_data_for_viz``."""
 
 _GEOMETRY: Final = struct.Struct(">b11f")
-"""Fields before ``string_data``: type, position, quaternion, color."""
+"""Fields of ``lcmt_viewer_geometry_data`` before ``string_data``: type, position, quaternion, color."""
+_MAX_CLOUD_FIELDS: Final = 64
+"""Maximum number of fields of a point cloud: coordinates, colours, normals and the like."""
 
 
 class Reader:
-    """Reads fields of a message in their order."""
+    """Reads fields of a message in their order.
+
+    All methods raise MessageError if the message ends too early, or a number is beyond its limit.
+    """
 
     __slots__ = ("_limits", "_offset", "_view")
 
@@ -61,7 +66,7 @@ class Reader:
 
     @property
     def offset(self) -> int:
-        """Position of the next field."""
+        """Bytes before the next field."""
         return self._offset
 
     def take(self, size: int) -> memoryview:
@@ -78,7 +83,11 @@ class Reader:
         return int.from_bytes(self.take(size), "big", signed=True)
 
     def count(self, name: str, limit: int) -> int:
-        """Return the number of elements of an array."""
+        """Return the number of elements of an array.
+
+        Args:
+            name: name of the field, for errors.
+        """
         count = self.integer()
         if not 0 <= count <= limit:
             raise MessageError(f"{name} is {count}, the limit is {limit}")
@@ -93,11 +102,11 @@ class Reader:
         return str(self.take(size)[:-1], "utf-8", "replace")
 
     def floats(self, count: int) -> NDArray[np.float32]:
-        """Return ``count`` numbers of type float."""
+        """Return ``count`` numbers, (count,) float32."""
         return np.frombuffer(self.take(4 * count), ">f4").astype(np.float32)
 
     def doubles(self, count: int) -> NDArray[np.float64]:
-        """Return ``count`` numbers of type double."""
+        """Return ``count`` numbers, (count,) float64."""
         return np.frombuffer(self.take(8 * count), ">f8").astype(np.float64)
 
     def vector(self) -> Vector3:
@@ -143,8 +152,8 @@ def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None
     """Return a ``lcmt_viewer_draw``.
 
     Args:
-        known: Names of an earlier message. If they are repeated, they are not decoded again, which takes most of the
-            time; the result then has the same object.
+        known: names of an earlier message. If this message repeats them, the result has this object, and they are not
+            decoded again: decoding them takes most of the time.
     """
     reader = Reader(message, DRAW, "lcmt_viewer_draw", limits)
     reader.integer(8)
@@ -209,7 +218,7 @@ def decode_point_cloud(message: Message, limits: Limits) -> Cloud:
         raise MessageError(f"the cloud has {width} x {height} points, the limit is {limits.points}")
     fields = tuple(
         CloudField(reader.text(), reader.integer(), reader.integer(1), reader.integer())
-        for _ in range(reader.count("num_fields", 64))
+        for _ in range(reader.count("num_fields", _MAX_CLOUD_FIELDS))
     )
     flags, point_step, row_step = reader.integer(8), reader.integer(), reader.integer(8)
     reader.take(reader.integer(2))

@@ -85,20 +85,13 @@ def _grid_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float6
     cell_starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
     low = np.minimum.reduceat(points[order], cell_starts, axis=0)
     high = np.maximum.reduceat(points[order], cell_starts, axis=0)
-    corners: NDArray[np.float64] = _corners_of_boxes(np.stack((low, high), axis=1)).reshape(-1, 3)
-    return corners
-
-
-def _corners_of_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners of (N, 2, 3) boxes, (N, 8, 3)."""
-    indices = np.broadcast_to(_CORNER_INDEX, (len(boxes), 8, 3))
-    corners: NDArray[np.float64] = np.take_along_axis(boxes, indices, axis=1)
+    corners: NDArray[np.float64] = corners_of(np.stack((low, high), axis=1)).reshape(-1, 3)
     return corners
 
 
 def corners_of(bounds: Bounds) -> NDArray[np.float64]:
-    """Return the corners of a box, (8, 3) float64."""
-    corners: NDArray[np.float64] = _corners_of_boxes(bounds[None])[0]
+    """Return the corners of a box, (8, 3) float64, or of many, (N, 8, 3) for (N, 2, 3)."""
+    corners: NDArray[np.float64] = bounds[..., _CORNER_INDEX, np.arange(3)]
     return corners
 
 
@@ -175,7 +168,7 @@ def loose_bounds(draw_list: DrawList) -> Bounds | None:
     placed_boxes = [(box, i.X_world_mesh) for i in draw_list.instances if (box := mesh_bounds(i.mesh)) is not None]
     if not placed_boxes:
         return None
-    corners = _corners_of_boxes(np.array([box for box, _ in placed_boxes]))
+    corners = corners_of(np.array([box for box, _ in placed_boxes]))
     X_world_mesh = np.array([X for _, X in placed_boxes])
     corners = np.matmul(corners, X_world_mesh[:, :3, :3].transpose(0, 2, 1)) + X_world_mesh[:, None, :3, 3]
     return np.array((corners.min(axis=(0, 1)), corners.max(axis=(0, 1))))

@@ -1,4 +1,4 @@
-"""Mount of the stereo camera: a fixed pose in the world, or a node of the tree that the camera follows."""
+"""Mount of a stereo camera: a fixed pose in the world, or a node of the tree that the camera follows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
     """Parse the pose of an optical frame: ``x,y,z,qw,qx,qy,qz`` or ``eye=x,y,z;target=x,y,z;up=x,y,z``.
 
     Returns:
-        (4, 4) float64.
+        X_world_camera, (4, 4) float64.
 
     Raises:
         CameraError: The text has neither form.
@@ -54,25 +54,25 @@ _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 @dataclass(frozen=True, slots=True)
-class CameraText:
-    """A camera as text: ``name=wrist;profile=rgbd;`` and a pose or a node, of which only the last is required."""
+class CameraSpec:
+    """A camera as users write it: ``name=wrist;profile=rgbd;`` and a mount. Name and profile are optional."""
 
     mount: str
-    """Pose, or path as JSON."""
+    """Pose (``parse_mount_pose``), or node (``parse_mount_path``)."""
     name: str = ""
     """Letters, digits, ``_`` and ``-``; empty: none is given."""
     profile: str = ""
     """Name or file of a camera profile; empty: none is given."""
 
     def new_mount(self) -> Mount:
-        """Return a mount with this pose or node."""
+        """Return a mount with this pose or node. Raises CameraError."""
         if self.mount.lstrip().startswith("["):
             return Mount(np.eye(4), parse_mount_path(self.mount))
         return Mount(parse_mount_pose(self.mount), None)
 
 
-def parse_camera_text(text: str) -> CameraText:
-    """Parse a camera with its optional name and profile.
+def parse_camera_spec(text: str) -> CameraSpec:
+    """Parse an entry of ``--stereo-cameras``.
 
     Raises:
         CameraError: An option is given twice or is invalid, or the rest is neither a pose nor a node.
@@ -82,13 +82,13 @@ def parse_camera_text(text: str) -> CameraText:
     while (match := _OPTION.match(rest)) is not None:
         name, value = match.groups()
         if name in options:
-            raise CameraError(f"camera {text!r} has two of {name}=")
+            raise CameraError(f"camera {text!r} has {name}= twice")
         if not value or (name == "name" and not _NAME.fullmatch(value)):
             raise CameraError(f"{name}={value!r} of a camera must have 1 to 64 letters, digits, _ or -")
         options[name] = value
         rest = rest[match.end() :].lstrip()
-    camera = CameraText(rest, **options)
-    camera.new_mount()
+    camera = CameraSpec(rest, **options)
+    camera.new_mount()  # raises an error for an invalid mount
     return camera
 
 
@@ -98,7 +98,7 @@ class Mount:
     def __init__(self, pose: NDArray[np.float64], path: Path | None = None) -> None:
         """
         Args:
-            pose: (4, 4) float64 X_world_camera, until the node exists.
+            pose: (4, 4) float64 X_world_camera; with a path, only until the node exists.
             path: Node whose frame is the camera's optical frame; None: the pose is fixed.
         """
         self._pose = pose
@@ -107,9 +107,14 @@ class Mount:
         """Reason why the pose does not follow the node; empty if it does, or if the pose is fixed."""
 
     def pose(self, root: Node) -> NDArray[np.float64]:
-        """Return X_world_camera, (4, 4) float64, for the current tree with the given root."""
+        """Return X_world_camera, (4, 4) float64.
+
+        Args:
+            root: Root of the current tree.
+        """
         if self._path is not None:
             try:
+                # Size and draw list have no effect on the pose.
                 camera = resolve_camera(NodeCamera(self._path), root, 1, 1, draw_list=DrawList())
             except CameraError as error:
                 self.warning = f"the stereo camera keeps its last pose: {error}"

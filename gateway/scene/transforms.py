@@ -80,6 +80,31 @@ def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return matrices
 
 
+def quaternions_of(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit quaternions [w, x, y, z] of rotation matrices, by Shepperd's method (1978).
+
+    Each row of the matrix below is a multiple of the quaternion. The row with the largest diagonal element is used.
+
+    Args:
+        R: (N, 3, 3) float64.
+
+    Returns:
+        (N, 4) float64.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.transpose(1, 2, 0)
+    rows = np.array(
+        (
+            (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
+            (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx),
+            (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy),
+            (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz),
+        )
+    ).transpose(2, 0, 1)
+    largest = np.argmax(rows.diagonal(axis1=1, axis2=2), axis=1)
+    q = rows[np.arange(len(rows)), largest]
+    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
+
+
 def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return X @ Y of affine matrices. Unlike NumPy's matrix product, the result is bit-identical on every CPU.
 

@@ -36,9 +36,9 @@ def _check_path(text: str) -> str:
 
 
 def _check_camera(text: str) -> str:
-    from gateway.scene.mount import parse_camera_text  # imports NumPy
+    from gateway.scene.mount import parse_camera_spec  # imports NumPy
 
-    parse_camera_text(text)
+    parse_camera_spec(text)
     return text
 
 

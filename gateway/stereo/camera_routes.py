@@ -1,4 +1,4 @@
-"""``GET /cameras/…``: the images of the cameras as they are now, without a stream."""
+"""``GET /cameras/…``: cameras, and images that are captured on request, without a stream."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo.clock import timestamp_text
 from gateway.stereo.frame import Frame
+from gateway.stereo.pairs import PairImaging
 from gateway.stereo.request import SetKind
 from gateway.stereo.rest_common import RestError, error_responses, with_error_responses
 from gateway.stereo.rgbd import rgbd_npz
@@ -22,24 +23,26 @@ from renderers.encode import png_gray8, png_gray16, png_rgb
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.noise import NoiseStream
 
-ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence"]
-_KINDS: Final[Mapping[ImageName, SetKind]] = {
+ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
+_KINDS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "color": SetKind(color_camera=True),
     "depth": SetKind(depth_mm=True),
     "left": SetKind(left=True),
     "right": SetKind(right=True),
     "disparity": SetKind(disparity=True),
     "confidence": SetKind(confidence=True),
+    "raw_left": SetKind(),
+    "raw_right": SetKind(),
 }
 _RGBD: Final = SetKind(color_camera=True, depth_mm=True)
-_K: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
+_K_EXAMPLE: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
 _CAMERA_EXAMPLE: Final = {
     "name": "stereo",
     "model": "RGB-D",
     "pipeline": 0,
     "port": 50051,
     "baseline": 0.05,
-    "images": {"left": _K},
+    "images": {"left": _K_EXAMPLE},
     "X_left_color": [[1.0, 0.0, 0.0, 0.015], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
 }
 _ERRORS: Final = {
@@ -94,14 +97,17 @@ def camera_router(*services: StereoService) -> APIRouter:
             ImageName,
             Path(
                 description="color: RGB. depth: 16 bits, millimetres, 0: invalid. left, right: grey. "
-                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255",
+                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255. "
+                "raw_left, raw_right: grey, before rectification",
                 examples=["color"],
             ),
         ],
         aligned: Aligned = False,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
-        frame = await service.capture(_KINDS[image])
+        if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
+            raise RestError(404, "the camera shows recorded pairs, which are rectified")
+        frame = await service.capture(_KINDS_BY_IMAGE[image])
         pixels = await _make(frame, lambda: _pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
@@ -114,7 +120,7 @@ def _responses(media_type: str) -> Responses:
 
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
-    """Return the number and the camera with a name or number. Raises RestError."""
+    """Return the pipeline number and the service of a camera, by its name or number. Raises RestError."""
     for number, service in enumerate(services):
         if name in (service.config.name, str(number)):
             return number, service
@@ -123,7 +129,7 @@ def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoServ
 
 
 def _find_with_color(services: Sequence[StereoService], name: str) -> StereoService:
-    """Return the camera with a name or number, if it has colour. Raises RestError."""
+    """Return the service of a camera with colour, by its name or number. Raises RestError."""
     _, service = _find(services, name)
     if service.config.color_camera is None and not service.config.color:
         raise RestError(404, f"the camera {service.config.name!r}, {service.config.model.name}, is monochrome")
@@ -131,6 +137,7 @@ def _find_with_color(services: Sequence[StereoService], name: str) -> StereoServ
 
 
 def _describe(number: int, service: StereoService) -> dict[str, Any]:
+    """Return name, geometry and port of a camera, as plain JSON values."""
     config, divisor = service.config, service.settings.quality.divisor
     left, depth = (_intrinsics(config.model.intrinsics(d)) for d in (1, divisor))
     images = {"left": left, "right": left, "depth": depth, "disparity": depth, "confidence": depth}
@@ -141,6 +148,11 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
         "port": service.port,
         "baseline": config.model.baseline,
         "images": images,
+    }
+    description["raw"] = {
+        "K": left["K"],
+        "distortion": list(config.distortion.coefficients),
+        "right_rotation": list(config.distortion.right_rotation),
     }
     if config.color or config.color_camera is not None:
         images["color"] = _intrinsics(config.color_intrinsics)
@@ -153,7 +165,7 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
 
 
 async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
-    """Return the result of the coroutine function ``make``; if it fails or is cancelled, cancel the frame.
+    """Return the result of the coroutine function ``make``, then cancel what the frame still computes.
 
     Raises:
         RestError: a texture of the scene cannot be decoded.
@@ -167,6 +179,7 @@ async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
 
 
 async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return an image of a frame, (H, W, 3) for colour, else (H, W). Raises ImageError."""
     if name == "color":
         return (await frame.color_camera_image()).sensor_image.image
     if name == "depth":
@@ -174,11 +187,14 @@ async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np
     if name in ("left", "right"):
         stream = NoiseStream.LEFT if name == "left" else NoiseStream.RIGHT
         return (await frame.image(stream, color=False)).image
+    if name in ("raw_left", "raw_right"):
+        return (await frame.raw_image(right=name == "raw_right")).image
     images = await frame.depth_images()
     return images.disparity if name == "disparity" else images.confidence
 
 
 def _png(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Return a PNG of (H, W) uint8 or uint16, or (H, W, 3) uint8."""
     if pixels.dtype == np.uint16:
         return png_gray16(np.ascontiguousarray(pixels, np.uint16))
     image = np.ascontiguousarray(pixels, np.uint8)

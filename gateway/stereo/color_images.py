@@ -1,46 +1,33 @@
-"""Images of the colour camera beside a stereo camera: exposure, noise and rolling shutter."""
+"""Images of the separate colour camera, with its rolling shutter."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.auto_exposure import METERING_DIVISOR
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND
-from gateway.stereo.images import Capture, Imaging
+from gateway.stereo.images import Capture, ColorImage, Imaging
 from gateway.stereo.motion import MAX_INTERVAL, Motion, has_equal_instances
 from gateway.stereo.settings import StreamSettings
 from renderers.camera import Camera
 from renderers.interface import Look, Output
 from renderers.stereo.color_camera import ColorCamera
-from renderers.stereo.exposure import Exposure, auto_exposure, brightness_of
-from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.sensor import SensorImage, sensor_image
 
 _STRIPS: Final = 16
-"""Number of parts of a rolling image, each of one instant."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ColorImage:
-    """Image of a colour camera."""
-
-    sensor_image: SensorImage
-    exposure: Exposure
+"""Number of horizontal strips of a rolling-shutter image. Each is rendered at the time of its middle row."""
 
 
 def expose_color_camera(
     imaging: Imaging, color_camera: ColorCamera, capture: Capture, settings: StreamSettings
 ) -> ColorImage:
-    """Return the image of the colour camera. It meters its own image, and does not see the projector.
+    """Return the image of the colour camera. It has its own automatic exposure, and does not see the projector.
 
     Args:
-        imaging: source of the stereo cameras' images.
+        imaging: renderer and sensor model of the camera.
         color_camera: the colour camera.
-        capture: scene and pose; with the frame before, if the shutter rolls.
+        capture: scene and pose. A rolling shutter needs the previous frame, ``capture.earlier``.
         settings: parameters of the frame.
 
     Raises:
@@ -49,17 +36,11 @@ def expose_color_camera(
     config = imaging.config
     camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far)
     rendered = _rolling_image(imaging, color_camera, camera, capture)
-    exposure = settings.manual_exposure
-    if settings.auto_exposure is not None:
-        samples = np.ascontiguousarray(rendered[::METERING_DIVISOR, ::METERING_DIVISOR])
-        exposure = auto_exposure(brightness_of(samples), settings.auto_exposure, exposure)
-    key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
-    noise_factor = color_camera.noise if config.noise else 0.0
-    return ColorImage(sensor_image(rendered, exposure, key, color=True, noise_factor=noise_factor), exposure)
+    return imaging.develop(rendered, color_camera, capture, settings)
 
 
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
-    """Return the rendered image, (H, W, 3) uint8. If anything moves, each strip is rendered at its own time."""
+    """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
     motion, relative_readout = _motion(color_camera, camera, capture)
     look = Look(imaging.config.look, imaging.config.background)
     image = np.empty((camera.height, camera.width, 3), np.uint8)
@@ -79,9 +60,9 @@ def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, 
 
 
 def _motion(color_camera: ColorCamera, camera: Camera, capture: Capture) -> tuple[Motion | None, float]:
-    """Return the motion since the frame before, and the readout time in units of the time between the frames.
+    """Return the motion since the previous frame, and the readout time in units of the time between the frames.
 
-    The motion is None if the shutter does not roll, nothing moves, or the motion is not known.
+    The motion is None for a global shutter, if nothing moves, and if the previous frame is too old or has other meshes.
     """
     earlier = capture.earlier
     if earlier is None or color_camera.readout == 0.0:

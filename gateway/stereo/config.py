@@ -1,4 +1,4 @@
-"""Configuration of the stereo camera, fixed at start."""
+"""Configuration of a stereo camera, fixed at start."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from gateway.stereo.parameter_specs import DeviceLimits
 from gateway.stereo.profile import DEFAULT_PROFILE, read_profile
 from renderers.interface import LookName
 from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.distortion import Distortion
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
@@ -49,26 +50,28 @@ class StereoConfig:
     """Bearer tokens of the image stream; None: no token is needed, as on the device."""
     model: StereoModel = field(default_factory=lambda: read_profile(DEFAULT_PROFILE).model)
     """Geometry of the camera."""
+    distortion: Distortion = field(default_factory=Distortion)
+    """Lenses and alignment before rectification."""
     limits: DeviceLimits = field(default_factory=DeviceLimits)
     """Limits and defaults of the device's parameters."""
     color: bool = True
     """True if the left and right images can have colour."""
     color_camera: ColorCamera | None = None
-    """Colour camera beside the stereo cameras; None: there is none."""
+    """Separate colour camera; None: colour images come from the left camera."""
     depth_mode: DepthMode = "modelled"
-    """Source of depth images: rendered depth with modelled errors, matching of rendered images, or rendered depth."""
+    """Source of depth images: rendered depth with modelled errors, matched rendered images, or exact rendered depth."""
     rate: Rate = "device"
     """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
     seed: int = 0
     """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """Add noise to images and IMU, and errors to modelled depth; False: modelled depth is the ground truth."""
+    """True: images and IMU have noise, and modelled depth has errors; False: modelled depth is exact."""
     image_noise: float = 1.0
     """Factor of the standard deviation of the image noise."""
     disparity_error: float = 0.25
     """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
     realism: frozenset[RealismPart] = frozenset()
-    """Parts of realistic camera images."""
+    """Effects of real lenses and lights that camera images have."""
     look: LookName = "gltf"
     """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)
@@ -78,12 +81,12 @@ class StereoConfig:
     far: float = 10_000.0
     """Far clipping plane, metres; depth images have their own limits (mindepth, maxdepth)."""
     projector: bool = True
-    """Random-dot projector on output Out1."""
+    """True if the camera has a random-dot projector, on output Out1."""
     dot_light: float = 2.0
-    """Light of a projected dot, relative to the scene's own."""
+    """Light that the centre of a dot adds, as a multiple of the light at that pixel without projector."""
     mesh_rgb: bool = False
-    """Write vertex colours a second time as red, green, blue: trimesh and Open3D ignore the device's names,
-    diffuse_red and so on."""
+    """True: meshes have vertex colours a second time, as red, green, blue. trimesh and Open3D ignore the device's names
+    (diffuse_red and so on)."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"
@@ -99,7 +102,7 @@ class StereoConfig:
     max_upload: int = 64 << 20
     """Maximum number of bytes of an uploaded pair: four compressed images of ``max_pair_pixels``."""
     faults: bool = False
-    """Permit fault injection over REST."""
+    """True if fault injection over REST is permitted."""
     max_late_bytes: int = 256 << 20
     """Maximum number of bytes of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
     max_events: int = 64
@@ -126,7 +129,7 @@ class StereoConfig:
 
     @property
     def measures_images(self) -> bool:
-        """True if depth depends on the camera images."""
+        """True if depth is computed from the camera images: by matching, or for the errors of modelled depth."""
         return self.depth_mode == "matched" or self.models_errors
 
     @property
@@ -141,6 +144,6 @@ class StereoConfig:
 
     @property
     def uses_motion(self) -> bool:
-        """True if images depend on what moved since the frame before."""
+        """True if images depend on the previous frame: with a rolling shutter, or motion blur."""
         rolling = self.color_camera is not None and self.color_camera.readout > 0.0
         return rolling or "motion-blur" in self.realism

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
-from gateway.stereo.color_images import ColorImage, expose_color_camera
+from gateway.stereo.color_images import expose_color_camera
 from gateway.stereo.depth import ImagePair
-from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.images import Capture, ColorImage, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.matched_depth import matched_depth
 from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.raw_images import raw_image
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
@@ -145,6 +146,11 @@ class Frame:
         if not aligned or config.color_camera is None:
             return depth
         return await self._workers.run(align_depth, depth, config.model.intrinsics(divisor), config.color_camera)
+
+    async def raw_image(self, *, right: bool) -> SensorImage:
+        """Return the grey image of one camera before rectification."""
+        exposure = (await self.metered(self.camera_capture)).exposure
+        return await self._workers.run(raw_image, self._imaging, self.camera_capture, exposure, right)
 
     def cancel(self) -> None:
         """Cancel all unfinished tasks."""

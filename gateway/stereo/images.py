@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,9 @@ from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
+from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.exposure import Exposure, brightness_of
+from renderers.stereo.exposure import Exposure, auto_exposure, brightness_of
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.pixel_classes import ImageKind
@@ -52,6 +54,10 @@ class Capture:
         return config.projector and self.out1_high
 
 
+METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
+"""Pixels of a colour camera's image that it meters."""
+
+
 @dataclass(frozen=True, slots=True)
 class ImageRequest:
     """Images to make from one rendering of one camera."""
@@ -74,6 +80,14 @@ class MeteredExposure:
     """Mean of the exposed image, 0 to 1."""
     out1_reduction: float = 0.0
     """See ``auto_exposure``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColorImage:
+    """Image of a colour camera."""
+
+    sensor_image: SensorImage
+    exposure: Exposure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +155,19 @@ class Imaging:
                 )
                 for color in request.colors
             }
+
+    def develop(
+        self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
+    ) -> ColorImage:
+        """Return the colour camera's image of a rendered image, (H, W, 3) uint8, which it meters itself."""
+        exposure = own_exposure(brightness_of(rendered[METERED_PIXELS]), settings)
+        key = frame_key(self.config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
+        return ColorImage(
+            sensor_image(rendered, exposure, key, color=True, noise_factor=self._noise_factor(color_camera)), exposure
+        )
+
+    def _noise_factor(self, color_camera: ColorCamera) -> float:
+        return color_camera.noise if self.config.noise else 0.0
 
     def image_kind(self, capture: Capture) -> ImageKind:
         """Return the kind of a capture's images."""
@@ -219,3 +246,14 @@ class Imaging:
                 right=offset > projector_offset,
                 point_samples=soft and divisor == METERING_DIVISOR,
             )
+
+
+def own_exposure(brightness: NDArray[np.float32], settings: StreamSettings) -> Exposure:
+    """Return the exposure of an image that is metered by itself, or the manual one.
+
+    Args:
+        brightness: float32 of any shape, ``brightness_of``.
+        settings: parameters of the frame.
+    """
+    manual, limits = settings.manual_exposure, settings.auto_exposure
+    return manual if limits is None else auto_exposure(brightness, limits, manual)

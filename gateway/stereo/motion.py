@@ -1,34 +1,35 @@
-"""Rectangles of an image in which something moves during the exposure, and the scene at other times within it."""
+"""Motion between two frames: the scene at times between them, and the rectangles of an image to blur."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.bounds import corners_of, mesh_bounds
+from gateway.scene.bounds import Bounds, corners_of, mesh_bounds
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance
-from renderers.stereo.motion_blur import pose_at
+from renderers.stereo.motion_blur import poses_at
 
 MIN_BLUR: Final = 1.0
 """Minimum motion during the exposure that is blurred, pixels. The lens's blur hides smaller motions."""
 MAX_SUBFRAMES: Final = 7
-"""Maximum number of images of a rectangle to average. It is odd, because the middle image is rendered already."""
+"""Maximum number of images of a rectangle to average; odd, because the middle one is the image itself."""
 MAX_EXTRA_IMAGES: Final = 4.0
-"""Maximum number of pixels of all further images together, relative to the whole image."""
+"""Maximum number of pixels that are rendered for blur, as a multiple of the image's."""
 MAX_INTERVAL: Final = 0.5
-"""Maximum time since the frame before, seconds. The velocity since an older one may have changed."""
+"""Maximum time since the previous frame, seconds. For an older one, the velocity may have changed."""
 _MARGIN: Final = 2
-"""Pixels to add on each side of a rectangle."""
+"""Margin on each side of a rectangle, pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarlierFrame:
-    """Scene and pose of the frame before, from which velocities follow."""
+    """Scene and pose of the previous frame, for velocities."""
 
     timestamp: int
     """Nanoseconds since the epoch."""
@@ -71,33 +72,30 @@ class Motion:
     """Motion of scene and camera between two frames with the same meshes (``has_equal_instances``)."""
 
     before: DrawList
-    """Scene of the frame before."""
+    """Scene of the previous frame."""
     now: DrawList
     """Scene of this frame."""
     X_world_camera_before: NDArray[np.float64]
-    """(4, 4) float64, pose of the rendered camera in the frame before."""
+    """(4, 4) float64, pose of the rendered camera in the previous frame."""
     X_world_camera: NDArray[np.float64]
     """(4, 4) float64, pose of the rendered camera."""
 
-    def scene_at(self, interval: float) -> DrawList:
-        """Return the scene ``interval`` after now, in units of the time between the frames."""
-        instances = [
-            new
-            if new is old or np.array_equal(new.X_world_mesh, old.X_world_mesh)
-            else Instance(
-                new.mesh,
-                new.material,
-                pose_at(old.X_world_mesh, new.X_world_mesh, interval),
-                new.label,
-                new.instance_id,
-            )
-            for old, new in zip(self.before.instances, self.now.instances, strict=True)
-        ]
+    def scene_at(self, time: float) -> DrawList:
+        """Return the scene at a time: 0 is this frame, -1 the previous one."""
+        pairs = [*zip(self.before.instances, self.now.instances, strict=True)]
+        moved = [i for i, (old, new) in enumerate(pairs) if new is not old]
+        instances = [*self.now.instances]
+        for i, X_world_mesh in zip(moved, _poses_at([pairs[i] for i in moved], time), strict=True):
+            new = instances[i]
+            instances[i] = Instance(new.mesh, new.material, X_world_mesh, new.label, new.instance_id)
         return DrawList(tuple(instances), self.now.images, self.now.lights)
 
-    def camera_at(self, interval: float) -> NDArray[np.float64]:
-        """Return the pose of the camera ``interval`` after now, (4, 4) float64."""
-        return pose_at(self.X_world_camera_before, self.X_world_camera, interval)
+    def camera_at(self, time: float) -> NDArray[np.float64]:
+        """Return the pose of the camera in the world at a time as for ``scene_at``, (4, 4) float64."""
+        X_world_camera: NDArray[np.float64] = poses_at(
+            self.X_world_camera_before[None], self.X_world_camera[None], time
+        )[0]
+        return X_world_camera
 
 
 def has_equal_instances(before: DrawList, now: DrawList) -> bool:
@@ -113,32 +111,30 @@ def moving_rectangles(motion: Motion, camera: Camera, relative_exposure: float) 
     Args:
         motion: motion between the frames.
         camera: camera of the image.
-        relative_exposure: exposure time in units of the time between the frames. Its middle is this frame.
+        relative_exposure: exposure time in units of the time between the frames. The exposure is centred at time 0.
     """
     camera_moves = not np.array_equal(motion.X_world_camera_before, motion.X_world_camera)
-    views = [
-        np.linalg.inv(motion.camera_at(interval)) for interval in (-0.5 * relative_exposure, 0.5 * relative_exposure)
-    ]
-    rectangles: list[MovingRectangle] = []
+    pairs: list[tuple[Instance, Instance]] = []
+    boxes: list[Bounds] = []
     for old, new in zip(motion.before.instances, motion.now.instances, strict=True):
-        if old is new and not camera_moves:
-            continue
-        bounds = mesh_bounds(new.mesh)
-        if bounds is None:
-            continue
-        corners = np.concatenate((corners_of(bounds), np.ones((8, 1))), axis=1)
-        begin, end = (
-            corners @ (view @ pose_at(old.X_world_mesh, new.X_world_mesh, interval)).T[:, :3]
-            for view, interval in zip(views, (-0.5 * relative_exposure, 0.5 * relative_exposure), strict=True)
-        )
-        rectangle = _moving_rectangle(begin, end, camera)
-        if rectangle is not None:
-            rectangles = _add_disjoint(rectangles, rectangle)
+        if (camera_moves or old is not new) and (bounds := mesh_bounds(new.mesh)) is not None:
+            pairs.append((old, new))
+            boxes.append(bounds)
+    if not pairs:
+        return []
+    corners = corners_of(np.array(boxes))
+    begin, end = (
+        _transformed(corners, np.linalg.inv(motion.camera_at(time)) @ _poses_at(pairs, time))
+        for time in (-0.5 * relative_exposure, 0.5 * relative_exposure)
+    )
+    rectangles: list[MovingRectangle] = []
+    for rectangle in _rectangles_of_boxes(begin, end, camera):
+        rectangles = _add_disjoint(rectangles, rectangle)
     return rectangles
 
 
 def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int) -> int:
-    """Return the number of images to average for a rectangle, odd: one per pixel of blur, within the limits.
+    """Return the odd number of images to average for a rectangle: about one per pixel of blur, within the limits.
 
     Args:
         rectangle: rectangle to blur.
@@ -150,31 +146,45 @@ def subframe_count(rectangle: MovingRectangle, total_area: int, image_area: int)
     return max(count, 3)
 
 
-def _moving_rectangle(begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera) -> MovingRectangle | None:
-    """Return the part of the image that a moving box covers; None if it moves less than ``MIN_BLUR`` or is outside.
+def _poses_at(pairs: Sequence[tuple[Instance, Instance]], time: float) -> NDArray[np.float64]:
+    """Return the poses at a time of instances in the previous frame and in this one, (N, 4, 4) float64."""
+    X_world_before = np.array([old.X_world_mesh for old, _ in pairs]).reshape(-1, 4, 4)
+    X_world_now = np.array([new.X_world_mesh for _, new in pairs]).reshape(-1, 4, 4)
+    return poses_at(X_world_before, X_world_now, time)
+
+
+def _transformed(points: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (N, P, 3) transformed by X (N, 4, 4)."""
+    return points @ X[:, :3, :3].transpose(0, 2, 1) + X[:, None, :3, 3]
+
+
+def _rectangles_of_boxes(
+    begin: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
+) -> Iterator[MovingRectangle]:
+    """Yield the part of the image that each moving box covers.
+
+    Boxes outside of the image, or that move less than ``MIN_BLUR``, are left out.
 
     Args:
-        begin: (8, 3) float64, corners in the camera's frame at the beginning of the exposure.
-        end: (8, 3) float64, likewise at its end.
+        begin: (N, 8, 3) float64, corners in the camera's frame at the beginning of the exposure.
+        end: (N, 8, 3) float64, likewise at its end.
         camera: camera of the image.
     """
-    depth = np.concatenate((begin[:, 2], end[:, 2]))
-    if depth.max() <= camera.near:
-        return None
-    if depth.min() <= camera.near:  # it reaches behind the camera: its motion in the image has no limit
-        return MovingRectangle(0, 0, camera.width, camera.height, float(MAX_SUBFRAMES))
+    depth = np.concatenate((begin[:, :, 2], end[:, :, 2]), axis=1)
+    nearest, farthest = depth.min(axis=1), depth.max(axis=1)
+    if ((nearest <= camera.near) & (farthest > camera.near)).any():
+        # The motion of a box that reaches behind the camera has no limit in the image.
+        yield MovingRectangle(0, 0, camera.width, camera.height, float(MAX_SUBFRAMES))
     focal, center = np.array((camera.fx, camera.fy)), np.array((camera.cx, camera.cy))
-    first, last = (points[:, :2] / points[:, 2:] * focal + center for points in (begin, end))
-    blur = float(np.sqrt(((last - first) ** 2).sum(axis=1)).max())
-    if blur < MIN_BLUR:
-        return None
-    both = np.concatenate((first, last))
+    is_ahead = nearest > camera.near
+    first, last = (points[is_ahead, :, :2] / points[is_ahead, :, 2:] * focal + center for points in (begin, end))
+    blur = np.sqrt(((last - first) ** 2).sum(axis=2)).max(axis=1)
+    both = np.concatenate((first, last), axis=1)
     size = np.array((camera.width, camera.height))
-    low = np.clip(np.floor(both.min(axis=0)) - _MARGIN, 0, size).astype(int)
-    high = np.clip(np.ceil(both.max(axis=0)) + _MARGIN, 0, size).astype(int)
-    if (high <= low).any():
-        return None
-    return MovingRectangle(int(low[0]), int(low[1]), int(high[0]), int(high[1]), blur)
+    low = np.clip(np.floor(both.min(axis=1)) - _MARGIN, 0, size).astype(int)
+    high = np.clip(np.ceil(both.max(axis=1)) + _MARGIN, 0, size).astype(int)
+    for i in np.flatnonzero((blur >= MIN_BLUR) & (high > low).all(axis=1)):
+        yield MovingRectangle(int(low[i, 0]), int(low[i, 1]), int(high[i, 0]), int(high[i, 1]), float(blur[i]))
 
 
 def _add_disjoint(rectangles: list[MovingRectangle], new: MovingRectangle) -> list[MovingRectangle]:

@@ -1,4 +1,7 @@
-"""Parameters of rc_camera, rc_stereomatching and rc_iocontrol in firmware 26.04 (manual, backups of real devices)."""
+"""Parameters of rc_camera, rc_stereomatching and rc_iocontrol in firmware 26.04.
+
+Sources: the rc_visard's manual, and backups of real devices.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +25,22 @@ class Spec:
     name: str
     type: Literal["float64", "int32", "bool", "string"]
     default: Value
-    minimum: float | int | str | bool
+    minimum: Value
     """Minimum; "" for strings, as on the device."""
-    maximum: float | int | str | bool
+    maximum: Value
     """Maximum; "" for strings."""
     description: str
     has_effect: bool = True
     """True if the stream depends on the parameter."""
     choices: tuple[str, ...] = ()
-    """Allowed strings."""
+    """Allowed strings; empty: any."""
     aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Other accepted spellings, and the choices that they mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceLimits:
-    """Limits and defaults that differ between kinds of cameras; those of the rc_visard."""
+    """Limits and defaults of parameters that differ between camera models. Defaults are the rc_visard's."""
 
     fps: float = 25.0
     """Maximum rate of the camera images, Hz, and the default."""
@@ -50,7 +53,7 @@ class DeviceLimits:
     depth_rates: Mapping[Quality, float] = field(
         default_factory=lambda: MappingProxyType({quality: quality.depth_rate for quality in Quality})
     )
-    """Depth images per second."""
+    """Depth images per second, by quality."""
 
 
 def _float(name: str, minimum: float, maximum: float, default: float, text: str, *, has_effect: bool = True) -> Spec:
@@ -77,6 +80,7 @@ def _enum(
 
 
 def _describe(text: str, has_effect: bool) -> str:
+    """Return the description of a parameter."""
     return text if has_effect else text + NO_EFFECT
 
 
@@ -86,7 +90,7 @@ def _by_name(*specs: Spec) -> Mapping[str, Spec]:
 
 _OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
 _OUT_ALIASES: Final = MappingProxyType({"AlternateExposureActive": "ExposureAlternateActive"})
-"""The spelling in the protocol document of the image stream, and the device's own."""
+"""Spelling in the protocol document of the image stream, and the device's own spelling."""
 
 NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
     {
@@ -144,7 +148,7 @@ NODE_ALIASES: Final[Mapping[str, str]] = MappingProxyType({"rc_stereocamera": "r
 
 
 def specs_of(limits: DeviceLimits) -> Mapping[str, Mapping[str, Spec]]:
-    """Return ``NODES`` with the limits and defaults of a kind of camera."""
+    """Return ``NODES`` with the limits and defaults of a camera model."""
     nearest, farthest = limits.depth_range
     changes: Mapping[str, Mapping[str, Mapping[str, Value]]] = {
         "rc_camera": {"fps": {"maximum": limits.fps, "default": limits.fps}},

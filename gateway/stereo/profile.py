@@ -1,4 +1,4 @@
-"""Profiles of cameras: TOML files that describe a kind of camera. ``docs/camera-profiles.md`` explains their keys.
+"""Camera profiles: TOML files that describe a camera model. ``docs/camera-profiles.md`` explains their keys.
 
 ``read_profile`` reads one of the shipped files in ``profiles/``, or a user's.
 """
@@ -14,6 +14,7 @@ import msgspec
 
 from gateway.stereo.parameter_specs import DeviceLimits
 from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.distortion import Distortion, check_distortion
 from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
@@ -29,11 +30,12 @@ FocalLength = Annotated[float, msgspec.Meta(gt=0, le=100_000)]
 Metres = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Depth = Annotated[float, msgspec.Meta(ge=0.01, le=100)]
 Rate = Annotated[float, msgspec.Meta(ge=1, le=1000)]
+Coefficient = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Unit = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 
 
 class ProfileError(ValueError):
-    """A profile cannot be used; one sentence that names the file and the key."""
+    """A profile cannot be used. The message is one sentence that names the file and the key."""
 
 
 class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,13 +48,17 @@ class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     baseline: Annotated[float, msgspec.Meta(ge=1e-4, le=100)]
     """Metres; the right camera is at +x of the left one."""
     principal_point: tuple[Pixels, Pixels] | None = None
-    """Pixels from the left and the upper edge; None: the centre."""
+    """Pixels from the left and the upper edge; None: the centre of the image."""
     color: bool = True
     """True if the left and right images can have colour."""
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 of both lenses in OpenCV's model, in images before rectification."""
+    right_rotation: tuple[Unit, Unit, Unit] = (0.0, 0.0, 0.0)
+    """Rotation vector of the right camera's frame before rectification in the rectified one, radians."""
     noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
     """Factor of the image noise; 1 is the rc_visard's."""
     fps: Rate = 25.0
-    """Maximum rate of the images, Hz."""
+    """Maximum frame rate, Hz."""
 
 
 class DepthSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -63,24 +69,24 @@ class DepthSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     disparity_error: Annotated[float, msgspec.Meta(ge=0, le=5)] = 0.25
     """Standard deviation of the disparity on good texture, pixels of a camera image."""
     max_disparities: Annotated[int, msgspec.Meta(ge=16, le=MAX_DISPARITIES)] = MAX_DISPARITIES
-    """Maximum number of disparities at quality ``Full``, pixels."""
+    """Number of disparities that are searched at quality ``Full``: it limits the nearest depth."""
     quality: Quality = Quality.HIGH
-    """Quality at the start."""
+    """Default of the parameter ``quality``."""
     rates: dict[Quality, Rate] = {}
-    """Depth images per second by quality; those of the rc_visard where missing."""
+    """Depth images per second by quality; the rc_visard's for a quality that is missing."""
 
 
 class ProjectorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Random-dot projector half-way between the stereo cameras."""
 
     output: Literal["Low", "High", "ExposureActive", "ExposureAlternateActive"] = "Low"
-    """Mode of output 1, which switches the projector, at the start."""
+    """Default of the parameter ``out1_mode``: output 1 switches the projector."""
     light: Annotated[float, msgspec.Meta(ge=0, le=100)] = 2.0
-    """Light of a projected dot, relative to the scene's own."""
+    """Light that the centre of a dot adds, as a multiple of the light at that pixel without projector."""
 
 
 class ColorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Colour camera apart from the stereo cameras. It does not see the projector's light."""
+    """Separate colour camera. It does not see the projector's light."""
 
     size: tuple[Side, Side]
     """Width and height of the images, pixels."""
@@ -91,15 +97,15 @@ class ColorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     """Optical centre in the left optical frame, metres."""
     rotation: tuple[Unit, Unit, Unit, Unit] = (1.0, 0.0, 0.0, 0.0)
-    """Quaternion [w, x, y, z] of the optical frame in the left one."""
+    """Quaternion [w, x, y, z] of the optical frame in the left one, of any length but 0."""
     noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
-    """Factor of the image noise."""
+    """Factor of the image noise; 1 is the rc_visard's."""
     readout: Annotated[float, msgspec.Meta(ge=0, le=0.1)] = 0.0
     """Seconds between the exposures of the first and the last row (rolling shutter); 0: global shutter."""
 
 
 class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A kind of camera."""
+    """A camera model: the content of a profile."""
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
     """Model name in the device's system information."""
@@ -108,7 +114,7 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     projector: ProjectorSection | None = None
     """None: the camera has no projector."""
     color: ColorSection | None = None
-    """None: the camera has no colour camera of its own."""
+    """None: colour images come from the left camera."""
 
     @property
     def model(self) -> StereoModel:
@@ -123,6 +129,11 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             self.depth.max_disparities,
             stereo.principal_point,
         )
+
+    @property
+    def distortion(self) -> Distortion:
+        """Lenses and alignment before rectification."""
+        return Distortion(self.stereo.distortion, self.stereo.right_rotation)
 
     @property
     def color_camera(self) -> ColorCamera | None:
@@ -182,7 +193,7 @@ def _read_file(path: Path) -> Profile:
 
 
 def _check(profile: Profile) -> None:
-    """Check what the types of the keys cannot say. Raises ValueError."""
+    """Check keys that depend on each other. Raises ValueError."""
     nearest, farthest = profile.depth.range
     if nearest >= farthest:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
@@ -190,3 +201,7 @@ def _check(profile: Profile) -> None:
         raise ValueError("color.rotation is zero")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
+    try:
+        check_distortion(profile.distortion, profile.model.intrinsics())
+    except ValueError as error:
+        raise ValueError(f"stereo.distortion: {error}") from None

@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 from gateway.stereo.auto_exposure import METERING_DIVISOR
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Capture, ImageRequest, Imaging
+from gateway.stereo.images import METERED_PIXELS, Capture, ColorImage, ImageRequest, Imaging, own_exposure
 from gateway.stereo.motion import MAX_INTERVAL, Motion, has_equal_instances, moving_rectangles, subframe_count
+from gateway.stereo.settings import StreamSettings
 from renderers.camera import Camera
+from renderers.drawlist import DrawList
 from renderers.interface import Frame, Look, Output, Renderer
-from renderers.stereo.exposure import Exposure
+from renderers.stereo.color_camera import ColorCamera
+from renderers.stereo.exposure import LUMA, Exposure
 from renderers.stereo.fixed_pattern import fixed_pattern
 from renderers.stereo.key_light import light_factors, shadow_camera
 from renderers.stereo.motion_blur import write_mean_light
-from renderers.stereo.noise import frame_key
+from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import LENS_BLUR, Lens, SceneLight, brightness_of_light, light_on_sensor
 from renderers.stereo.sensor import SensorImage, image_from_light
 
@@ -46,16 +49,16 @@ class RealisticImaging(Imaging):
         pattern = None
         if has_pattern:
             pattern = fixed_pattern(config.seed, right=request.stream.is_right, height=k.height, width=k.width)
-        lens = Lens(LENS_BLUR if "lens-blur" in config.realism else 0.0, "vignetting" in config.realism)
         noise_factor = config.noise_factor / request.averaged_images**0.5
         with self.render(capture, offset, 1, self._outputs(capture)) as frame:
             assert frame.color is not None
             self._blur_motion(capture, offset, exposure.time, frame.color)
             dots = self._projected_dots(frame, capture, offset, 1)
-            scene_light = SceneLight(dots, config.dot_light, self._light_factors(capture, offset, 1), config.background)
+            factors = self._light_factors(capture.scene, self._camera(capture, offset, 2))
+            scene_light = SceneLight(dots, config.dot_light, factors, config.background)
             return {
                 color: image_from_light(
-                    light_on_sensor(frame.color, scene_light, lens, k, exposure, color=color),
+                    light_on_sensor(frame.color, scene_light, self._lens, k, exposure, color=color),
                     exposure,
                     key,
                     pattern,
@@ -64,6 +67,24 @@ class RealisticImaging(Imaging):
                 for color in request.colors
             }
 
+    def develop(
+        self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
+    ) -> ColorImage:
+        config, manual = self.config, settings.manual_exposure
+        camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far, divisor=2)
+        scene_light = SceneLight(None, 0.0, self._light_factors(capture.scene, camera), config.background)
+        light = light_on_sensor(rendered, scene_light, self._lens, color_camera.intrinsics, manual, color=True)
+        brightness = brightness_of_light(light[METERED_PIXELS]) @ LUMA.astype(np.float32)
+        exposure = own_exposure(brightness, settings)
+        key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
+        return ColorImage(
+            image_from_light(light, exposure, key, noise_factor=self._noise_factor(color_camera)), exposure
+        )
+
+    @property
+    def _lens(self) -> Lens:
+        return Lens(LENS_BLUR if "lens-blur" in self.config.realism else 0.0, "vignetting" in self.config.realism)
+
     def _metered_brightness(
         self, frame: Frame, capture: Capture, dots: NDArray[np.uint8] | None, manual: Exposure
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -71,7 +92,7 @@ class RealisticImaging(Imaging):
         config, rendered = self.config, frame.color
         k = config.model.intrinsics(METERING_DIVISOR)
         lens = Lens(vignetting="vignetting" in config.realism)
-        factors = self._light_factors(capture, 0.0, METERING_DIVISOR)
+        factors = self._light_factors(capture.scene, self._camera(capture, 0.0, 2 * METERING_DIVISOR))
 
         def brightness(dots: NDArray[np.uint8] | None) -> NDArray[np.float32]:
             scene_light = SceneLight(dots, config.dot_light, factors, config.background)
@@ -80,25 +101,23 @@ class RealisticImaging(Imaging):
         unlit = brightness(None)
         return unlit, unlit if dots is None else brightness(dots)
 
-    def _light_factors(self, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint8] | None:
+    def _light_factors(self, scene: DrawList, camera: Camera) -> NDArray[np.uint8] | None:
         """Return ``key_light.light_factors`` at half the resolution of an image; None: all factors are 1.
 
         Args:
-            capture: scene and pose.
-            offset: metres along the left camera's x axis.
-            divisor: width of the camera images divided by that of the image.
+            scene: scene of the image.
+            camera: camera with half the resolution of the image.
         """
         if "shadows" not in self.config.realism:
             return None
-        camera = self._camera(capture, offset, 2 * divisor)
         with ExitStack() as stack:
-            geometry = stack.enter_context(self.render(capture, offset, 2 * divisor, _GEOMETRY))
+            geometry = stack.enter_context(self.renderer.render(scene, camera, _GEOMETRY))
             assert geometry.depth is not None
             assert geometry.normal is not None
             light = shadow_camera(geometry.depth, camera)
             if light is None:
                 return None
-            shadows = stack.enter_context(self.renderer.render(capture.scene, light, Output.DEPTH))
+            shadows = stack.enter_context(self.renderer.render(scene, light, Output.DEPTH))
             assert shadows.depth is not None
             return light_factors(geometry.depth, geometry.normal, camera, shadows.depth, light)
 

@@ -18,13 +18,13 @@ async def rgbd_npz(frame: Frame, config: StereoConfig, workers: WorkerPool, *, a
     * ``color`` (H, W, 3) uint8 RGB; ``depth_mm`` (h, w) uint16, millimetres along the optical axis, 0: invalid.
     * ``K_color``, ``K_depth`` (3, 3) float64: intrinsics.
     * ``X_world_color``, ``X_world_depth`` (4, 4) float64: poses of the optical frames.
-    * ``timestamp``: nanoseconds since the epoch.
+    * ``timestamp``: int64, nanoseconds since the epoch.
 
     Args:
         frame: frame of a camera with colour.
         config: configuration of the camera.
         workers: threads for writing the file.
-        aligned: depth as seen by the colour camera.
+        aligned: True: depth as seen by the colour camera, with its size, intrinsics and pose.
 
     Raises:
         ImageError: a texture cannot be decoded.

@@ -1,4 +1,4 @@
-"""Drake's visualizer channels, on the tree viewer's LCM transports."""
+"""Wiring of Drake's visualizer channels, which are received by the tree viewer's LCM transports."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from gateway.assets.scene_file import read_scene_file
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
-from gateway.scene.mount import CameraText, Mount, parse_camera_text, parse_mount_path, parse_mount_pose
+from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
 from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
@@ -48,7 +48,7 @@ from renderers.stereo.realism import REALISM_PARTS, RealismPart
 
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)
-"""Percentiles of the disparity for the range of depths in a caption."""
+"""Percentiles of the valid disparities between which a caption's range of depths lies."""
 
 
 async def setup(context: Context) -> None:
@@ -89,12 +89,12 @@ def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
         ValueError: a profile cannot be used, or two cameras have one name.
     """
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
-    texts = [parse_camera_text(text) for text in settings.stereo_cameras]
-    configs = [config_of(settings), *(config_of(settings, number, text) for number, text in enumerate(texts, 1))]
+    specs = [parse_camera_spec(text) for text in settings.stereo_cameras]
+    configs = [config_of(settings), *(config_of(settings, number, spec) for number, spec in enumerate(specs, 1))]
     names = [config.name for config in configs]
-    if doubles := {name for name in names if names.count(name) > 1}:
-        raise ValueError(f"--stereo-cameras: two cameras have the name {min(doubles)!r}")
-    mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *(text.new_mount() for text in texts)]
+    if duplicates := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"--stereo-cameras: two cameras have the name {min(duplicates)!r}")
+    mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *(spec.new_mount() for spec in specs)]
     return configs, mounts
 
 
@@ -150,14 +150,17 @@ async def _scene(settings: Settings) -> Snapshot | None:
 
 
 def _pairs(folder: Path, service: StereoService) -> PairImaging:
-    """Return the pairs of a folder, with the geometry in the folder or else that of the model."""
+    """Return an image source that shows the recorded pairs of a folder.
+
+    Focal length and baseline come from the folder, or from the camera model if it has none.
+    """
     config = service.config
     pairs = find_pairs(folder, config.max_pairs, config.max_pair_pixels)
     geometry = read_geometry(folder) or (config.model.focal_factor, config.model.baseline)
     return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
-def config_of(settings: Settings, number: int = 0, camera: CameraText | None = None) -> StereoConfig:
+def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = None) -> StereoConfig:
     """Return the configuration of a camera.
 
     Args:
@@ -179,6 +182,7 @@ def config_of(settings: Settings, number: int = 0, camera: CameraText | None = N
         port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
         model=profile.model,
+        distortion=profile.distortion,
         limits=profile.limits,
         color=profile.stereo.color,
         color_camera=profile.color_camera,
@@ -198,14 +202,14 @@ def config_of(settings: Settings, number: int = 0, camera: CameraText | None = N
 
 
 def realism_of(settings: Settings) -> frozenset[RealismPart]:
-    """Return the parts of ``--stereo-realism``; by default none, and all of them for the demo scene."""
+    """Return the parts of ``--stereo-realism``; by default all for the demo scene, and none for others."""
     if settings.stereo_realism is None:
         return frozenset(REALISM_PARTS if settings.demo else ())
     return frozenset(settings.stereo_realism)
 
 
 class StereoSensor:
-    """Images of a stereo camera for the browser view, made as for clients of the stream but independent of them."""
+    """Images of a stereo camera for the browser view, with the parameters of the image stream."""
 
     def __init__(self, service: StereoService, view: SceneView, *, live: bool) -> None:
         """
@@ -219,7 +223,7 @@ class StereoSensor:
         self._live = live
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
-        """Return the cameras in a snapshot of the live tree; None if the camera sees another scene."""
+        """Return pose and intrinsics in a snapshot of the live tree; None if the camera sees another scene."""
         if not self._live:
             return None
         model = self._service.config.model
@@ -252,6 +256,7 @@ class StereoSensor:
         return StereoImages(left.image, right.image, images.disparity, images.confidence, captions)
 
     def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:
+        """Return the range of depths, metres, and the percentage of valid pixels, as texts."""
         valid = images.disparity[images.disparity > 0]
         if not valid.size:
             return {"disparity": "no depth", "confidence": ""}

@@ -1,4 +1,4 @@
-"""A colour camera beside a stereo camera, as RGB-D cameras have."""
+"""Geometry of the separate colour camera of an RGB-D camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from renderers.stereo.model import Intrinsics
 
 @dataclass(frozen=True, slots=True)
 class ColorCamera:
-    """A colour camera that is fixed to a stereo camera."""
+    """A colour camera with a fixed pose relative to the stereo cameras."""
 
     intrinsics: Intrinsics
     position: tuple[float, float, float]
@@ -38,9 +38,16 @@ class ColorCamera:
         pose[:3, 3] = self.position
         return pose
 
-    def camera(self, X_world_left: NDArray[np.float64], *, near: float, far: float) -> Camera:
-        """Return the pinhole camera for a pose of the left optical frame, (4, 4) float64, and clipping planes in
-        metres."""
+    def camera(self, X_world_left: NDArray[np.float64], *, near: float, far: float, divisor: int = 1) -> Camera:
+        """Return the pinhole camera at a pose of the stereo camera.
+
+        Args:
+            X_world_left: (4, 4) float64, pose of the left optical frame.
+            near: near clipping plane, metres.
+            far: far clipping plane, metres.
+            divisor: width of the colour camera's images divided by the width of the returned camera's.
+        """
         k = self.intrinsics
+        width, height, f = -(-k.width // divisor), -(-k.height // divisor), k.focal_length / divisor
         pose = X_world_left @ self.X_left_color
-        return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, near, far, pose)
+        return Camera(width, height, f, f, k.cx / divisor, k.cy / divisor, near, far, pose)

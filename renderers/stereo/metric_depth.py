@@ -1,4 +1,4 @@
-"""Depth in millimetres, as RGB-D cameras send it: from disparity, and as seen by the colour camera."""
+"""Depth images in millimetres: from disparity, and aligned to the colour camera."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 _MAX_MILLIMETRES: Final = 65535
 _ROUNDING: Final = 1e-6
-"""More than the rounding errors of pixel coordinates."""
+"""Tolerance of pixel coordinates, pixels: above their rounding errors."""
 _MAX_SIDE: Final = 64.0
-"""Maximum width and height of a depth pixel in the colour image, pixels. Larger ones, which are next to the colour
-camera, are left out: all of them together could take any time."""
+"""Maximum width and height of a depth pixel in the colour image, pixels. Larger ones, which are close to the colour
+camera, are left out: this limits the time."""
 
 
 def depth_in_millimetres(disparity: NDArray[np.uint16], focal_times_baseline: float) -> NDArray[np.uint16]:
@@ -25,7 +25,7 @@ def depth_in_millimetres(disparity: NDArray[np.uint16], focal_times_baseline: fl
 
     Args:
         disparity: (H, W) uint16, units of 1/16 pixel, 0: invalid.
-        focal_times_baseline: disparity times depth, pixels times metres.
+        focal_times_baseline: focal length times baseline, pixels times metres: depth is this divided by disparity.
     """
     by_disparity = np.zeros(65536, np.uint16)
     depth = np.rint(1000.0 * focal_times_baseline / DISPARITY_SCALE / np.arange(1, 65536))
@@ -36,7 +36,7 @@ def depth_in_millimetres(disparity: NDArray[np.uint16], focal_times_baseline: fl
 def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -> NDArray[np.uint16]:
     """Return a depth image as seen by the colour camera, (H, W) uint16 of its size, millimetres, 0: invalid.
 
-    Every depth pixel covers the rectangle around its projected corners. Where several meet, the nearest counts.
+    Every depth pixel covers the rectangle around its projected corners. Where several overlap, the nearest is kept.
 
     Args:
         depth: (h, w) uint16, millimetres, 0: invalid.

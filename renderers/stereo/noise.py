@@ -34,6 +34,8 @@ class NoiseStream(IntEnum):
     DISPARITY_WIDE = 8
     OUTCOME = 9
     COLOR_CAMERA = 10
+    RAW_LEFT = 11
+    RAW_RIGHT = 12
 
     @property
     def is_right(self) -> bool:

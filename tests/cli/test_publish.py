@@ -8,14 +8,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from gateway.cli.publish import _geometries, _read_request
-from gateway.client.tree.geometry import Mesh, PointCloud
+from gateway.cli.main import app
+from gateway.cli.publish import _read_request
+from gateway.client.tree.geometry import Mesh as Triangles
+from gateway.client.tree.geometry import PointCloud, Transform
+from gateway.client.tree.parts import geometries_of
 from gateway.client.tree.published import Changes, Entry
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
 from gateway.scene.geometry import PointCloud as Points
-from gateway.scene.transforms import translation
-from renderers.drawlist import Material
+from gateway.scene.meshing import meshes_of
+from gateway.scene.transforms import from_pose, scaling, translation
+from renderers.drawlist import Image, Material, Mesh, Texture
+from tests.robots.files import ARM, TRIANGLE, write
+from tests.support import clients
+from tests.support.gateway_process import gateway_process
+from tests.support.liblcm import liblcm
 
 
 def read(folder: Path, request: Any) -> Changes:
@@ -63,9 +72,11 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
     """In the frame of the path, with sRGB colours limited to 1, and with faces whose front stays outside."""
     material = Material(base_color=(0.5, 0.0, 2.0, 0.25))
     mirror = np.diag((-1.0, 1.0, 1.0, 1.0))
+    ((box, _, X_part_box),) = meshes_of(Box((2.0, 4.0, 6.0)), material)
+    surface = Surface(Mesh(box.positions @ X_part_box[:3, :3].T.astype(np.float32), box.elements))
     for X in (translation(10.0, 0.0, 0.0), translation(10.0, 0.0, 0.0) @ mirror):
-        (mesh,) = _geometries(Part(Box((2.0, 4.0, 6.0)), material, X))
-        assert isinstance(mesh, Mesh)
+        (mesh,) = geometries_of(Part(surface, material, X))
+        assert isinstance(mesh, Triangles)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         assert vertices.min(0) == pytest.approx((9, -2, -3))
         assert vertices.max(0) == pytest.approx((11, 2, 3))
@@ -78,7 +89,56 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
 def test_points_are_moved_and_keep_their_colours() -> None:
     rgb = np.array([(1, 0, 0), (0, 1, 0)], np.float32)
     shape = Points(np.array([(0, 0, 0), (1, 2, 3)], np.float32), {"rgb": rgb})
-    (points,) = _geometries(Part(shape, Material(), translation(0.0, 0.0, 3.0)))
+    (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)))
     assert isinstance(points, PointCloud)
     np.testing.assert_array_equal(points.points, [(0, 0, 3), (1, 2, 6)])
     np.testing.assert_array_equal(points.rgb, rgb)
+
+
+def test_a_texture_gives_its_mean_colour() -> None:
+    pixels = np.full((2, 2, 4), (0, 255, 0, 255), np.uint8)
+    material = Material(base_color_texture=Texture(Image(b"green", lambda: pixels)))
+    (box,) = geometries_of(Part(Box((1.0, 1.0, 1.0)), material))
+    assert box.color == pytest.approx([0.0, 1.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"),
+    [
+        (Box((1.0, 2.0, 3.0)), "box"),
+        (Sphere(1.0), "sphere"),
+        (Ellipsoid((1.0, 2.0, 3.0)), "ellipsoid"),
+        (Cylinder(1.0, 2.0), "cylinder"),
+        (Capsule(1.0, 2.0), "capsule"),
+    ],
+)
+def test_shapes_of_the_protocol_stay_what_they_are_unless_scaled(shape: Shape, kind: str) -> None:
+    turned = from_pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
+    (geometry,) = geometries_of(Part(shape, Material(), turned))
+    assert geometry.kind == kind
+    transform = Transform.of(geometry.transform)  # type: ignore[arg-type]  # it has one
+    np.testing.assert_allclose(from_pose(transform.translation, transform.quaternion), turned, atol=1e-15)
+    scaled = list(geometries_of(Part(shape, Material(), scaling(1.0, 2.0, 1.0))))
+    assert {geometry.kind for geometry in scaled} == {"mesh_data"}
+
+
+def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
+    """The command prints them; options of robots are for robots."""
+    liblcm()
+    robot = write(tmp_path, ARM)
+    with gateway_process("--only", "treeviewer", "--lcm-url", "off", "--tcpq-port", "0") as (_, url):
+        hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
+        result = CliRunner().invoke(
+            app, ["publish", str(robot), "--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision"]
+        )
+        assert result.exit_code == 0, result.output
+        assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.output
+        with pytest.raises(ValueError, match="the robot has no joint 'elbo'; did you mean elbow"):
+            CliRunner().invoke(
+                app, ["publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub], catch_exceptions=False
+            )
+    mesh = write(tmp_path, TRIANGLE, "m.obj")
+    with pytest.raises(
+        ValueError, match=r"--joint, --root and --collision are for robot files \(\.urdf, \.xml, \.mjcf\)"
+    ):
+        CliRunner().invoke(app, ["publish", str(mesh), "--collision"], catch_exceptions=False)

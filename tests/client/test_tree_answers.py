@@ -10,9 +10,10 @@ import pytest
 
 from gateway.client.tree import viewer as viewer_module
 from gateway.client.tree import wire
+from gateway.client.tree.answer import Answer
 from gateway.client.tree.geometry import Sphere
 from gateway.client.tree.published import Changes, PublishedTree, path_of
-from gateway.client.tree.viewer import Answer, TreeViewer, TreeViewerError
+from gateway.client.tree.viewer import TreeViewer, TreeViewerError
 from tests.support.waiting import SECONDS
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceError, Source
         ("a.STL", SourceKind.MESH),
         ("a.ply", SourceKind.MESH),
         ("a.dae", SourceKind.MESH),
+        ("a.vtk", SourceKind.MESH),
         ("a.tree.json", SourceKind.TREE),
         ("a.json", None),
         ("a.multipart", SourceKind.REQUEST),
@@ -44,9 +46,8 @@ def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None
     path.parent.mkdir()
     path.write_text("{}")
     assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
-    with pytest.raises(
-        SourceError, match=r"holds no scene: no \.gltf, \.glb, \.dae, \.obj, \.ply, \.stl, \.tree\.json, \.multipart$"
-    ):
+    suffixes = ".gltf, .glb, .dae, .obj, .ply, .stl, .vtk, .urdf, .mjcf, .tree.json, .multipart"
+    with pytest.raises(SourceError, match=f"holds no scene: no {re.escape(suffixes)}$"):
         find_sources([path.parent])
 
 
@@ -72,3 +73,13 @@ def test_names_that_cannot_be_used(tmp_path: Path, name: str, problem: str, prin
     assert source.problem.startswith(problem)
     assert bool(source.problem) is bool(problem)
     assert source.printable_name == (printable or name)
+
+
+def test_robots_in_folders_are_urdf_and_mjcf_but_any_named_xml(tmp_path: Path) -> None:
+    for name in ("a.urdf", "b.mjcf", "package.xml"):
+        (tmp_path / name).write_text("")
+    assert [(source.name, source.kind) for source in find_sources([tmp_path])] == [
+        ("a.urdf", SourceKind.ROBOT),
+        ("b.mjcf", SourceKind.ROBOT),
+    ]
+    assert find_sources([tmp_path / "package.xml"])[0].kind is SourceKind.ROBOT

@@ -65,9 +65,8 @@ def test_a_robot_moves_and_contacts_come_and_go(shown: tuple[View, Any]) -> None
     bus.publish("DRAKE_VIEWER_DRAW", draw({(1, "plant::ball"): (1.0, 0, 0, 1, 0, 0, 0)}))
     view.until(lambda: view.share("red", "right") > 0.02, "the ball on the right")
     bus.publish("CONTACT_RESULTS", contacts([point_contact("a", "b", (-1, 0, 0), (0, 0, 10))]))
-    view.until(
-        lambda: view.page.evaluate("scenegate.model.find(['drake', 'contacts', 'point', 'a+b']) != null"), "an arrow"
-    )
+    arrow = "scenegate.model.find(['drake', 'contacts', 'point', 'a+b'])"
+    view.until(lambda: view.page.evaluate(f"{arrow} != null"), "an arrow")
     drawn = "scenegate.drawing.bounds(scenegate.model.find(['drake', 'contacts'])).max.z"
     view.until(lambda: abs(view.page.evaluate(drawn) - 0.504) < 1e-3, "its tip")
     bus.publish("CONTACT_RESULTS", contacts())

@@ -171,5 +171,5 @@ def test_names_in_scene_and_healthz(version: str) -> None:
         assert found["drake", "proximity"]["bounds"] is None
         described = drake()
         assert described["unshown_channels"] == {"DRAKE_VIEWER_LOAD_ROBOT_PERCEPTION": 1}
-        assert described["warning"].startswith("heard, but not shown")
+        assert described["warning"].startswith("received, but not shown")
         assert http.get("/scene/render").status_code == 200

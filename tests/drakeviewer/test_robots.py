@@ -132,7 +132,7 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
     viewer.handle(DRAW, two)
     viewer.handle(LOAD, load(link("a", 1, BALL)))
     assert viewer.paths() == [], "the earlier links are gone at once"
-    assert viewer.handle(DRAW, two) == "it has 2 links, and 1 other ones are loaded"
+    assert viewer.handle(DRAW, two) == "its 2 links are not the 1 that are loaded"
     assert viewer.families()["illustration"]["stale"] == 1
     assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == ""
     assert viewer.paths() == [("drake", "illustration", "a")]
@@ -141,14 +141,14 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
 def test_a_first_draw_must_have_all_links(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
     assert "stale" in viewer.families()["illustration"]
-    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "it has 1 links, and 2 other ones are loaded"
+    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "its 1 links are not the 2 that are loaded"
     viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
     assert viewer.handle(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
     assert viewer.node("illustration", "b").pose == POSE
 
 
 def test_draws_without_load_are_counted(viewer: Viewer) -> None:
-    assert "no load message was heard" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    assert "no load message was received" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
     assert viewer.families()["illustration"]["unloaded"] == 1
 
 
@@ -225,6 +225,26 @@ def test_material_of_a_mesh_in_memory(viewer: Viewer) -> None:
     viewer.handle(DRAW, draw({}))
     (part,) = viewer.node("illustration", "world").parts or ()
     assert part.material.base_color == pytest.approx((1.0, 0.0, 0.0, 1.0)), "its own, not the geometry's"
+
+
+def test_supporting_files_of_a_mesh_in_memory(tmp_path: Path) -> None:
+    inside, outside = tmp_path / "open", tmp_path / "secret"
+    for folder in (inside, outside):
+        folder.mkdir()
+        (folder / "t.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    viewer = Viewer(MeshFiles((inside,)))
+    colors = []
+    for folder in (inside, outside):
+        obj = base64.b64encode(f"mtllib t.mtl\nusemtl red\n{OBJ}".encode()).decode()
+        file = {"contents": obj, "extension": ".obj", "filename_hint": "t.obj"}
+        mesh = {"mesh_file": file, "supporting_files": {"t.mtl": {"path": str(folder / "t.mtl")}}}
+        text = json.dumps({"in_memory_mesh": mesh})
+        viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [1, 1, 1], string=text))))
+        viewer.handle(DRAW, draw({}))
+        (part,) = viewer.node("illustration", "world").parts or ()
+        colors.append(part.material.base_color)
+    assert colors[0] == pytest.approx((1.0, 0.0, 0.0, 1.0))
+    assert colors[1] != colors[0], "a file outside of the open folders is not read"
 
 
 def test_files_below_the_mesh_root(tmp_path: Path) -> None:

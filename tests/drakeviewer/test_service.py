@@ -25,6 +25,7 @@ from gateway.treeviewer.service import TreeViewerService
 from tests.drakeviewer.encoding import IDENTITY, SPHERE, draw, geometry, link, load
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
+from tests.treeviewer.transports import free_url, join
 
 LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
 ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
@@ -98,7 +99,7 @@ async def test_unshown_channels_are_said_once() -> None:
                 found.service.receive("CONTACT_RESULTS_OTHER", b"")
             status = found.service.status()
     assert status["unshown_channels"] == {"DRAKE_VIEWER_STATUS": 3, "CONTACT_RESULTS_OTHER": 3}
-    assert status["warning"] == "heard, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
+    assert status["warning"] == "received, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
     assert [entry["channel"] for entry in log] == ["DRAKE_VIEWER_STATUS", "CONTACT_RESULTS_OTHER"]
 
 
@@ -125,7 +126,7 @@ async def test_stale_draws_are_logged_once() -> None:
             assert found.service.status()["families"]["illustration"]["stale"] == 3
             found.service.receive(DRAW, at(2))
             assert found.x() == 2.0
-    assert [entry["reason"] for entry in log] == ["it has 1 links, and 1 other ones are loaded"]
+    assert [entry["reason"] for entry in log] == ["its 1 links are not the 1 that are loaded"]
 
 
 async def test_limits_on_channels_and_waiting_bytes() -> None:
@@ -133,6 +134,12 @@ async def test_limits_on_channels_and_waiting_bytes() -> None:
         found.service.receive(DRAW, at(1))
         found.service.receive("DRAKE_DRAW_FRAMES", at(1))
         assert found.service.status()["dropped"] == 1
+        found = Running(DrakeViewerConfig(shown_bytes=2 * len(at(1))))
+        found.service.ready = True
+        for channel in (DRAW, DRAW, "DRAKE_DRAW_FRAMES", "DRAKE_DRAW_FRAMES_B"):
+            found.service.receive(channel, at(1))
+        assert found.service.status()["dropped"] == 1
+        assert "DRAKE_DRAW_FRAMES_B: 58 bytes are too many" in found.service.status()["last_problem"]
         found = Running(DrakeViewerConfig(waiting_bytes=1))
         found.service.ready = True
         found.service.receive(LOAD, ROBOT)
@@ -153,6 +160,24 @@ async def test_messages_pass_the_tree_viewers_hub() -> None:
         await asyncio.to_thread(client.publish, LOAD, ROBOT)
         await asyncio.to_thread(client.publish, DRAW, at(3))
         await asyncio.to_thread(client.publish, "OTHER", b"")
+        await until(lambda: found.x() == 3.0)
+        assert set(found.service.status()["channels"]) == {LOAD, DRAW}
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+@pytest.mark.lcm
+async def test_messages_by_multicast() -> None:
+    url = free_url()
+    client = join(url)
+    async with running() as found:
+        listener = ChannelListener(PREFIXES, found.service.receive)
+        config = TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None))
+        transport = TreeViewerService(config, found.live, listeners=[listener])
+        task = asyncio.create_task(transport.run())
+        await transport.wait_ready()
+        for channel, message in ((LOAD, ROBOT), ("OTHER", b""), (DRAW, at(3))):
+            client.publish(channel, message)
         await until(lambda: found.x() == 3.0)
         assert set(found.service.status()["channels"]) == {LOAD, DRAW}
         task.cancel()

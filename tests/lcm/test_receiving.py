@@ -138,11 +138,11 @@ def test_the_transport_of_a_url(url: str, monkeypatch: pytest.MonkeyPatch) -> No
     for name in ("TcpqTransport", "UdpmTransport", "LiblcmTransport"):
         monkeypatch.setattr(network, name, lambda *given, name=name: calls.append((name, *given)))
     config = LcmConfig(message_bytes=5000, queued_bytes=77)
-    network.open_transport(url, ("DIRECTOR",), config)
+    network.open_transport(url, ("DIRECTOR", "DRAKE_"), config)
     expected: dict[str, tuple[Any, ...]] = {
-        "tcpq": ("TcpqTransport", url, "DIRECTOR.*", 6024),
-        "udpm": ("UdpmTransport", url, "DIRECTOR", config, 6024),
-        "file": ("LiblcmTransport", url, "DIRECTOR.*", 77),
+        "tcpq": ("TcpqTransport", url, "(DIRECTOR|DRAKE_).*", 6024),
+        "udpm": ("UdpmTransport", url, ("DIRECTOR", "DRAKE_"), config, 6024),
+        "file": ("LiblcmTransport", url, "(DIRECTOR|DRAKE_).*", 77),
     }
     assert calls == [expected[url.partition(":")[0]]]
 

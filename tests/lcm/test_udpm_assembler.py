@@ -45,6 +45,14 @@ def test_short_message_is_one_datagram() -> None:
     assert read(make_assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
 
 
+def test_several_prefixes_are_wanted() -> None:
+    assembler = Assembler((PREFIX, b"ALSO_"), 1 << 28, 1 << 28, Clock())
+    for sequence, (channel, wanted) in enumerate((("WANTED_x", True), ("ALSO_y", True), ("OTHER", False))):
+        for size in (4, 100_000):
+            messages = [read(assembler, datagram) for datagram in cut(channel, bytes(size), sequence)]
+            assert (messages[-1] == (channel, bytes(size))) is wanted
+
+
 def test_fragments_are_those_of_liblcm() -> None:
     data = bytes(200_000)
     pieces = cut("WANTED", data, 1)

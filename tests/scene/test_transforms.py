@@ -113,3 +113,17 @@ def test_y_up_becomes_z_up() -> None:
 def test_the_shared_identity_cannot_be_written_to() -> None:
     with pytest.raises(ValueError, match="read-only"):
         tf.IDENTITY[0, 3] = 1.0
+
+
+@given(quaternions)
+def test_quaternions_of_rotations(q: tuple[float, ...]) -> None:
+    R = tf.from_pose((0.0, 0.0, 0.0), q)[:3, :3]
+    (found,) = tf.quaternions_of(R[None])
+    assert np.linalg.norm(found) == pytest.approx(1.0)
+    np.testing.assert_allclose(tf.from_pose((0.0, 0.0, 0.0), found)[:3, :3], R, atol=1e-14)
+
+
+def test_quaternions_of_half_turns_and_of_nothing() -> None:
+    R = np.array([np.eye(3), np.diag((1.0, -1.0, -1.0)), np.diag((-1.0, 1.0, -1.0)), np.diag((-1.0, -1.0, 1.0))])
+    np.testing.assert_array_equal(tf.quaternions_of(R), np.eye(4))
+    assert tf.quaternions_of(np.zeros((0, 3, 3))).shape == (0, 4)

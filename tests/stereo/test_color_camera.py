@@ -148,6 +148,8 @@ async def test_images_over_http(start: Start) -> None:
         ("right", (240, 320), np.uint8),
         ("disparity", (240, 320), np.uint16),
         ("confidence", (240, 320), np.uint8),
+        ("raw_left", (240, 320), np.uint8),
+        ("raw_right", (240, 320), np.uint8),
     ):
         response = await get(camera, f"/cameras/stereo/{name}")
         image = decoded(response)
@@ -174,3 +176,16 @@ async def test_unknown_cameras_and_images(start: Start) -> None:
     response = await get(camera, "/cameras/stereo/color")
     assert (response.status_code, response.json()["message"]) == (404, "there is no camera 'stereo'; there are wrist")
     assert (await get(camera, "/cameras/wrist/thermal")).status_code == 422
+
+
+async def test_realism_gives_the_colour_camera_shadows_and_vignetting(start: Start) -> None:
+    images: list[NDArray[np.float64]] = []
+    for parts in (frozenset(), frozenset({"shadows"}), frozenset({"vignetting"})):
+        camera = await start(**RGBD, name=f"camera{len(images)}", noise=False, realism=parts)
+        camera.service.set_parameters("rc_camera", [("exp_control", "Manual")])
+        images.append(decoded(await get(camera, "/cameras/0/color")).astype(float).mean(axis=2))
+    plain, shaded, vignetted = images
+    assert np.abs(shaded - plain).mean() > 5.0
+    corner, centre = vignetted[-20:, :20].mean() / plain[-20:, :20].mean(), np.s_[140:160, 190:210]
+    assert corner < 0.85
+    assert vignetted[centre].mean() == pytest.approx(plain[centre].mean(), rel=0.02)

@@ -27,7 +27,7 @@ from gateway.stereo.realistic_images import RealisticImaging
 from renderers.drawlist import DrawList
 from renderers.raster import CpuRenderer
 from renderers.stereo.exposure import Exposure
-from renderers.stereo.motion_blur import pose_at
+from renderers.stereo.motion_blur import poses_at
 from renderers.stereo.noise import NoiseStream
 from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import part
@@ -122,11 +122,13 @@ def test_a_moving_camera_blurs_everything(renderer: CpuRenderer) -> None:
 
 def test_turns_are_interpolated_along_the_arc() -> None:
     turn = from_pose((0.1, 0.2, 0.3), (np.cos(0.2), 0.0, 0.0, np.sin(0.2)))
-    half = pose_at(np.eye(4), turn, -0.5)
-    assert half == pytest.approx(from_pose((0.05, 0.1, 0.15), (np.cos(0.1), 0.0, 0.0, np.sin(0.1))))
-    assert pose_at(np.eye(4), turn, -1.0) == pytest.approx(np.eye(4))
     scaled = np.diag((2.0, 2.0, 2.0, 1.0))
-    assert pose_at(np.eye(4), scaled, -0.5) == pytest.approx(np.diag((1.5, 1.5, 1.5, 1.0)))
+    before, now = np.array((np.eye(4), np.eye(4), turn)), np.array((turn, scaled, turn))
+    half, half_scaled, still = poses_at(before, now, -0.5)
+    assert half == pytest.approx(from_pose((0.05, 0.1, 0.15), (np.cos(0.1), 0.0, 0.0, np.sin(0.1))))
+    assert half_scaled == pytest.approx(np.diag((1.5, 1.5, 1.5, 1.0)))
+    assert (still == turn).all()
+    assert poses_at(before, now, -1.0) == pytest.approx(before)
 
 
 def test_number_of_images_is_bounded() -> None:

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from gateway.scene.cameras import CameraError
-from gateway.scene.mount import parse_camera_text
+from gateway.scene.mount import parse_camera_spec
 from gateway.settings import Settings
 from gateway.stereo.parameters import ParameterError, Parameters
 from gateway.stereo.profile import (
@@ -99,6 +99,7 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL.replace("704.0", "1e5"), "stereo focal_factor 156.25 must be within 0.05 and 20"),
         (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 is not less than 1"),
         (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
+        (MINIMAL + "distortion = [-9, 0, 0, 0, 0]\n", "stereo.distortion: the distortion has no inverse"),
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
         (MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n", "color.rotation is zero"),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
@@ -117,14 +118,14 @@ def test_unknown_profiles_name_the_shipped_ones() -> None:
 
 
 def test_text_of_a_camera() -> None:
-    camera = parse_camera_text('profile=rgbd;name=wrist; ["robot", "a;b"]')
+    camera = parse_camera_spec('profile=rgbd;name=wrist; ["robot", "a;b"]')
     assert (camera.name, camera.profile, camera.mount) == ("wrist", "rgbd", '["robot", "a;b"]')
-    assert parse_camera_text("eye=1,0,0;target=0,0,0").name == ""
+    assert parse_camera_spec("eye=1,0,0;target=0,0,0").name == ""
     for text, message in (
-        ("name=a;name=b;0,0,0,1,0,0,0", "two of name="),
+        ("name=a;name=b;0,0,0,1,0,0,0", "name= twice"),
         ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
         ("profile=;0,0,0,1,0,0,0", "profile='' of a camera"),
         ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
     ):
         with pytest.raises(CameraError, match=message):
-            parse_camera_text(text)
+            parse_camera_spec(text)

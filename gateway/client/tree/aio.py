@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
+from os import PathLike
 from types import TracebackType
+from typing import TYPE_CHECKING, Literal
 
 from numpy.typing import ArrayLike
 
+from gateway.client.tree.answer import Answer
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import path_of
-from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer
+from gateway.client.tree.robot import PublishedRobot
+from gateway.client.tree.viewer import Batch, Node, TreeViewer
+
+if TYPE_CHECKING:
+    from gateway.robots.robot import JointValue
 
 
 class AsyncNode:
@@ -38,6 +46,28 @@ class AsyncNode:
         return await asyncio.to_thread(self._node.delete)
 
 
+class AsyncRobot:
+    """``PublishedRobot`` whose methods are coroutines."""
+
+    __slots__ = ("published",)
+
+    def __init__(self, published: PublishedRobot) -> None:
+        self.published = published
+        """The robot, for its links, joints and warnings."""
+
+    async def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
+        """See ``PublishedRobot.set_joints``."""
+        return await asyncio.to_thread(self.published.set_joints, values)
+
+    async def transform(self, value: Transform | ArrayLike) -> Answer:
+        """See ``PublishedRobot.transform``."""
+        return await asyncio.to_thread(self.published.transform, value)
+
+    async def delete(self) -> Answer:
+        """See ``PublishedRobot.delete``."""
+        return await asyncio.to_thread(self.published.delete)
+
+
 class AsyncTreeViewer:
     """``TreeViewer`` for asyncio. It is a context manager, and connects when the context is entered."""
 
@@ -61,6 +91,20 @@ class AsyncTreeViewer:
     async def delete(self) -> Answer:
         """See ``TreeViewer.delete``."""
         return await asyncio.to_thread(self._connected_viewer.delete)
+
+    async def robot(
+        self,
+        path: str | int | tuple[str | int, ...],
+        file: str | PathLike[str],
+        *,
+        joints: Mapping[str, JointValue] | None = None,
+        roots: Iterable[str | PathLike[str]] = (),
+        geometry: Literal["visual", "collision"] = "visual",
+    ) -> AsyncRobot:
+        """See ``TreeViewer.robot``."""
+        viewer = self._connected_viewer
+        publish = partial(viewer.robot, path, file, joints=joints, roots=roots, geometry=geometry)
+        return AsyncRobot(await asyncio.to_thread(publish))
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:

@@ -8,19 +8,24 @@ import os
 import secrets
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass
+from os import PathLike
 from types import TracebackType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from numpy.typing import ArrayLike
 
 from gateway.client.tree import wire
+from gateway.client.tree.answer import Answer
 from gateway.client.tree.connection import LcmConnection
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import Changes, Path, PublishedTree, path_of
+from gateway.client.tree.robot import PublishedRobot, publish_robot
+
+if TYPE_CHECKING:
+    from gateway.robots.robot import JointValue
 
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
 """Status codes of responses. All negative codes are failures."""
@@ -32,26 +37,6 @@ class TreeViewerError(RuntimeError):
     def __init__(self, answer: Answer) -> None:
         super().__init__(answer.error or f"the viewer answered with status {answer.status}")
         self.answer = answer
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Result of a request."""
-
-    status: int
-    """Status code of the protocol."""
-    deleted: tuple[Path, ...] = ()
-    """Deleted paths."""
-    added: tuple[Path, ...] = ()
-    """Paths with new geometry."""
-    transformed: tuple[Path, ...] = ()
-    """Paths with a new transform."""
-    missing: tuple[Path, ...] = ()
-    """Paths with a new transform but without geometry at or below them, which this client cannot restore."""
-    warnings: tuple[str, ...] = ()
-    """One sentence for each irregularity that the viewer tolerated and each geometry that it cannot draw."""
-    error: str = ""
-    """Reason of the first failure; empty if no command failed."""
 
 
 class Node:
@@ -177,6 +162,30 @@ class TreeViewer:
         batch = Batch()
         yield batch
         batch.answer = self.send(batch.changes)
+
+    def robot(
+        self,
+        path: str | int | tuple[str | int, ...],
+        file: str | PathLike[str],
+        *,
+        joints: Mapping[str, JointValue] | None = None,
+        roots: Iterable[str | PathLike[str]] = (),
+        geometry: Literal["visual", "collision"] = "visual",
+    ) -> PublishedRobot:
+        """Publish a robot file in place of everything at a path: each link at a path below it, named like the link.
+
+        Args:
+            path: Path of the robot: ``"panda"``.
+            file: URDF, or MJCF with the extra ``scenegate[robots]``, on this machine.
+            joints: Values in radians or metres, by joint name. The others are as in the file.
+            roots: Folders with the packages of ``package://`` names.
+            geometry: Geometry of the links to publish.
+        Raises:
+            ValueError: the file cannot be used, or a joint or its value is invalid.
+            ImportError: a package that is needed to read the file is not installed.
+            TreeViewerError, TimeoutError, ConnectionError: see ``send``.
+        """
+        return publish_robot(self, path, file, joints or {}, roots, geometry)
 
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.

@@ -1,0 +1,139 @@
+"""Robots in the tree viewer: their geometry is published once, then joint values move the links.
+
+``TreeViewer.robot`` reads the file and returns a ``PublishedRobot``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gateway.client.tree.answer import Answer
+from gateway.client.tree.geometry import Transform
+from gateway.client.tree.published import Changes, Path, path_of
+
+if TYPE_CHECKING:
+    from gateway.robots.robot import Joint, JointValue, Robot
+
+
+class Sender(Protocol):
+    """Sends changes: a ``TreeViewer``."""
+
+    def send(self, changes: Changes) -> Answer:
+        """Send changes and wait for the response."""
+
+
+class PublishedRobot:
+    """A robot in the viewer: a path for each link, below the robot's path. Thread-safe."""
+
+    def __init__(self, viewer: Sender, path: Path, robot: Robot, joints: Mapping[str, JointValue]) -> None:
+        """Publish the links of a robot. See ``TreeViewer.robot``."""
+        from gateway.client.tree.parts import geometries_of, has_textures
+
+        self._viewer = viewer
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._values = dict(joints)
+        """Values that were set, by joint name."""
+        self.path = path
+        """Path of the robot. The links are at ``path + (link,)``."""
+        self.warnings = robot.warnings
+        """Sentences about content of the file that is not shown."""
+        if any(has_textures(part) for parts in robot.parts for part in parts):
+            self.warnings += ("textures and vertex colours are replaced by their mean colours",)
+        self._poses = robot.link_poses(self._values)
+        """X_robot_link of each link in the viewer, (N, 4, 4)."""
+        changes = Changes()
+        changes.delete(path)
+        for link, parts in zip(robot.links, robot.parts, strict=True):
+            changes.set((*path, link), [geometry.body() for part in parts for geometry in geometries_of(part)])
+        _add_poses(changes, path, robot.links, self._poses)
+        self.answer: Answer = viewer.send(changes)
+        """Result of publishing the robot."""
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links."""
+        return self._robot.links
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """Joints that move, by name, with their limits."""
+        return self._robot.joints
+
+    @property
+    def joint_values(self) -> dict[str, tuple[float, ...]]:
+        """Values of all joints."""
+        return self._robot.joint_values(self._values)
+
+    def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
+        """Move the links. One message has the transforms of the links that move; none is sent if no link moves.
+
+        Args:
+            values: Values in radians or metres, by joint name. The other joints keep theirs.
+
+        Raises:
+            ValueError: There is no such joint, or a value is invalid.
+            TreeViewerError, TimeoutError, ConnectionError: See ``TreeViewer.send``.
+        """
+        with self._lock:
+            merged = {**self._values, **values}
+            poses = self._robot.link_poses(merged)
+            moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
+            changes = Changes()
+            _add_poses(changes, self.path, [self.links[index] for index in moved], poses[moved])
+            answer = self._viewer.send(changes) if moved.size else Answer(0)
+            self._values, self._poses = merged, poses
+        return answer
+
+    def transform(self, value: Transform | ArrayLike) -> Answer:
+        """Set the robot's pose in the frame of the node above it.
+
+        Args:
+            value: (4, 4), three numbers (a translation in metres) or a ``Transform``.
+        """
+        changes = Changes()
+        changes.transform(self.path, Transform.of(value).body())
+        return self._viewer.send(changes)
+
+    def delete(self) -> Answer:
+        """Delete the robot."""
+        changes = Changes()
+        changes.delete(self.path)
+        return self._viewer.send(changes)
+
+
+def publish_robot(
+    viewer: Sender,
+    path: str | int | tuple[str | int, ...],
+    file: str | PathLike[str],
+    joints: Mapping[str, JointValue],
+    roots: Iterable[str | PathLike[str]],
+    geometry: Literal["visual", "collision"],
+) -> PublishedRobot:
+    """Read a robot file and publish it. See ``TreeViewer.robot``."""
+    from gateway.robots.reader import read_robot
+
+    robot = read_robot(FilePath(file), roots=[FilePath(root) for root in roots], geometry=geometry)
+    return PublishedRobot(viewer, path_of(path), robot, joints)
+
+
+def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:
+    """Add the transforms of links to changes.
+
+    Args:
+        path: path of the robot.
+        links: names of N links.
+        poses: (N, 4, 4) X_robot_link.
+    """
+    from gateway.scene.transforms import quaternions_of
+
+    quaternions = quaternions_of(poses[:, :3, :3]).tolist()
+    for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
+        changes.transform((*path, link), {"translation": translation, "quaternion": quaternion})

@@ -1,0 +1,143 @@
+"""Finds and reads the files that a robot file refers to: relative paths, ``package://``, ``file://``.
+
+Only files below these folders are read: the parent of the robot file's folder, packages that enclose the robot file or
+that it names, and the roots. Symbolic links are resolved before the check.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote
+
+from gateway.assets.ros_packages import Packages
+from gateway.robots.errors import RobotFileError
+from gateway.robots.limits import RobotLimits
+
+_PACKAGE_SCHEMES: Final = ("package", "model")
+"""URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+
+
+class RobotFiles:
+    """Reads a robot file and the files that it refers to."""
+
+    def __init__(self, path: Path, roots: Iterable[Path], limits: RobotLimits) -> None:
+        """
+        Args:
+            path: The robot file.
+            roots: Folders to search for packages, and for relative file names.
+        """
+        self.path = Path(os.path.realpath(path))
+        self._folder = self.path.parent
+        self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
+        self._packages = Packages(self._roots)
+        self._limits = limits
+        self._remaining_bytes = limits.max_total_bytes
+        self._enclosing_packages = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
+        self._folders_by_package: dict[str, list[Path]] = {}
+        above = self._folder.parent
+        self._allowed = [*self._roots, self._folder, *self._enclosing_packages]
+        if above != Path(above.anchor):  # else everything would be allowed
+            self._allowed.append(above)
+        self.digests: dict[str, str] = {}
+        """SHA-256 in hexadecimal of each file read so far, by path relative to the robot file's folder."""
+
+    def read_robot_file(self) -> bytes:
+        """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
+        return self._read(self.path, self._limits.max_file_bytes)
+
+    def find(self, name: str) -> Path:
+        """Return the path of a file.
+
+        Args:
+            name: File name or URL in the robot file.
+
+        Raises:
+            RobotFileError: There is no such file, or it is not below an allowed folder.
+        """
+        if not name or "\0" in name or len(name) > 4096:
+            raise RobotFileError(f"{name[:100]!r} is not a file name")
+        scheme, separator, rest = name.partition("://")
+        hint = ""
+        if not separator:
+            candidates = [folder / name for folder in (self._folder, *self._roots)]
+        elif scheme in _PACKAGE_SCHEMES:
+            package, _, path_in_package = rest.lstrip("/").partition("/")
+            folders = self._package_folders(package)
+            if not folders:
+                raise RobotFileError(
+                    f"{name} is in the package {package!r}, which is not around the robot file"
+                    f"{' nor below --root' if self._roots else ''}; name a folder that contains it with --root"
+                )
+            candidates, hint = [folder / path_in_package for folder in folders], f" in {folders[0]}"
+        elif scheme == "file":
+            candidates = [Path("/" + unquote(rest).lstrip("/"))]
+        else:
+            raise RobotFileError(f"{name}: only package:// and file:// can be read, nothing is fetched")
+        paths = [Path(os.path.realpath(candidate)) for candidate in candidates]
+        existing = [path for path in paths if path.is_file()]
+        for path in existing:
+            if self._is_allowed(path):
+                return path
+        if existing:
+            raise RobotFileError(f"{name} lies outside of the robot's folders; name a folder above it with --root")
+        raise RobotFileError(f"the file {name} does not exist{hint}")
+
+    def read(self, path: Path) -> bytes:
+        """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
+        return self._read(path, self._limits.max_mesh_bytes)
+
+    def resolve_beside(self, mesh: Path, name: str) -> bytes:
+        """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
+
+        Args:
+            name: Path relative to the mesh file, with URL escapes.
+        """
+        path = Path(os.path.realpath(mesh.parent / unquote(name).replace("\\", "/")))
+        if not self._is_allowed(path):
+            raise RobotFileError(f"{name} lies outside of the robot's folders")
+        return self.read(path)
+
+    def _package_folders(self, package: str) -> list[Path]:
+        """Return the folders that a package name may mean, and add them to the allowed folders.
+
+        These are folders that enclose the robot file or are siblings of such packages, and packages below the roots.
+        """
+        folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
+        if folders is None:
+            around = [
+                folder for folder in self.path.parents if folder.name == package or self._is_named(folder, package)
+            ]
+            parents = (*self._roots, self._folder.parent, *(folder.parent for folder in self._enclosing_packages))
+            beside = [parent / package for parent in parents if (parent / package).is_dir()]
+            below = self._packages.folder(package)
+            named = [root for root in self._roots if root.name == package]
+            folders = [*around, *beside, *named, *([below] if below is not None else [])]
+            self._folders_by_package[package] = folders
+            self._allowed += [Path(os.path.realpath(folder)) for folder in folders]
+        return folders
+
+    def _is_named(self, folder: Path, package: str) -> bool:
+        """Return True for a package that encloses the robot file and has that name in its ``package.xml``."""
+        return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
+
+    def _is_allowed(self, path: Path) -> bool:
+        return any(path.is_relative_to(folder) for folder in self._allowed)
+
+    def _read(self, path: Path, limit: int) -> bytes:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise RobotFileError(f"{path.name} is not a regular file")
+        size = status.st_size
+        if size > min(limit, self._remaining_bytes):
+            raise RobotFileError(
+                f"{path.name} has {size} bytes; {min(limit, self._remaining_bytes)} are the most that are left to it"
+            )
+        data = path.read_bytes()
+        self._remaining_bytes -= len(data)
+        self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
+        return data

@@ -1,0 +1,25 @@
+"""Limits of robot files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gateway.gltf import GltfLimits
+
+
+@dataclass(frozen=True, slots=True)
+class RobotLimits:
+    """Limits of robot files."""
+
+    max_file_bytes: int = 64 << 20
+    """Maximum size of a robot file: that of a humanoid with hands has 0.3 MB. MJCF may contain vertices as text."""
+    max_mesh_bytes: int = 256 << 20
+    """Maximum size of a mesh or image, as for mesh files."""
+    max_total_bytes: int = 1 << 30
+    """Maximum total size of a robot file and the files that it refers to: the largest of 60 robots tried has 60 MB."""
+    max_links: int = 10_000
+    """Maximum number of links, and of joints: a humanoid with hands has about 100."""
+    max_geometries: int = 100_000
+    """Maximum number of visual and collision geometries together."""
+    mesh: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
+    """Limits of the content of each mesh file."""

@@ -1,0 +1,174 @@
+"""Reads MJCF with the package ``mujoco``, which compiles the file and computes the kinematics."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.robots.errors import RobotFileError
+from gateway.robots.files import RobotFiles
+from gateway.robots.limits import RobotLimits
+from gateway.robots.mjcf_files import MjcfFiles
+from gateway.robots.mjcf_geometry import MjcfGeometry
+from gateway.robots.robot import GeometryUse, Joint, JointKind, Mimic, Robot
+from gateway.robots.xml_text import Element
+
+_handler_lock: Final = threading.Lock()
+"""Held while MuJoCo's warning handler, which is global, is replaced."""
+_VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
+
+
+def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits) -> Robot:
+    """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
+
+    Args:
+        root: Root element of the file.
+        use: Geometry to return.
+
+    Raises:
+        RobotFileError: MuJoCo cannot compile the file, or a limit is exceeded.
+        ImportError: The package ``mujoco`` is not installed.
+    """
+    mujoco = _mujoco()
+    mentioned_files = MjcfFiles(root, files)
+    try:
+        model, compiler_warnings = _compile(mujoco, files.path)
+    except ValueError as error:
+        reason = " ".join(str(error).removeprefix("Error: ").split())
+        raise RobotFileError(f"{mentioned_files.link_using(reason)}MuJoCo cannot compile it: {reason}") from None
+    for count, limit, what in (
+        (model.nbody, limits.max_links, "bodies"),
+        (model.njnt, limits.max_links, "joints"),
+        (model.ngeom, limits.max_geometries, "geometries"),
+        (model.nmeshvert, limits.mesh.max_vertices, "vertices"),
+        (model.nmeshface, limits.mesh.max_elements, "triangles"),
+    ):
+        if count > limit:
+            raise RobotFileError(f"it has {count} {what}; {limit} are the most")
+    links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
+    joints = _joints(mujoco, model)
+    converter = MjcfGeometry(mujoco, model)
+    parts = converter.parts_by_body(use)
+    warnings = tuple(
+        f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count
+    )
+    name = root.get("model") or files.path.stem
+    kinematics = _Kinematics(
+        mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
+    )
+    return Robot(
+        name, links, joints, parts, kinematics, (*warnings, *converter.warnings, *compiler_warnings), files.digests
+    )
+
+
+def _mujoco() -> Any:
+    """Import and return the package ``mujoco``; raises ImportError that names the extra."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError(
+            f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
+        ) from None
+    return mujoco
+
+
+def _compile(mujoco: Any, path: Path) -> tuple[Any, tuple[str, ...]]:
+    """Return the model of a file, and the compiler's warnings; raises ValueError.
+
+    MuJoCo's default handler prints warnings and writes them to a file in the working directory.
+    """
+    texts: dict[str, None] = {}
+    with _handler_lock:
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda text: texts.setdefault(f"MuJoCo: {' '.join(text.split())}"))
+        try:
+            return mujoco.MjModel.from_xml_path(str(path)), tuple(texts)
+        finally:
+            mujoco.set_mju_user_warning(handler)
+
+
+class _Kinematics:
+    """MuJoCo's forward kinematics. Thread-safe."""
+
+    def __init__(self, mujoco: Any, model: Any, addresses: Mapping[str, int]) -> None:
+        """
+        Args:
+            addresses: Index of each joint's first value in ``qpos``.
+        """
+        self._mujoco = mujoco
+        self._model = model
+        self._addresses = addresses
+        self._data = mujoco.MjData(model)
+        self._lock = threading.Lock()
+        """Held while the data is used: callers may be in several threads."""
+
+    def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
+        """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
+        X_robot_link = np.tile(np.eye(4), (self._model.nbody, 1, 1))
+        with self._lock:
+            for name, address in self._addresses.items():
+                self._data.qpos[address : address + len(values[name])] = values[name]
+            self._mujoco.mj_kinematics(self._model, self._data)
+            X_robot_link[:, :3, :3] = self._data.xmat.reshape(-1, 3, 3)
+            X_robot_link[:, :3, 3] = self._data.xpos
+        return X_robot_link
+
+
+def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
+    """Return the joints by name, in the order of the model."""
+    kinds: dict[int, JointKind] = {
+        int(mujoco.mjtJoint.mjJNT_FREE): "floating",
+        int(mujoco.mjtJoint.mjJNT_BALL): "ball",
+        int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
+        int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
+    }
+    names = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint")
+    mimics = _mimics(mujoco, model, names)
+    joints = {}
+    for index, name in enumerate(names):
+        kind, address = kinds[int(model.jnt_type[index])], int(model.jnt_qposadr[index])
+        default = tuple(model.qpos0[address : address + _VALUE_COUNTS[kind]].tolist())
+        lower, upper = model.jnt_range[index].tolist()
+        limits = (lower, upper) if model.jnt_limited[index] and len(default) == 1 else None
+        joints[name] = Joint(name, kind, default, limits, mimics.get(name))
+    return joints
+
+
+def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]:
+    """Return the joints that follow another one by an equality constraint (``<equality><joint polycoef>``).
+
+    A simulation enforces such constraints softly; here they hold exactly. Of constraints that form a cycle, the last
+    one is left out.
+    """
+    mimics: dict[str, Mimic] = {}
+    for index in range(model.neq):
+        follower, leader = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+        if int(model.eq_type[index]) != int(mujoco.mjtEq.mjEQ_JOINT) or not model.eq_active0[index] or leader < 0:
+            continue
+        followed = names[leader]
+        while followed != names[follower] and followed in mimics:
+            followed = mimics[followed].joint
+        if names[follower] in mimics or followed == names[follower]:
+            continue
+        offset, *others = model.eq_data[index][:5].tolist()
+        references = [float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (follower, leader)]
+        mimics[names[follower]] = Mimic(names[leader], (references[0] + offset, *others), references[1])
+    return mimics
+
+
+def _unique_names(mujoco: Any, model: Any, kind: Any, count: int, prefix: str) -> tuple[str, ...]:
+    """Return the names of a model's objects of one kind; an object without a name gets one such as ``body_7``."""
+    names = [mujoco.mj_id2name(model, kind, index) for index in range(count)]
+    used = {name for name in names if name}
+    for index, name in enumerate(names):
+        if not name:
+            names[index] = f"{prefix}_{index}"
+            while names[index] in used:
+                names[index] += "_"
+            used.add(names[index])
+    return tuple(names)

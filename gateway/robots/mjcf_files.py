@@ -1,0 +1,74 @@
+"""Finds the files that an MJCF document mentions: for their digests, and to name the link that uses a missing mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from gateway.robots.errors import RobotFileError
+from gateway.robots.files import RobotFiles
+from gateway.robots.xml_text import Element, parse_xml
+
+MAX_INCLUDES: Final = 1000
+"""Maximum number of ``<include>`` elements that are followed: robots have fewer than 20."""
+
+
+class MjcfFiles:
+    """Files that a document and its includes mention. MuJoCo reads them too, and reports errors in them."""
+
+    def __init__(self, root: Element, files: RobotFiles) -> None:
+        """Read the files that exist, so that their digests are recorded.
+
+        Raises:
+            RobotFileError: A file is larger than allowed.
+        """
+        self._files = files
+        self._folder = files.path.parent
+        self._documents = list(self._included(root))
+        folders = {self._folder}
+        for document in self._documents:
+            for compiler in document.iter("compiler"):
+                for attribute in ("assetdir", "meshdir", "texturedir"):
+                    folders.add(self._folder / (compiler.get(attribute) or ""))
+        for document in self._documents:
+            for element in document.iter():
+                name = element.get("file")
+                if element.tag != "include" and name:
+                    self._record(folder / name for folder in sorted(folders))
+
+    def link_using(self, message: str) -> str:
+        """Return "link 'a': " if an error message of MuJoCo has the name of a mesh file of the body ``a``, else ""."""
+        for document in self._documents:
+            for mesh in document.iter("mesh"):
+                name = mesh.get("file", "")
+                if not name or Path(name).name not in message:
+                    continue
+                mesh_name = mesh.get("name") or Path(name).stem
+                for root in self._documents:
+                    for body in root.iter("body"):
+                        if any(geom.get("mesh") == mesh_name for geom in body.findall("geom")):
+                            return f"link {body.get('name', 'without a name')!r}: "
+        return ""
+
+    def _included(self, root: Element) -> Iterator[Element]:
+        """Yield the document and those that it includes. Raises RobotFileError beyond ``MAX_INCLUDES``."""
+        waiting, count = [root], 0
+        while waiting:
+            document = waiting.pop()
+            yield document
+            for include in document.iter("include"):
+                path, count = self._folder / include.get("file", ""), count + 1
+                if count > MAX_INCLUDES:
+                    raise RobotFileError(f"it includes more than {MAX_INCLUDES} files")
+                try:
+                    waiting.append(parse_xml(self._files.read(path)))
+                except (OSError, RobotFileError):  # MuJoCo reports it
+                    continue
+
+    def _record(self, candidates: Iterator[Path]) -> None:
+        """Read the first file that exists, which records its digest."""
+        for path in candidates:
+            if path.is_file():
+                self._files.read(path)
+                return

@@ -1,0 +1,175 @@
+"""A robot: links with geometry, joints, and the poses of the links for joint values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gateway.robots.errors import RobotFileError, similar_names
+from gateway.scene.geometry import Part
+from gateway.scene.tree import Node, PathElement
+
+GeometryUse = Literal["visual", "collision"]
+"""Geometry of links that is shown, or that a simulation checks for collisions."""
+JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
+"""Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``."""
+JointValue: TypeAlias = ArrayLike
+"""Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
+
+NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
+    "revolute": (0.0,),
+    "prismatic": (0.0,),
+    "ball": (1.0, 0.0, 0.0, 0.0),
+    "planar": (0.0, 0.0, 0.0),
+    "floating": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+}
+"""Values of the zero configuration. Angles are in radians, lengths in metres. ``ball``: a quaternion [w, x, y, z].
+``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """Rule of a joint that follows another one, the leader: a polynomial of the leader's value."""
+
+    joint: str
+    """Name of the leader."""
+    coefficients: tuple[float, ...]
+    """c0, c1, …: value = c0 + c1 q + c2 q² + …, where q is the leader's value minus ``reference``."""
+    reference: float = 0.0
+    """Value of the leader for q = 0, radians or metres."""
+
+    def value(self, leader: float) -> float:
+        """Return the value of the joint for the leader's value."""
+        q = leader - self.reference
+        return math.fsum(c * q**power for power, c in enumerate(self.coefficients))
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint that moves. A fixed joint is none: ``Kinematics`` includes its transform."""
+
+    name: str
+    kind: JointKind
+    default: tuple[float, ...]
+    """Value in the file's initial configuration; see ``NEUTRAL`` for its meaning."""
+    limits: tuple[float, float] | None = None
+    """Lowest and highest value, for information; values beyond are accepted. None: no limits."""
+    mimic: Mimic | None = None
+    """The joint that this one follows unless it has a value of its own; None: it follows none."""
+
+
+class Kinematics(Protocol):
+    """Forward kinematics: computes the poses of links."""
+
+    def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
+        """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robot:
+    """A robot as its file describes it. Z is up, lengths are in metres."""
+
+    name: str
+    links: tuple[str, ...]
+    """Names of the links, which are unique."""
+    joints: Mapping[str, Joint]
+    """Joints that move, by name, in the order of the file."""
+    parts: tuple[tuple[Part, ...], ...]
+    """Geometry of each link, in the link's frame."""
+    kinematics: Kinematics
+    warnings: tuple[str, ...] = ()
+    """Sentences about content of the file that is not shown."""
+    digests: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 in hexadecimal of the files that were read, by path relative to the robot file's folder. The robot file
+    is first."""
+
+    def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
+        """Return the values of all joints.
+
+        Args:
+            values: Values by joint name. Other joints follow the joint that they mimic, or have their defaults.
+
+        Raises:
+            RobotFileError: There is no such joint, or its value has the wrong number of numbers, one that is not
+                finite, or a quaternion of zeros.
+        """
+        given = {name: self._validated(name, value) for name, value in values.items()}
+        complete = {}
+        for name, joint in self.joints.items():
+            value = given.get(name)
+            if value is None:
+                value = joint.default if joint.mimic is None else (self._mimicked_value(joint, given),)
+            complete[name] = value
+        return complete
+
+    def link_poses(self, values: Mapping[str, JointValue]) -> NDArray[np.float64]:
+        """Return X_robot_link, (number of links, 4, 4) float64.
+
+        Args:
+            values: See ``joint_values``.
+
+        Raises:
+            RobotFileError: See ``joint_values``.
+        """
+        return self.kinematics.link_poses(self.joint_values(values))
+
+    def tree(self, values: Mapping[str, JointValue]) -> Node:
+        """Return a tree with a node for each link, below a node with the robot's name. See ``link_poses``."""
+        poses = self.link_poses(values)
+        links: dict[PathElement, Node] = {
+            name: Node(parts, X) for name, parts, X in zip(self.links, self.parts, poses, strict=True)
+        }
+        return Node(None, children={self.name: Node(None, children=links)})
+
+    def _validated(self, name: str, value: JointValue) -> tuple[float, ...]:
+        joint = self.joints.get(name)
+        if joint is None:
+            raise RobotFileError(f"the robot has no joint {name!r}{similar_names(name, self.joints)}")
+        numbers = np.atleast_1d(np.asarray(value, np.float64))
+        count = len(joint.default)
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
+            expected = "one finite number" if count == 1 else f"{count} finite numbers"
+            raise RobotFileError(f"the value of the {joint.kind} joint {name!r} must be {expected}, not {value!r}")
+        if joint.kind in ("ball", "floating") and not np.any(numbers[-4:]):
+            raise RobotFileError(f"the quaternion of the joint {name!r} must not be zero")
+        return tuple(numbers.tolist())
+
+    def _mimicked_value(self, joint: Joint, given: Mapping[str, tuple[float, ...]]) -> float:
+        """Return the value of a joint that follows a leader, which may follow another one in turn."""
+        chain = [joint]
+        while (last := chain[-1]).mimic is not None and last.name not in given:
+            chain.append(self.joints[last.mimic.joint])
+        last = chain.pop()
+        (value,) = given.get(last.name, last.default)
+        for follower in reversed(chain):
+            assert follower.mimic is not None
+            value = follower.mimic.value(value)
+        return value
+
+
+def check_mimics(joints: Mapping[str, Joint]) -> None:
+    """Check the joints that mimic others.
+
+    Raises:
+        RobotFileError: A leader does not exist, a joint has several values, or joints mimic each other in a cycle.
+    """
+    for joint in joints.values():
+        follower, seen = joint, {joint.name}
+        while follower.mimic is not None:
+            leader = joints.get(follower.mimic.joint)
+            if leader is None:
+                raise RobotFileError(
+                    f"joint {follower.name!r} mimics {follower.mimic.joint!r}, which is not a joint that moves"
+                    f"{similar_names(follower.mimic.joint, joints)}"
+                )
+            if len(leader.default) != 1 or len(follower.default) != 1:
+                raise RobotFileError(f"joint {follower.name!r} cannot mimic {leader.name!r}: one has several values")
+            if leader.name in seen:
+                raise RobotFileError(f"the joints {', '.join(sorted(seen))} mimic each other in a circle")
+            seen.add(leader.name)
+            follower = leader

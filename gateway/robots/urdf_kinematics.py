@@ -1,0 +1,110 @@
+"""Forward kinematics of a URDF robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.robots.errors import RobotFileError, similar_names
+from gateway.robots.urdf_model import UrdfJoint
+from gateway.scene.transforms import from_pose
+
+
+class UrdfKinematics:
+    """Forward kinematics of a tree of joints. The frame of a link without a parent is the robot's frame."""
+
+    def __init__(self, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
+        """
+        Raises:
+            RobotFileError: A joint names a link that does not exist, a link has two parents, or joints form a cycle.
+        """
+        self._link_count = len(links)
+        ordered = _parents_first(links, joints)
+        index = {name: number for number, name in enumerate(links)}
+        self._ends = [(index[joint.parent], index[joint.child]) for joint in ordered]
+        """Indices of the parent and child link of each joint, parents first."""
+        self._X_parent_joint = np.array([joint.X_parent_joint for joint in ordered]).reshape(-1, 4, 4)
+        kinds = [joint.motion.kind if joint.motion is not None else None for joint in ordered]
+        self._revolute = np.array([i for i, kind in enumerate(kinds) if kind == "revolute"], np.intp)
+        self._prismatic = np.array([i for i, kind in enumerate(kinds) if kind == "prismatic"], np.intp)
+        self._others = [(i, kind) for i, kind in enumerate(kinds) if kind in ("planar", "floating")]
+        """Index and kind of each other joint that moves."""
+        self._names = [joint.name for joint in ordered]
+        axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
+        self._axes = axes
+        self._K = np.array([_cross_matrix(axis) for axis in axes[self._revolute]]).reshape(-1, 3, 3)
+        """Cross product matrices of the axes of revolute joints, (number of these, 3, 3)."""
+        self._K_squared = self._K @ self._K
+
+    def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
+        """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
+        X_joint_child = np.tile(np.eye(4), (len(self._ends), 1, 1))
+        if len(self._revolute):  # Rodrigues: R = I + sin q K + (1 - cos q) K²
+            q = np.array([values[self._names[i]][0] for i in self._revolute])[:, None, None]
+            X_joint_child[self._revolute, :3, :3] += np.sin(q) * self._K + (1.0 - np.cos(q)) * self._K_squared
+        if len(self._prismatic):
+            q = np.array([values[self._names[i]] for i in self._prismatic])
+            X_joint_child[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
+        for i, kind in self._others:
+            value = values[self._names[i]]
+            X_joint_child[i] = from_pose(value[:3], value[3:]) if kind == "floating" else _planar(self._axes[i], value)
+        X_parent_child = self._X_parent_joint @ X_joint_child
+        X_robot_link = np.tile(np.eye(4), (self._link_count, 1, 1))
+        for (parent, child), X in zip(self._ends, X_parent_child, strict=True):
+            X_robot_link[child] = X_robot_link[parent] @ X
+        return X_robot_link
+
+
+def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return K with K v = axis × v, (3, 3)."""
+    x, y, z = axis.tolist()
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
+    """Return X_joint_child of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
+
+    The plane's x axis is the projection of the joint's axis (x, y or z) that is nearest to the plane: of the joint's x
+    if the normal is z.
+
+    Args:
+        normal: (3,) unit vector.
+        value: x and y in metres, angle in radians.
+    """
+    x, y, angle = value
+    first = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first = first - normal * (normal @ first)
+    first /= np.linalg.norm(first)
+    K = _cross_matrix(normal)
+    X = np.eye(4)
+    X[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    X[:3, 3] = x * first + y * np.cross(normal, first)
+    return X
+
+
+def _parents_first(links: Sequence[str], joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    """Return the joints, each before those below it. Raises RobotFileError if they do not form a tree."""
+    known = set(links)
+    children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
+    parent_of: dict[str, UrdfJoint] = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in known:
+                raise RobotFileError(f"joint {joint.name!r}: there is no link {end!r}{similar_names(end, links)}")
+        other = parent_of.setdefault(joint.child, joint)
+        if other is not joint:
+            raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")
+        children[joint.parent].append(joint)
+    ordered: list[UrdfJoint] = []
+    waiting = [name for name in links if name not in parent_of]
+    while waiting:
+        below = children[waiting.pop()]
+        ordered += below
+        waiting += [joint.child for joint in below]
+    if len(ordered) != len(joints):
+        reached = {joint.name for joint in ordered}
+        circle = [joint.name for joint in joints if joint.name not in reached]
+        raise RobotFileError(f"the joints {', '.join(circle[:8])} form a circle: the links must be a tree")
+    return ordered

@@ -1,0 +1,75 @@
+"""Content of a URDF file as values. ``urdf`` reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.robots.robot import Joint
+from gateway.scene.geometry import Box, Capsule, Cylinder, Sphere
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfMesh:
+    """A mesh file."""
+
+    filename: str
+    """File name or URL in the URDF file."""
+    scale: tuple[float, float, float]
+    """Factors along x, y and z of the mesh; negative ones mirror it."""
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfMaterial:
+    """A material."""
+
+    rgba: tuple[float, float, float, float] | None
+    """sRGB and opacity, 0 to 1; None: the file gives no colour."""
+    texture: str | None
+    """Name of an image file; None: the material has none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfGeometry:
+    """Visual or collision geometry of a link."""
+
+    shape: Box | Sphere | Cylinder | Capsule | UrdfMesh
+    X_link_geometry: NDArray[np.float64]
+    """(4, 4) float64."""
+    material: UrdfMaterial | None
+    """None: the file gives none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfLink:
+    """A link."""
+
+    name: str
+    visual: tuple[UrdfGeometry, ...]
+    collision: tuple[UrdfGeometry, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfJoint:
+    """A joint, fixed joints included."""
+
+    name: str
+    parent: str
+    child: str
+    X_parent_joint: NDArray[np.float64]
+    """(4, 4) float64: pose of the joint's frame in the parent's. The child has this frame at the neutral value."""
+    axis: tuple[float, float, float]
+    """Unit vector in the joint's frame."""
+    motion: Joint | None
+    """Values and limits; None: the joint is fixed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfModel:
+    """Content of a URDF file."""
+
+    name: str
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]

@@ -1,0 +1,68 @@
+"""Parses XML and its attributes, with errors that name the element.
+
+``where`` is the link or joint of an element, for the start of error messages. All functions raise RobotFileError.
+"""
+
+from __future__ import annotations
+
+import math
+from xml.etree import ElementTree
+
+from gateway.robots.errors import RobotFileError
+
+Element = ElementTree.Element
+
+
+class _TreeBuilder(ElementTree.TreeBuilder):
+    """Builds elements. A DOCTYPE is an error: its entities could expand to gigabytes."""
+
+    def doctype(self, name: str, public_id: str | None, system_id: str | None) -> None:
+        raise RobotFileError("XML with a DOCTYPE is refused")
+
+
+def parse_xml(data: bytes) -> Element:
+    """Return the root element.
+
+    Raises:
+        RobotFileError: The data is not XML, or has a DOCTYPE.
+    """
+    try:
+        return ElementTree.fromstring(data, ElementTree.XMLParser(target=_TreeBuilder()))  # noqa: S314 - no entities
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise RobotFileError(f"it is not XML: {error}") from None
+
+
+def required(element: Element, attribute: str, where: str) -> str:
+    """Return a required attribute, without surrounding space. An empty one is missing."""
+    text = element.get(attribute)
+    if text is None or not text.strip():
+        raise RobotFileError(f"{where}: <{element.tag}> has no {attribute}")
+    return text.strip()
+
+
+def numbers(element: Element | None, attribute: str, default: tuple[float, ...], where: str) -> tuple[float, ...]:
+    """Return as many finite numbers as the default has; the default if the attribute is missing."""
+    text = element.get(attribute) if element is not None else None
+    if text is None or element is None:
+        return default
+    try:
+        values = tuple(float(number) for number in text.split())
+    except ValueError:
+        values = ()
+    if len(values) != len(default) or not all(map(math.isfinite, values)):
+        raise RobotFileError(
+            f"{where}: {attribute}={text[:60]!r} of <{element.tag}> must be {len(default)} finite numbers"
+        )
+    return values
+
+
+def positive_number(element: Element, attribute: str, where: str) -> float:
+    """Return a required attribute as a finite number above zero."""
+    text = required(element, attribute, where)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise RobotFileError(f"{where}: {attribute}={text[:60]!r} of <{element.tag}> must be a number above 0")
+    return value

@@ -1,0 +1,77 @@
+"""Joint values as users give them, and the tree of a robot."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.robots.errors import RobotFileError
+from gateway.robots.joint_text import parse_joints
+from gateway.robots.robot import JointValue
+from tests.robots.files import ARM, read
+
+
+def test_a_mimic_joint_follows_unless_it_has_a_value(tmp_path: Path) -> None:
+    robot = read(tmp_path, ARM)
+    assert robot.joint_values({}) == {"shoulder": (0.0,), "elbow": (0.0,), "grip": (0.1,)}
+    assert robot.joint_values({"elbow": 2})["grip"] == (1.1,)
+    assert robot.joint_values({"elbow": 2, "grip": np.float32(0.5)})["grip"] == (0.5,)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"elbw": 0}, "the robot has no joint 'elbw'; did you mean elbow?"),
+        ({"xyz": 0}, "the robot has no joint 'xyz'; there are shoulder, elbow, grip"),
+        ({"GRIP": 0}, "did you mean grip?"),
+        ({"elbow": float("nan")}, "the value of the revolute joint 'elbow' must be one finite number, not nan"),
+        ({"elbow": (1, 2)}, "the value of the revolute joint 'elbow' must be one finite number, not (1, 2)"),
+    ],
+)
+def test_values_that_do_not_fit(tmp_path: Path, values: dict[str, JointValue], message: str) -> None:
+    with pytest.raises(RobotFileError, match=re.escape(message)):
+        read(tmp_path, ARM).link_poses(values)
+
+
+def test_a_floating_joint_needs_a_quaternion(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        '<robot><link name="a"/><link name="b"/>'
+        '<joint name="j" type="floating"><parent link="a"/><child link="b"/></joint></robot>',
+    )
+    with pytest.raises(RobotFileError, match="the value of the floating joint 'j' must be 7 finite numbers, not 1"):
+        robot.link_poses({"j": 1})
+    with pytest.raises(RobotFileError, match="the quaternion of the joint 'j' must not be zero"):
+        robot.link_poses({"j": (1, 2, 3, 0, 0, 0, 0)})
+
+
+def test_the_tree_has_a_node_for_each_link(tmp_path: Path) -> None:
+    robot = read(tmp_path, ARM)
+    tree = robot.tree({"elbow": 1.0})
+    top = tree.children["arm"]
+    assert tuple(top.children) == robot.links
+    for name, X in zip(robot.links, robot.link_poses({"elbow": 1.0}), strict=True):
+        np.testing.assert_array_equal(tree.world_matrix(("arm", name)), X)
+
+
+def test_joint_values_as_text() -> None:
+    assert parse_joints(["a=1.5", "b/c= -2", "base=0,0,1,1,0,0,0", "x=y=3"]) == {
+        "a": (1.5,),
+        "b/c": (-2.0,),
+        "base": (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0),
+        "x=y": (3.0,),
+    }
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "a=b", "=1", "a=1,,2"])
+def test_other_texts_are_rejected(text: str) -> None:
+    with pytest.raises(RobotFileError, match=re.escape(f"--joint {text!r}: must be name=value")):
+        parse_joints([text])
+
+
+def test_a_joint_has_one_value() -> None:
+    with pytest.raises(RobotFileError, match="--joint 'a=2': a has a value already"):
+        parse_joints(["a=1", "a=2"])

@@ -1,0 +1,102 @@
+"""Meshes of URDF: scale, axes and materials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.robots.errors import RobotFileError
+from gateway.robots.reader import read_robot
+from gateway.scene.geometry import Part, Surface
+from renderers.color import linear_from_srgb
+from tests.robots.files import TRIANGLE, visual, write
+
+BLUE = "newmtl blue\nKd 0 0 1\n"
+RED = '<material name="red"><color rgba="1 0 0 1"/></material>'
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.01"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="f" count="9">0 0 0 1 0 0 0 0 2</float_array>
+<technique_common><accessor source="#f" count="3" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+</source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
+"""
+"""A triangle of 1 cm along x and 2 cm along z."""
+
+
+def part_of(folder: Path, mesh: str, name: str, attributes: str = "", material: str = "") -> Part:
+    write(folder, mesh, name)
+    ((part,),) = read_robot(write(folder, visual(f'<mesh filename="{name}" {attributes}/>', material))).parts
+    return part
+
+
+def corners(part: Part) -> np.ndarray:
+    """Return the vertices in the link's frame."""
+    assert isinstance(part.shape, Surface)
+    return np.asarray(part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3])
+
+
+@pytest.mark.parametrize(
+    ("scale", "size"), [("", (1, 1, 0)), ('scale="2 -3 1"', (2, -3, 0)), ('scale="0.001"', (0.001, 0.001, 0))]
+)
+def test_scale(tmp_path: Path, scale: str, size: tuple[float, float, float]) -> None:
+    vertices = corners(part_of(tmp_path, TRIANGLE, "m.obj", scale, '<origin xyz="0 0 5"/>'))
+    expected = [(0, 0, 5), (size[0], 0, 5), (0, size[1], 5)]
+    np.testing.assert_allclose(sorted(vertices.tolist()), sorted(expected), atol=1e-7)
+
+
+def test_collada_has_its_unit_but_not_its_up_axis(tmp_path: Path) -> None:
+    """As in RViz: exporters write any up axis, and robots are made for software that ignores it."""
+    vertices = corners(part_of(tmp_path, DAE, "m.dae"))
+    np.testing.assert_allclose(sorted(vertices.tolist()), [(0, 0, 0), (0, 0, 0.02), (0.01, 0, 0)], atol=1e-7)
+
+
+def test_the_robots_material_is_for_meshes_without_one(tmp_path: Path) -> None:
+    assert part_of(tmp_path, TRIANGLE, "m.obj", material=RED).material.base_color == (1, 0, 0, 1)
+    grey = part_of(tmp_path, TRIANGLE, "m.obj").material.base_color
+    assert grey == pytest.approx((*[linear_from_srgb(0.9)] * 3, 1))
+    write(tmp_path, BLUE, "m.mtl")
+    own = "mtllib m.mtl\nusemtl blue\n" + TRIANGLE
+    assert part_of(tmp_path, own, "m.obj", material=RED).material.base_color == (0, 0, 1, 1)
+
+
+def test_a_transparency_of_one_is_opaque(tmp_path: Path) -> None:
+    write(tmp_path, BLUE + "Tr 1.0\n", "m.mtl")
+    own = "mtllib m.mtl\nusemtl blue\n" + TRIANGLE
+    assert part_of(tmp_path, own, "m.obj").material.base_color == (0, 0, 1, 1)
+
+
+def test_meshes_without_triangles_and_textures_of_materials_are_warnings(tmp_path: Path) -> None:
+    write(tmp_path, "v 0 0 0\n", "m.obj")
+    write(tmp_path, DAE.replace('<instance_geometry url="#g"/>', ""), "empty.dae")
+    texture = '<material name="t"><texture filename="wood.png"/></material>'
+    robot = read_robot(write(tmp_path, visual('<mesh filename="empty.dae"/>', texture)))
+    assert robot.parts == ((),)
+    assert robot.warnings == (
+        "link 'a': the texture wood.png of its material is not shown",
+        "link 'a': empty.dae is not shown: the file holds no triangles or points",
+    )
+
+
+def test_a_broken_mesh_is_an_error_that_names_link_and_file(tmp_path: Path) -> None:
+    write(tmp_path, "nothing", "m.dae")
+    with pytest.raises(RobotFileError, match=r"link 'a': m.dae: it cannot be read as DAE: "):
+        read_robot(write(tmp_path, visual('<mesh filename="m.dae"/>')))
+    write(tmp_path, "version https://git-lfs.github.com/spec/v1\n", "m.stl")
+    with pytest.raises(RobotFileError, match=r"link 'a': m.stl is a pointer of Git LFS"):
+        read_robot(write(tmp_path, visual('<mesh filename="m.stl"/>')))
+
+
+def test_a_mesh_is_read_once(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "m.obj")
+    one = '<visual><geometry><mesh filename="m.obj"/></geometry></visual>'
+    first, second = read_robot(write(tmp_path, f'<robot name="r"><link name="a">{one}{one}</link></robot>')).parts[0]
+    assert isinstance(first.shape, Surface)
+    assert first.shape is second.shape
