@@ -25,6 +25,13 @@ def linear_colors_from_srgb(colors: NDArray[np.float32]) -> NDArray[np.float32]:
     return linear
 
 
+def srgb_colors_from_linear(colors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Encode linear colours, (N, 4) float32, clipped to 0 to 1, as sRGB. Alpha, the fourth column, is copied."""
+    encoded = colors.copy()
+    encoded[:, :3] = srgb_values_from_linear(np.clip(colors[:, :3], 0.0, 1.0))
+    return encoded
+
+
 def linear_values_from_srgb(encoded: NDArray[Any]) -> NDArray[Any]:
     """Return ``linear_from_srgb`` of every element, in the array's float type."""
     return np.where(encoded > 0.04045, ((encoded + 0.055) / 1.055) ** 2.4, encoded / 12.92)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import cv2
@@ -134,6 +133,20 @@ def _webp_size(start: bytes) -> tuple[int, int]:
     return width & 0x3FFF, height & 0x3FFF
 
 
+@dataclass(frozen=True, slots=True)
+class ImageFile:
+    """``Image.decode`` of an encoded file. Exporters and the state's storage copy ``data`` instead of the pixels."""
+
+    data: bytes
+    """PNG, JPEG or WebP."""
+    max_pixels: int
+    """Maximum number of pixels that are decoded."""
+
+    def __call__(self) -> NDArray[np.uint8]:
+        """Return the pixels, see ``Image.decode``."""
+        return _decode(self.data, self.max_pixels)
+
+
 _images: Final[Cache[tuple[bytes, int], Image]] = Cache(MAX_CACHED_BYTES)
 """Images by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
 
@@ -148,7 +161,7 @@ def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) 
     data = bytes(data)
     image = _images.get((data, max_pixels))
     if image is None:
-        image = Image(b"%08x" % isal_zlib.crc32(data), partial(_decode, data, max_pixels))
+        image = Image(b"%08x" % isal_zlib.crc32(data), ImageFile(data, max_pixels))
         _images.put((data, max_pixels), image, len(data))
     return image
 

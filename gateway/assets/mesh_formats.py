@@ -14,6 +14,7 @@ from gateway.assets.vtk_format import VtkError, parse_vtk
 from gateway.gltf import GltfLimits, read_gltf
 from gateway.scene.broken_textures import without_broken_textures
 from gateway.scene.geometry import Part, PointCloud, Shape, Surface
+from gateway.scene.materials import POINT_SIZE
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
 from gateway.scene.tree import Node
 from renderers.color import linear_colors_from_srgb, linear_from_srgb
@@ -213,8 +214,8 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
 
 
-PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
-"""White, diffuse and double-sided, as Director draws meshes without a material."""
+PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True, point_size=POINT_SIZE)
+"""White, diffuse and double-sided, as Director draws meshes and points without a material."""
 
 
 def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.float32] | None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Transform,
         Triad,
     )
+    from gateway.client.tree.image_geometry import CameraFrustum, Heightmap, ImagePlane, Text
     from gateway.client.tree.nodes import Batch, Node
     from gateway.client.tree.robot import PublishedRobot
     from gateway.client.tree.viewer import TreeViewer
@@ -36,11 +37,14 @@ __all__ = [
     "AsyncTreeViewer",
     "Batch",
     "Box",
+    "CameraFrustum",
     "Capsule",
     "Click",
     "Cylinder",
     "Ellipsoid",
     "Geometry",
+    "Heightmap",
+    "ImagePlane",
     "Line",
     "Mesh",
     "MeshFile",
@@ -49,6 +53,7 @@ __all__ = [
     "PointCloud",
     "PublishedRobot",
     "Sphere",
+    "Text",
     "Transform",
     "TreeViewer",
     "TreeViewerError",
@@ -60,9 +65,9 @@ def __getattr__(name: str) -> Any:
     """Return a public name of ``tree``."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gateway.client.tree import aio, answer, clicks, geometry, nodes, robot, viewer
+    from gateway.client.tree import aio, answer, clicks, geometry, image_geometry, nodes, robot, viewer
 
-    for module in (viewer, geometry, robot, aio, clicks, nodes, answer):
+    for module in (viewer, geometry, image_geometry, robot, aio, clicks, nodes, answer):
         if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(name)

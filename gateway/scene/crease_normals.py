@@ -183,6 +183,14 @@ def smooth_mesh(
     Returns:
         Positions (K, 3) float32, faces (M, 3) uint32 and normals (K, 3) float32.
     """
+    source_vertex, out_faces, normals = smooth_vertices(positions, faces)
+    return positions[source_vertex], out_faces, normals
+
+
+def smooth_vertices(
+    positions: NDArray[np.float32], faces: NDArray[np.uint32]
+) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.float32]]:
+    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place."""
     wait_until_compiled("formats")
     vertex_count, face_count, corner_count = len(positions), len(faces), faces.size
     area_normals, unit_normals = np.empty((2, face_count, 3), np.float64)
@@ -197,7 +205,7 @@ def smooth_mesh(
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
     )
     out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
-    return positions[source_vertex[:out_count]], out_faces, normals[:out_count].copy()
+    return source_vertex[:out_count], out_faces, normals[:out_count].copy()
 
 
 def with_creases(

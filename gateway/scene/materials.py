@@ -7,18 +7,25 @@ from functools import lru_cache
 from typing import Final
 
 from renderers.color import linear_from_srgb
-from renderers.drawlist import AlphaMode, Material
+from renderers.drawlist import AlphaMode, Image, Material, Sampler, Texture, Wrap
 
 Color = tuple[float, float, float, float]
 """Red, green, blue (sRGB) and alpha from 0 to 1."""
 WHITE: Final[Color] = (1.0, 1.0, 1.0, 1.0)
 POINT_SIZE: Final = 2.0
-"""Diameter of points in pixels, as in Director."""
+"""Width of points in pixels, as in Director."""
+_CLAMPED: Final = Sampler(wrap_s=Wrap.CLAMP_TO_EDGE, wrap_t=Wrap.CLAMP_TO_EDGE)
 
 
 @lru_cache(maxsize=4096)
-def material(rgba: Color) -> Material:
-    """Return a diffuse, double-sided material, as Director and Drake draw geometries of this colour."""
+def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.0) -> Material:
+    """Return a diffuse, double-sided material, as Director and Drake draw geometries of this colour.
+
+    Args:
+        rgba: Colour.
+        point_size: Width of points, pixels.
+        line_width: Width of hairlines, pixels.
+    """
     r, g, b, a = rgba
     return Material(
         base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),
@@ -26,7 +33,27 @@ def material(rgba: Color) -> Material:
         roughness=1.0,
         alpha_mode=AlphaMode.BLEND if a < 1.0 else AlphaMode.OPAQUE,
         double_sided=True,
-        point_size=POINT_SIZE,
+        point_size=point_size,
+        line_width=line_width,
+    )
+
+
+def textured(rgba: Color, image: Image, *, has_alpha: bool, repeats: bool = True, unlit: bool = False) -> Material:
+    """Return a material as ``material`` does, whose colour multiplies an image.
+
+    Args:
+        rgba: Colour.
+        image: Image of the base colour.
+        has_alpha: True if a pixel of the image is not opaque.
+        repeats: True: the image repeats beyond its edges; False: its edges continue.
+        unlit: True: the image is shown without lighting.
+    """
+    plain = material(rgba)
+    return replace(
+        plain,
+        base_color_texture=Texture(image, Sampler() if repeats else _CLAMPED, name="image"),
+        alpha_mode=AlphaMode.BLEND if has_alpha else plain.alpha_mode,
+        unlit=unlit,
     )
 
 

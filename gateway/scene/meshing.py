@@ -33,8 +33,6 @@ TRIAD_TUBE_RADIUS: Final = 0.002
 """Radius of the tubes of a triad of any scale, metres; the same as in Director."""
 MAX_CAPSULE_ASPECT: Final = 1e6
 """Maximum ratio of a capsule's length to its radius. The ends of a longer capsule are below float32's resolution."""
-MIN_POINT_SIZE: Final = 2.0
-"""Minimum point size, pixels; the same as in Director."""
 MIN_THICKNESS_RATIO: Final = 1e-6
 """Minimum thickness of a solid, as a fraction of its largest extent. It is invisible, but it keeps the transform of a
 flat solid, such as a box of height 0, invertible for normals."""
@@ -58,8 +56,6 @@ def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
     is not finite. A cylinder or capsule with a radius of zero is a hairline. The signs of lengths, and of the radii of
     ellipsoids, are ignored, since the mirrored shapes look the same.
     """
-    if isinstance(shape, PointCloud) and material.point_size < MIN_POINT_SIZE:
-        material = replace(material, point_size=MIN_POINT_SIZE)
     return tuple(
         (mesh, _with_white_color(material) if has_own_colors else material, X_part_mesh)
         for mesh, has_own_colors, X_part_mesh in _shape_meshes(shape)

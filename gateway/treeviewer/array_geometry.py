@@ -18,6 +18,7 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
+from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Mesh
 
 MAX_DISTANCE_F32: Final = np.float32(fields.MAX_DISTANCE)
@@ -30,14 +31,15 @@ Params = Mapping[str, Any]
 
 def line(params: Params, context: ReadContext) -> Shape | None:
     """Return a polyline through the drawable points; None if there are fewer than two."""
-    points, _ = _drop_undrawable(_floats(params, "points", (3,), context.limits.points, context))
+    points, _ = _drop_undrawable(floats(params, "points", (3,), context.limits.points, context))
     radius = params.get("radius")
+    default_radius = 0.01 if params.get("line_width") is None else 0.0
     head_radius = fields.size(params, "head_radius", 0.05)
     if len(points) < 2:
         return None
     return Line(
         points,
-        0.01 if radius is None else fields.drawable(fields.number(radius, "radius"), "radius"),
+        default_radius if radius is None else fields.drawable(fields.number(radius, "radius"), "radius"),
         bool(params.get("closed")),
         bool(params.get("start_head")),
         bool(params.get("end_head")),
@@ -48,7 +50,16 @@ def line(params: Params, context: ReadContext) -> Shape | None:
 
 def mesh_data(params: Params, context: ReadContext) -> Shape | None:
     """Return a triangle mesh; None if no face is left. Faces with an undrawable vertex are left out."""
-    vertices = _floats(params, "vertices", (3,), context.limits.vertices, context)
+    vertices, faces = triangles(params, context)
+    if not len(faces):
+        return None
+    positions, triangle_indices, normals = smooth_mesh(vertices, faces)
+    return Surface(Mesh(positions, triangle_indices, normals))
+
+
+def triangles(params: Params, context: ReadContext) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Return ``vertices``, (N, 3), and those of ``faces``, (M, 3), whose vertices are drawable. Others become 0."""
+    vertices = floats(params, "vertices", (3,), context.limits.vertices, context)
     if params.get("faces") is None:
         raise CommandError("faces is missing")
     try:
@@ -60,21 +71,18 @@ def mesh_data(params: Params, context: ReadContext) -> Shape | None:
         faces = np.ascontiguousarray(faces[drawable[faces].all(axis=1)])
         vertices[~drawable] = 0.0
         context.warnings.append(f"{int((~drawable).sum())} vertices are not finite; their faces are not drawn")
-    if not len(faces):
-        return None
-    positions, triangles, normals = smooth_mesh(vertices, faces)
-    return Surface(Mesh(positions, triangles, normals))
+    return vertices, faces
 
 
 def pointcloud(params: Params, context: ReadContext) -> Shape:
     """Return the drawable points with their channels."""
-    points = _floats(params, "points", (3,), context.limits.points, context)
+    points = floats(params, "points", (3,), context.limits.points, context)
     return _cloud(points, params, context)
 
 
 def planar_lidar(params: Params, context: ReadContext) -> Shape:
     """Return the points of a scan in the plane z = 0. Range i is at the angle ``angle_start + i * angle_step`` to x."""
-    ranges = _floats(params, "ranges", (1,), context.limits.points, context).astype(np.float64)
+    ranges = floats(params, "ranges", (1,), context.limits.points, context).astype(np.float64)
     start, step = fields.required(params, "angle_start"), fields.required(params, "angle_step")
     angles = start + step * np.arange(len(ranges))
     points = np.zeros((len(ranges), 3), np.float32)
@@ -121,15 +129,41 @@ def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray
             context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
             continue
         if name in ("rgb", "intensity"):
-            if isinstance(values, PackedArray) and values.is_uint8:
-                array /= np.float32(255.0)
-            array[np.isnan(array)] = 0.0
-            np.clip(array, 0.0, 1.0, out=array)
+            _scale_colors(array, values)
         channels[name] = array
     return channels
 
 
-def _floats(
+def vertex_colors(params: Params, count: int, context: ReadContext) -> NDArray[np.float32] | None:
+    """Return the field ``colors`` of ``count`` vertices as linear RGBA, (count, 4); None if it is absent."""
+    if params.get("colors") is None:
+        return None
+    srgb = per_vertex(params, "colors", (3, 4), count, context)
+    _scale_colors(srgb, params["colors"])
+    colors = np.ones((count, 4), np.float32)
+    colors[:, : srgb.shape[1]] = linear_colors_from_srgb(srgb)
+    return colors
+
+
+def per_vertex(
+    params: Params, name: str, columns: tuple[int, ...], count: int, context: ReadContext
+) -> NDArray[np.float32]:
+    """Return a field with a row for each of ``count`` vertices, as ``floats`` does."""
+    values = floats(params, name, columns, context.limits.vertices, context)
+    if len(values) != count:
+        raise CommandError(f"{name} has {len(values)} rows for {count} vertices")
+    return values
+
+
+def _scale_colors(colors: NDArray[np.float32], field: Any) -> None:
+    """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0."""
+    if isinstance(field, PackedArray) and field.is_uint8:
+        colors /= np.float32(255.0)
+    colors[np.isnan(colors)] = 0.0
+    np.clip(colors, 0.0, 1.0, out=colors)
+
+
+def floats(
     params: Params, name: str, columns: tuple[int, ...], max_rows: int, context: ReadContext
 ) -> NDArray[np.float32]:
     """Return a required field as ``NumberArrays.floats`` does."""

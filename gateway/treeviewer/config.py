@@ -37,10 +37,17 @@ class Limits:
     """Maximum number of vertices in a mesh: 240 MB of coordinates."""
     faces: int = 40_000_000
     """Maximum number of faces in a mesh: 480 MB of indices."""
+    image_bytes: int = 64 * MIB
+    """Maximum size of an encoded image: a PNG of ``image_pixels`` random pixels has 64 MiB."""
+    image_pixels: int = 1 << 24
+    """Maximum number of pixels in an image: 4096 x 4096, 64 MiB as RGBA."""
+    text_chars: int = 1000
+    """Maximum number of characters in a text label: a page has about 3000."""
     channels: int = 64
     """Maximum number of channels in a point cloud."""
     geometry_bytes: int = 4096 * MIB
-    """Maximum size of all arrays that requests put into the tree and that are still in use."""
+    """Maximum size of all arrays, and of the files and decoded pixels of all images, that requests put into the tree
+    and that are still in use."""
     problems: int = 100
     """Maximum number of errors, and of warnings, listed in one response; the others are counted."""
     failed_commands: int = 10_000

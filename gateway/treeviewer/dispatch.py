@@ -29,6 +29,9 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
+IMAGE_WORDS: Final = (b"image", b"text")
+"""Words in the types and fields of geometries whose images are decoded or drawn. Other requests with these words only
+take the longer way."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
 SHUTTING_DOWN: Final = "the viewer is shutting down"
 MAX_LOGGED: Final = 10
@@ -177,14 +180,16 @@ class Dispatcher:
     def _is_big(self, message: Message) -> bool:
         """Return True if a request must be read in a worker thread, because reading it may take milliseconds or longer.
 
-        These are requests of many bytes, requests that open mesh files, and all requests while kernels are compiled.
+        These are requests of many bytes, requests that open mesh files, decode images or draw text, and all requests
+        while kernels are compiled.
         """
         if is_pending("formats"):
             return True
         limit = self._config.offload_bytes
         if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
             return True
-        return self._protocol.reads_files and b"mesh_file" in bytes(message)
+        data = bytes(message)
+        return any(word in data for word in IMAGE_WORDS) or (self._protocol.reads_files and b"mesh_file" in data)
 
     async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
         """Handle the requests in a client's queue, in order, until it is empty."""

@@ -22,6 +22,8 @@ ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)
 MAX_DISTANCE: Final = 1e15
 """Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
+MAX_PIXELS: Final = 256.0
+"""Maximum width of points and lines, in pixels: browsers draw no wider points everywhere."""
 _INT64: Final = 2**63
 _NUMBER_TYPES: Final = frozenset((int, float))
 _STRING_TYPE: Final = frozenset((str,))
@@ -95,6 +97,25 @@ def size(params: Mapping[str, Any], name: str, default: float) -> float:
     return max(drawable(number(value, name), name), 0.0)
 
 
+def positive(params: Mapping[str, Any], name: str) -> float:
+    """Return a required number above 0."""
+    value = required(params, name)
+    if value <= 0.0:
+        raise CommandError(f"{name} must be above 0, not {value:g}")
+    return value
+
+
+def pixels(params: Mapping[str, Any], name: str, default: float) -> float:
+    """Return an optional width in pixels, from 1 to ``MAX_PIXELS``."""
+    value = params.get(name)
+    if value is None:
+        return default
+    width = number(value, name)
+    if not 1.0 <= width <= MAX_PIXELS:
+        raise CommandError(f"{name} must be from 1 to {MAX_PIXELS:g} pixels, not {width:g}")
+    return width
+
+
 def radius(params: Mapping[str, Any], warnings: list[str]) -> float:
     """Return a required radius in metres. A negative one counts as 0, as in VTK, with a warning."""
     value = required(params, "radius")
@@ -125,21 +146,26 @@ def lengths_xyz(params: Mapping[str, Any], name: str, warnings: list[str]) -> tu
     return abs(x), abs(y), abs(z)
 
 
-def color(params: Mapping[str, Any], warnings: list[str]) -> tuple[float, float, float, float]:
-    """Return red, green, blue (sRGB) and alpha from 0 to 1; opaque white by default.
+def color(
+    params: Mapping[str, Any],
+    warnings: list[str],
+    name: str = "color",
+    default: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
+) -> tuple[float, float, float, float]:
+    """Return red, green, blue (sRGB) and alpha from 0 to 1.
 
     Alpha may be absent. A fifth number is ignored with a warning, as in Director. Numbers outside of 0 to 1 are
     clamped; NaN counts as 0.
     """
-    value = params.get("color")
+    value = params.get(name)
     if value is None:
-        return 1.0, 1.0, 1.0, 1.0
+        return default
     if not isinstance(value, list) or len(value) < 3:
-        raise CommandError(f"color must be a list of 4 numbers, not {show(value)}")
+        raise CommandError(f"{name} must be a list of 4 numbers, not {show(value)}")
     if len(value) > 4:
-        warnings.append(f"color has {len(value)} numbers, the first 4 are used")
+        warnings.append(f"{name} has {len(value)} numbers, the first 4 are used")
         value = value[:4]
-    r, g, b, *alpha = numbers(value, "color", len(value))
+    r, g, b, *alpha = numbers(value, name, len(value))
     return _clamp(r), _clamp(g), _clamp(b), _clamp(alpha[0]) if alpha else 1.0
 
 

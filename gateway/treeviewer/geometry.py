@@ -1,6 +1,7 @@
 """Read the geometries of setgeometry commands as parts of the scene. ``request_reader`` calls ``read_parts``.
 
-There are eleven types of geometry. Shapes that consist of arrays are read by ``array_geometry``.
+Director has eleven types of geometry. Shapes that consist of arrays are read by ``array_geometry``. The other types are
+additions of Scenegate, read by ``image_geometry``.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, PointCloud, Shape, Sphere, Triad
-from gateway.scene.materials import Color, material, tinted
+from gateway.scene.materials import POINT_SIZE, Color, material, tinted
 from gateway.scene.transforms import IDENTITY
-from gateway.treeviewer import array_geometry, fields
+from gateway.treeviewer import array_geometry, fields, image_geometry
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 
@@ -61,14 +62,15 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
     if not isinstance(params, dict):
         raise CommandError(f"{name} must be an object, not {show(params)}")
     kind = params.get("type")
-    if not isinstance(kind, str) or (kind not in _SHAPES and kind != "mesh_file"):
+    if not isinstance(kind, str) or (kind not in _SHAPES and kind not in _PARTS):
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     try:
         rgba = fields.color(params, context.warnings)
         X_node_geometry = fields.local_transform(params)
-        if kind == "mesh_file":
-            return _mesh_file(params, rgba, X_node_geometry, context)
+        if kind in _PARTS:
+            return _placed(_PARTS[kind](params, rgba, context), kind, X_node_geometry)
         shape = _SHAPES[kind](params, context)
+        sizes = _sizes(kind, params)
     except NothingToDraw as nothing:
         context.warnings.append(f"{name}: {nothing}")
         return ()
@@ -78,7 +80,25 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         return ()
     if isinstance(shape, PointCloud) and ("rgb" in shape.channels or "intensity" in shape.channels):
         rgba = (1.0, 1.0, 1.0, rgba[3])
-    return (Part(shape, material(rgba), X_node_geometry, kind),)
+    return (Part(shape, material(rgba, *sizes), X_node_geometry, kind),)
+
+
+def _placed(parts: tuple[Part, ...], kind: str, X_node_geometry: NDArray[np.float64]) -> tuple[Part, ...]:
+    """Return parts in the frame of a geometry as parts of its path."""
+    is_identity = X_node_geometry is IDENTITY
+    return tuple(
+        msgspec.structs.replace(
+            part, kind=kind, X_node_part=part.X_node_part if is_identity else X_node_geometry @ part.X_node_part
+        )
+        for part in parts
+    )
+
+
+def _sizes(kind: str, params: Params) -> tuple[float, ...]:
+    """Return the arguments ``point_size`` and ``line_width`` of ``material``; none for other types than these two."""
+    if kind in ("pointcloud", "planar_lidar"):
+        return (fields.pixels(params, "point_size", POINT_SIZE),) if "point_size" in params else ()
+    return (POINT_SIZE, fields.pixels(params, "line_width", 1.0)) if kind == "line" and "line_width" in params else ()
 
 
 def _box(params: Params, context: ReadContext) -> Shape:
@@ -109,10 +129,8 @@ def _triad(params: Params, context: ReadContext) -> Shape:
     return Triad(scale, bool(params.get("tube")))
 
 
-def _mesh_file(
-    params: Params, rgba: Color, X_node_geometry: NDArray[np.float64], context: ReadContext
-) -> tuple[Part, ...]:
-    """Load a mesh file, and return its parts with the command\'s colour and transform."""
+def _mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+    """Load a mesh file, and return its parts with the command's colour."""
     filename = params.get("filename")
     if not isinstance(filename, str):
         raise CommandError(
@@ -128,13 +146,7 @@ def _mesh_file(
             raise NothingToDraw(f"{error}, so nothing is drawn") from None
         raise CommandError(f"filename: {error}") from None
     return tuple(
-        msgspec.structs.replace(
-            part,
-            material=tinted(part.material, rgba),
-            X_node_part=part.X_node_part if X_node_geometry is IDENTITY else X_node_geometry @ part.X_node_part,
-            kind="mesh_file",
-            source=part.source or filename,
-        )
+        msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts
     )
 
@@ -166,3 +178,14 @@ _SHAPES: Final[dict[str, Callable[[Params, ReadContext], Shape | None]]] = {
     "pointcloud": array_geometry.pointcloud,
     "planar_lidar": array_geometry.planar_lidar,
 }
+"""Readers of geometries that become one shape in the command's colour."""
+
+_PARTS: Final[dict[str, Callable[[Params, Color, ReadContext], tuple[Part, ...]]]] = {
+    "mesh_file": _mesh_file,
+    "mesh": image_geometry.mesh,
+    "image": image_geometry.image,
+    "heightmap": image_geometry.heightmap,
+    "text": image_geometry.text,
+    "camera_frustum": image_geometry.camera_frustum,
+}
+"""Readers of geometries with materials of their own. Kind and transform of the parts are set by ``read_geometry``."""

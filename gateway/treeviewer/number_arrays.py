@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.treeviewer import json_kernels
-from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, columns_text, shape_text
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, check_size, columns_text, shape_text
 
 MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
@@ -115,6 +115,32 @@ class NumberArrays:
             row, column = divmod(int(np.argmax(invalid)), 3)
             raise ArrayError(f"has {float(values[row, column]):.17g} in row {row}, but there are {count} vertices")
         return values.astype(np.uint32)
+
+    def grid(self, value: Any, max_numbers: int) -> NDArray[np.float32]:
+        """Return a field's rows of numbers as float32, (R, C), whatever their length.
+
+        Args:
+            value: as in ``floats``.
+            max_numbers: maximum number of all numbers.
+        Raises:
+            ArrayError: rows of different lengths, not numbers, or too many.
+            JsonError: the text of the array is not JSON.
+        """
+        if isinstance(value, PackedArray):
+            return value.grid(max_numbers)
+        columns = self._row_length(value)
+        check_size(len(value) * columns if isinstance(value, list) else 0, max_numbers)
+        with np.errstate(over="ignore"):
+            rows = self._read(value, (columns,), max_numbers)
+        check_size(rows.size, max_numbers)
+        return rows.reshape(-1, columns).astype(np.float32)
+
+    def _row_length(self, value: Any) -> int:
+        """Return the number of columns of the first row of a list, or of the array that a string stands for."""
+        if isinstance(value, str) and self.is_reference(value):
+            array = self._arrays[int(value[len(self._prefix) :])]
+            return array.columns if array.dimensions == 2 and array.columns > 0 else 2
+        return len(value[0]) if isinstance(value, list) and value and isinstance(value[0], list) and value[0] else 2
 
     def _read(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
         """Return the numbers of a list, or of the array that a string stands for."""

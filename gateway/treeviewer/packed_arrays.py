@@ -60,6 +60,37 @@ class PackedArray:
             raise ArrayError(f"has {values[row, column]} in row {row}, but there are {count} vertices")
         return values.astype(np.uint32, order="C")
 
+    def grid(self, max_numbers: int) -> NDArray[np.float32]:
+        """Return a copy of rows of any length as float32, (R, C).
+
+        Raises:
+            ArrayError: not two dimensions, or too many numbers.
+        """
+        if self.values is None:
+            raise ArrayError(self.fault)
+        if self.values.ndim != 2:
+            raise ArrayError(f"has {shape_text(self.values.ndim, 0)}, not rows of numbers")
+        check_size(self.values.size, max_numbers)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.values.astype(np.float32, order="C")
+
+    def pixels(self, max_pixels: int) -> NDArray[np.uint8]:
+        """Return an image, (H, W) or (H, W, channels) uint8, without a copy.
+
+        Raises:
+            ArrayError: not uint8, wrong shape, no pixels, or too many.
+        """
+        values = self.values
+        if values is None:
+            raise ArrayError(self.fault)
+        if values.dtype != np.uint8 or values.ndim not in (2, 3) or values.shape[2:] not in ((), (1,), (3,), (4,)):
+            raise ArrayError(f"has shape {values.shape} and type {values.dtype}, not (H, W), (H, W, 3 or 4) and uint8")
+        if not values.size:
+            raise ArrayError("has no pixels")
+        if values.shape[0] * values.shape[1] > max_pixels:
+            raise ArrayError(f"has {values.shape[1]}x{values.shape[0]} pixels, the limit is {max_pixels}")
+        return values
+
     @property
     def is_uint8(self) -> bool:
         """True if the numbers are uint8. Colours of this type are from 0 to 255, others from 0 to 1."""
@@ -72,6 +103,8 @@ class PackedArray:
             raise ArrayError(self.fault)
         if len(values) > max_rows:
             raise ArrayError(f"has {len(values)} rows, the limit is {max_rows}")
+        if values.ndim > 2:
+            raise ArrayError(f"has {values.ndim} dimensions, not {columns_text(columns)}")
         column_count = values.shape[1] if values.ndim == 2 else 1
         if column_count not in columns:
             raise ArrayError(f"has {shape_text(values.ndim, column_count)}, not {columns_text(columns)}")
@@ -81,6 +114,12 @@ class PackedArray:
 def shape_text(dimensions: int, columns: int) -> str:
     """Return a description of an array's rows, for an error text."""
     return "numbers" if dimensions == 1 else f"rows of {columns}"
+
+
+def check_size(numbers: int, max_numbers: int) -> None:
+    """Raise ArrayError if an array has too many numbers."""
+    if numbers > max_numbers:
+        raise ArrayError(f"has {numbers} numbers, the limit is {max_numbers}")
 
 
 def columns_text(columns: tuple[int, ...]) -> str:
@@ -99,8 +138,8 @@ def unpack(payload: memoryview) -> PackedArray:
     if reserved != 0:
         return PackedArray(None, f"has {reserved} in byte 3 of its head, which must be 0")
     begin = _HEADER.size + 4 * dimensions
-    if dimensions not in (1, 2) or len(payload) < begin:
-        return PackedArray(None, f"has {dimensions} dimensions, 1 or 2 are possible")
+    if dimensions not in (1, 2, 3) or len(payload) < begin:
+        return PackedArray(None, f"has {dimensions} dimensions, 1 to 3 are possible")
     shape = struct.unpack_from(f"<{dimensions}I", payload, _HEADER.size)
     size = math.prod(shape) * dtype.itemsize
     if size != len(payload) - begin:
@@ -109,7 +148,7 @@ def unpack(payload: memoryview) -> PackedArray:
 
 
 def pack(values: NDArray[Any]) -> bytes:
-    """Return the payload of an array of one or two dimensions, for tests and benchmarks."""
+    """Return the payload of an array of one to three dimensions, for tests and benchmarks."""
     little_endian = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
     header = _HEADER.pack(values.dtype.str[1:].encode(), values.ndim, 0)
     return b"".join(

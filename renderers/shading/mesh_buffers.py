@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.cache import Cache
+from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
 from renderers.shading.layout import (
@@ -62,29 +63,31 @@ class MeshBuffers:
         return self.indices.nbytes + self.vertices.nbytes + (0 if self.extras is None else self.extras.nbytes)
 
 
-_buffers: Cache[Mesh, dict[int, MeshBuffers]] = Cache(MAX_VERTEX_BYTES, weak=True)
-"""Buffers by mesh and by ``tangent_set``, see ``buffers_of``."""
+_buffers: Cache[Mesh, dict[tuple[int, bool], MeshBuffers]] = Cache(MAX_VERTEX_BYTES, weak=True)
+"""Buffers by mesh and by ``tangent_set`` and ``srgb_colors``, see ``buffers_of``."""
 _lock = threading.Lock()
 
 
-def buffers_of(mesh: Mesh, tangent_set: int) -> MeshBuffers:
+def buffers_of(mesh: Mesh, tangent_set: int, *, srgb_colors: bool = False) -> MeshBuffers:
     """Return the mesh's buffers, from the cache if possible.
 
     Args:
         tangent_set: 0 or 1: include tangents. If the mesh has none, they are generated from this set of texture
             coordinates. -1: no tangents.
+        srgb_colors: True: encode the vertex colours as sRGB.
 
     Raises:
         ValueError, TypeError: the shape or dtype of an attribute is not as documented in ``Mesh``, so that kernels
             would read beyond its end.
     """
-    buffers = (_buffers.get(mesh) or {}).get(tangent_set)
+    key = tangent_set, srgb_colors
+    buffers = (_buffers.get(mesh) or {}).get(key)
     if buffers is not None:
         return buffers
-    buffers = _interleave(mesh, tangent_set)
+    buffers = _interleave(mesh, tangent_set, srgb_colors=srgb_colors)
     with _lock:
-        by_tangent_set = {**(_buffers.get(mesh) or {}), tangent_set: buffers}
-        _buffers.put(mesh, by_tangent_set, sum(each.nbytes for each in by_tangent_set.values()))
+        by_key = {**(_buffers.get(mesh) or {}), key: buffers}
+        _buffers.put(mesh, by_key, sum(each.nbytes for each in by_key.values()))
     return buffers
 
 
@@ -97,7 +100,7 @@ def _check_attributes(mesh: Mesh) -> None:
         address_of(array, np.float32)
 
 
-def _interleave(mesh: Mesh, tangent_set: int) -> MeshBuffers:
+def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffers:
     check_stop()
     _check_attributes(mesh)
     if tangent_set >= 0:
@@ -125,7 +128,10 @@ def _interleave(mesh: Mesh, tangent_set: int) -> MeshBuffers:
     if mesh.colors is None and mesh.uv1 is None and tangents is None:
         return MeshBuffers(indices, vertices, None, attributes)
     extras = np.zeros((count, E_COLUMNS), np.float32)
-    interleave(extras, mesh.colors, E_COLOR, HAS_COLORS)
+    colors = mesh.colors
+    if colors is not None and srgb_colors:
+        colors = srgb_colors_from_linear(colors)
+    interleave(extras, colors, E_COLOR, HAS_COLORS)
     interleave(extras, mesh.uv1, E_UV1, HAS_UV1)
     interleave(extras, tangents, E_TANGENT, HAS_TANGENTS)
     return MeshBuffers(indices, vertices, extras, attributes)

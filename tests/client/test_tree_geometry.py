@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.client import (
     Box,
+    CameraFrustum,
     Capsule,
     Cylinder,
     Ellipsoid,
     Geometry,
+    Heightmap,
+    ImagePlane,
     Line,
     Mesh,
     MeshFile,
     PlanarLidar,
     PointCloud,
     Sphere,
+    Text,
     Transform,
     Triad,
 )
@@ -32,6 +38,7 @@ from gateway.treeviewer.packed_arrays import unpack
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
+PIXELS = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
 ALL = [
     Box((1, 2, 3), color=(1, 0, 0)),
     Sphere(1, transform=(1, 2, 3)),
@@ -43,7 +50,18 @@ ALL = [
     Mesh(POINTS, [[0, 1, 2]]),
     PointCloud(POINTS, rgb=np.full((4, 3), 255, np.uint8), channels={"label": [1, 2, 3, 4], "uv": POINTS[:, :2]}),
     PointCloud(POINTS, intensity=[0, 0.5, 1, 1]),
-    PlanarLidar([1, 2, 3], 0.0, 0.1, rgb=np.ones((3, 4))),
+    PlanarLidar([1, 2, 3], 0.0, 0.1, rgb=np.ones((3, 4)), point_size=4),
+    Line(POINTS, line_width=4),
+    Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 255, np.uint8)),
+    Mesh(POINTS, [[0, 1, 2]], uv=POINTS[:, :2], image=PIXELS),
+    ImagePlane(PIXELS, width=1),
+    ImagePlane(PIXELS[:, :, 0] / 255.0, height=1),
+    ImagePlane(PIL.Image.fromarray(PIXELS), width=1, height=1),
+    Heightmap(POINTS, (1, 2), colors=np.full((4, 3, 3), 0.5)),
+    Heightmap(POINTS, (1, 2), image=PIXELS),
+    Text("hello", size=0.3, background="navy"),
+    CameraFrustum(640, 480, 500, depth=0.5, line_width=2),
+    CameraFrustum.from_fov(1.0, 1.5, color="green"),
 ]
 
 
@@ -59,7 +77,7 @@ def test_the_viewer_understands_every_geometry(geometry: Geometry, name: str) ->
     answer: Any = viewer.protocol.handle(encoded(body, 5, name))
     assert (answer.status, answer.error, answer.warnings) == (0, "", [])
     (part,) = viewer.parts("a", 1)
-    assert part.kind == geometry.kind
+    assert part.kind == geometry.body()["type"]
 
 
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
@@ -70,6 +88,59 @@ def test_sends_uint8_colours_as_0_to_1(name: str) -> None:
     shape: Any = viewer.parts("a")[0].shape
     np.testing.assert_allclose(shape.channels["rgb"], [[0, 0.2, 1]] * 4, rtol=1e-6)
     np.testing.assert_array_equal(shape.points, POINTS)
+
+
+@pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
+def test_images_keep_their_pixels(name: str, tmp_path: Path) -> None:
+    viewer = Viewer()
+    file = tmp_path / "image.png"
+    PIL.Image.fromarray(PIXELS).save(file)
+    images: list[Any] = [PIXELS, PIXELS / 255.0, file, str(file), file.read_bytes(), PIL.Image.open(file)]
+    geometries = [ImagePlane(image, width=1).body() for image in images]
+    viewer.protocol.handle(encoded({"setgeometry": [{"path": ["a"], "geometries": geometries}]}, 5, name))
+    parts = viewer.parts("a")
+    assert len(parts) == len(images)
+    for part in parts:
+        texture = part.material.base_color_texture
+        assert texture is not None
+        np.testing.assert_array_equal(texture.image.decode()[:, :, :3], PIXELS)
+
+
+@pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
+def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
+    viewer = Viewer()
+    colors = ["#336699", "orange", "white", "black"]
+    rgb = np.array([[0x33, 0x66, 0x99], [255, 165, 0], [255, 255, 255], [0, 0, 0]], np.uint8)
+    meshes: list[Geometry] = [
+        Mesh(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)
+    ]
+    meshes += [Sphere(1, color=color) for color in colors]
+    body = {"setgeometry": [{"path": ["a"], "geometries": [mesh.body() for mesh in meshes]}]}
+    assert viewer.protocol.handle(encoded(body, 5, name)).status == 0
+    parts: list[Any] = list(viewer.parts("a"))
+    first, second, *spheres = parts
+    expected = sorted(sphere.material.base_color for sphere in spheres)
+    for part in (first, second):
+        np.testing.assert_allclose(
+            sorted(set(map(tuple, part.shape.mesh.colors.round(6).tolist()))), expected, atol=2e-6
+        )
+
+
+def test_only_what_other_viewers_know_has_their_names() -> None:
+    assert Mesh(POINTS, [[0, 1, 2]]).body().keys() == {"type", "color", "vertices", "faces"}
+    assert Mesh(POINTS, [[0, 1, 2]]).body()["type"] == "mesh_data"
+    assert Mesh(POINTS, [[0, 1, 2]], uv=POINTS[:, :2]).body()["type"] == "mesh_data"
+    assert Mesh(POINTS, [[0, 1, 2]], colors=POINTS / 11).body()["type"] == "mesh"
+    assert "point_size" not in PointCloud(POINTS).body()
+    assert Line(POINTS).body()["radius"] == 0.01
+    assert "line_width" not in Line(POINTS).body()
+    assert Line(POINTS, line_width=2).body()["radius"] == 0
+
+
+def test_a_frustum_from_the_field_of_view() -> None:
+    frustum = CameraFrustum.from_fov(np.pi / 2, 1.5)
+    assert frustum.width / frustum.height == 1.5
+    assert frustum.fx / frustum.height == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -143,6 +214,16 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
         (Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
         (Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
+        (Mesh(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]), r"colors must have 3 or 4 numbers for each of 4 vertices"),
+        (Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 255)), "colors must be from 0 to 1, .* not 255"),
+        (Mesh(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
+        (Mesh(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
+        (ImagePlane(PIXELS), "an image plane needs width or height"),
+        (ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
+        (ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
+        (ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
+        (Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 numbers, not shape \(2,\)"),
+        (Heightmap(POINTS, (1, 1), colors=PIXELS), "colors must have 3 or 4 numbers for each of 12 vertices"),
         (Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
         (Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),

@@ -14,7 +14,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.client import AsyncTreeViewer, Box, MeshFile, PointCloud, Sphere, TreeViewer, TreeViewerError
+from gateway.client import (
+    AsyncTreeViewer,
+    Box,
+    CameraFrustum,
+    ImagePlane,
+    MeshFile,
+    PointCloud,
+    Sphere,
+    Text,
+    TreeViewer,
+    TreeViewerError,
+)
 from gateway.client.tree import connection, viewer, wire
 from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
@@ -52,6 +63,12 @@ def tour(url: str, binary: bool | None) -> None:
         answer = tree_viewer["robot"]["base"].set(Box((1, 2, 3)), Sphere(1), transform=(0, 0, 1))
         assert (answer.status, answer.added, answer.transformed) == (0, (("robot", "base"),), (("robot", "base"),))
         assert tree_viewer["robot/arm"][0].set(PointCloud(np.zeros((5, 3)))).added == (("robot", "arm", 0),)
+        image = np.zeros((40, 50, 3), np.uint8)
+        shown = tree_viewer["sign"].set(
+            Text("exit"), ImagePlane(image, width=1), CameraFrustum(50, 40, 30, image=image)
+        )
+        assert (shown.added, shown.warnings) == ((("sign",),), ())
+        tree_viewer["sign"].delete()
         assert tree_viewer["nobody"].transform((1, 2, 3)).missing == (("nobody",),)
         with tree_viewer.batch() as batch:
             batch["x"].set(Sphere(1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError
-from renderers.images import MAX_PIXELS, MAX_SCANNED_PIXELS, decode_image, image_from_bytes, image_header
+from renderers.images import MAX_PIXELS, MAX_SCANNED_PIXELS, ImageFile, decode_image, image_from_bytes, image_header
 
 RGBA = np.random.default_rng(0).integers(0, 256, (5, 7, 4), np.uint8)
 
@@ -283,3 +283,11 @@ def test_progressive_jpegs_of_the_maximum_size_are_allowed() -> None:
 def test_rejects_many_scans_of_few_pixels() -> None:
     with pytest.raises(ImageError, match="scans, at 8x8 pixels at most 262144 are read"):
         decode_image(jpeg_of_scans(8, 262145))
+
+
+def test_images_of_files_keep_the_file() -> None:
+    data = encoded(RGBA, "PNG")
+    decode = image_from_bytes(data, max_pixels=100).decode
+    assert isinstance(decode, ImageFile)
+    assert (decode.data, decode.max_pixels) == (data, 100)
+    np.testing.assert_array_equal(decode(), RGBA)

@@ -167,7 +167,6 @@ def test_points_keep_finite_points_with_their_colours() -> None:
     np.testing.assert_array_equal(mesh.positions, [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
     np.testing.assert_array_equal(mesh.colors, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]])
     assert material.base_color == (1.0, 1.0, 1.0, 0.5)
-    assert material.point_size == 2.0
 
 
 def test_intensity_is_grey_and_rgba_keeps_its_alpha() -> None:
@@ -184,9 +183,10 @@ def test_channels_of_the_wrong_length_leave_the_flat_colour(channels: Any) -> No
     assert material.base_color == MATERIAL.base_color
 
 
-def test_a_material_may_ask_for_larger_points() -> None:
-    ((_, material, _),) = meshes_of(cloud(), Material(point_size=5.0))
-    assert material.point_size == 5.0
+@pytest.mark.parametrize("size", [1.0, 5.0])
+def test_the_material_says_how_large_points_are(size: float) -> None:
+    ((_, material, _),) = meshes_of(cloud(), Material(point_size=size))
+    assert material.point_size == size
 
 
 def test_the_triad_points_along_the_axes_in_red_green_blue() -> None:

@@ -96,8 +96,9 @@ def test_arrays_come_as_bytes(padding: int) -> None:
         ({"points": np.zeros((9, 3))}, "points has 9 rows, the limit is 8"),
         ({"points": b"f4"}, "points has 2 bytes, less than an array's head"),
         ({"points": b"c8\1\0" + struct.pack("<I", 0)}, "points has numbers of type b'c8', not of f2, f4"),
-        ({"points": b"f4\3\0" + bytes(12)}, "points has 3 dimensions, 1 or 2 are possible"),
-        ({"points": b"f4\2\0" + bytes(4)}, "points has 2 dimensions, 1 or 2 are possible"),
+        ({"points": b"f4\3\0" + bytes(12)}, "points has 3 dimensions, not rows of 3 numbers"),
+        ({"points": b"f4\4\0" + bytes(16)}, "points has 4 dimensions, 1 to 3 are possible"),
+        ({"points": b"f4\2\0" + bytes(4)}, "points has 2 dimensions, 1 to 3 are possible"),
         ({"points": b"f4\1\7" + bytes(4)}, "points has 7 in byte 3 of its head, which must be 0"),
         ({"points": b"f4\2\0" + struct.pack("<2I", 2, 3) + bytes(23)}, "has 23 bytes of numbers, its shape needs 24"),
         (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -88,6 +89,61 @@ def test_hiding_and_opacity(view: tuple[View, Publisher]) -> None:
     shown.page.get_by_label("Opacity").fill("0.1")
     shown.until(lambda: shown.share("green") < 0.01, "two is nearly transparent")
     assert shown.share("red") > 0.02
+
+
+def png(pixels: Any) -> str:
+    """Return pixels as a PNG file in base64."""
+    file = io.BytesIO()
+    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
+    return base64.b64encode(file.getvalue()).decode()
+
+
+SQUARE = {"vertices": [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], "faces": [[0, 1, 2], [0, 2, 3]]}
+HAIRLINE = {"type": "line", "points": [[-1.5, 0, 0], [1.5, 0, 0]], "radius": 0, "color": RED}
+UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("geometry", "low", "high"),
+    [
+        ({"type": "mesh", **SQUARE, "colors": [RED] * 4}, 0.12, 0.4),
+        (
+            {
+                "type": "mesh",
+                **SQUARE,
+                "uv": [[0, 1], [1, 1], [1, 0], [0, 0]],
+                "image": png([[[255, 0, 0], [0, 0, 0]]]),
+            },
+            0.05,
+            0.3,
+        ),
+        ({"type": "image", "image": png([[[255, 0, 0, 255]]]), "width": 2, "transform": UPRIGHT}, 0.12, 0.4),
+        ({"type": "image", "image": png([[[255, 0, 0, 0]]]), "width": 2, "transform": UPRIGHT}, 0.0, 0.0),
+        ({"type": "text", "text": "MM", "size": 1, "color": RED, "transform": UPRIGHT}, 0.01, 0.2),
+        (
+            {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED, "transform": UPRIGHT},
+            0.05,
+            0.2,
+        ),
+        (HAIRLINE, 0.0002, 0.005),
+        ({**HAIRLINE, "line_width": 60}, 0.04, 0.2),
+        ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 8}, 0.00003, 0.0005),
+        ({"type": "pointcloud", "points": [[0, 0, 0]], "color": RED, "point_size": 256}, 0.05, 0.2),
+        (
+            {"type": "heightmap", "heights": [[0, 0], [0, 0]], "lengths": [2, 2], "color": RED, "transform": UPRIGHT},
+            0.12,
+            0.4,
+        ),
+    ],
+    ids=lambda value: value["type"] if isinstance(value, dict) else "",
+)
+def test_images_and_sizes_in_pixels(
+    view: tuple[View, Publisher], geometry: dict[str, Any], low: float, high: float
+) -> None:
+    shown, publisher = view
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": geometry}])
+    shown.look_at("it")
+    shown.until(lambda: low <= shown.share("red") <= high, f"{low} to {high} of the view in red")
 
 
 def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:

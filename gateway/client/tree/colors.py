@@ -1,14 +1,31 @@
-"""Convert colours from what users write (names, hexadecimal, uint8, floats) to the protocol's floats from 0 to 1."""
+"""Convert colours and images from what users write (names, hexadecimal, uint8, floats, files) to the protocol's."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gateway.client.tree.wire import empty_with_header
+
 RANGE_TOLERANCE: Final = 1e-5
 """Accepted distance of a float below 0 or above 1, for rounding errors. The viewer clamps such values."""
+
+
+class HasPixels(Protocol):
+    """An image of Pillow, or another object that NumPy reads as an array."""
+
+    @property
+    def __array_interface__(self) -> Mapping[str, Any]:
+        """See NumPy's array interface."""
+
+
+ImageLike: TypeAlias = ArrayLike | HasPixels | bytes | str | os.PathLike[str]
+"""Image that ``image_field`` reads."""
 
 
 def rgba(value: ArrayLike) -> list[float]:
@@ -31,6 +48,50 @@ def rgba(value: ArrayLike) -> list[float]:
     check_range("color", numbers)
     channels: list[float] = numbers.tolist()
     return channels
+
+
+def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    """Return a copy of the colours of ``count`` vertices, (count, 3) or (count, 4), uint8 or float32.
+
+    Args:
+        name: name of the field, for the error text.
+        values: an array whose last axis has 3 or 4 numbers; rows of a grid follow each other.
+        count: number of vertices.
+    Raises:
+        ValueError: wrong shape, or a float outside of 0 to 1.
+    """
+    array = np.asarray(values)
+    if array.ndim < 2 or array.shape[-1] not in (3, 4) or array.size != count * array.shape[-1]:
+        raise ValueError(f"{name} must have 3 or 4 numbers for each of {count} vertices, not shape {array.shape}")
+    copy = empty_with_header((count, array.shape[-1]), np.uint8 if array.dtype == np.uint8 else np.float32)
+    copy[...] = array.reshape(copy.shape)
+    check_range(name, copy)
+    return copy
+
+
+def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
+    """Return an image as the protocol's field: an encoded file, or a copy of its pixels as uint8.
+
+    Args:
+        value: an encoded PNG or JPEG file, the path of one, or pixels: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
+            from 0 to 1, top row first. A Pillow image counts as its pixels.
+    Raises:
+        ValueError: wrong shape, or a float outside of 0 to 1.
+        OSError: the file cannot be read.
+    """
+    if isinstance(value, bytes):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        return Path(value).read_bytes()
+    array = np.asarray(value)
+    if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
+        raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), not {array.shape}")
+    if array.dtype.kind not in "fu" or (array.dtype.kind == "u" and array.dtype != np.uint8):
+        raise ValueError(f"image must be uint8, or floats from 0 to 1, not {array.dtype}")
+    check_range("image", array)
+    copy = empty_with_header(array.shape, np.uint8)
+    copy[...] = array if array.dtype == np.uint8 else np.clip(np.nan_to_num(array) * 255.0 + 0.5, 0.0, 255.0)
+    return copy
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.client.tree.colors import check_range, rgba
+from gateway.client.tree.colors import ImageLike, check_range, color_rows, image_field, rgba
 from gateway.client.tree.wire import empty_with_header
 
 ROTATION_TOLERANCE: Final = 1e-4
@@ -50,8 +50,8 @@ class Transform:
     def body(self) -> dict[str, Any]:
         """Return the transform as the protocol's JSON object."""
         return {
-            "translation": _numbers("translation", self.translation, 3),
-            "quaternion": _numbers("quaternion", self.quaternion, 4),
+            "translation": number_list("translation", self.translation, 3),
+            "quaternion": number_list("quaternion", self.quaternion, 4),
         }
 
 
@@ -78,7 +78,7 @@ def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
+def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
     """Return a field's values as floats. Raises ValueError if their number is none of ``counts``."""
     array = np.asarray(values, np.float64)
     if array.ndim != 1 or len(array) not in counts:
@@ -88,7 +88,7 @@ def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
     return numbers
 
 
-def _rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
+def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
     """Return a copy of a field's values: (N, one of ``columns``), or (N,) if ``columns`` is 1.
 
     Raises:
@@ -145,7 +145,7 @@ class Box(Geometry):
     """Edge lengths along x, y, z."""
 
     def _fields(self) -> dict[str, Any]:
-        return {"lengths": _numbers("lengths", self.lengths, 3)}
+        return {"lengths": number_list("lengths", self.lengths, 3)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ class Ellipsoid(Geometry):
     """Half axes along x, y, z."""
 
     def _fields(self) -> dict[str, Any]:
-        return {"radii": _numbers("radii", self.radii, 3)}
+        return {"radii": number_list("radii", self.radii, 3)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +211,8 @@ class Line(Geometry):
     kind = "line"
     points: ArrayLike
     """(N, 3)."""
-    radius: float = 0.01
-    """Radius of the tube; 0: a hairline."""
+    radius: float | None = None
+    """Radius of the tube; 0: a hairline; None: 0.01, or 0 if there is a ``line_width``."""
     closed: bool = False
     """True: join the last point to the first."""
     start_head: bool = False
@@ -222,37 +222,64 @@ class Line(Geometry):
     head_radius: float = 0.05
     head_length: float | None = None
     """Length of the arrow heads; None: the viewer's default."""
+    line_width: float | None = None
+    """Width of a hairline in pixels, 1 to 256; None: 1. Other viewers ignore it."""
 
     def _fields(self) -> dict[str, Any]:
+        line_width = {} if self.line_width is None else {"line_width": float(self.line_width)}
         head_length = {} if self.head_length is None else {"head_length": float(self.head_length)}
         return {
-            "points": _rows("points", self.points, 3),
-            "radius": float(self.radius),
+            "points": number_rows("points", self.points, 3),
+            "radius": (0.01 if self.line_width is None else 0.0) if self.radius is None else float(self.radius),
             "closed": bool(self.closed),
             "start_head": bool(self.start_head),
             "end_head": bool(self.end_head),
             "head_radius": float(self.head_radius),
             **head_length,
+            **line_width,
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Mesh(Geometry):
-    """Triangle mesh."""
+    """Triangle mesh, in one colour, with colours of its vertices, or with an image.
+
+    A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.
+    """
 
     kind = "mesh_data"
     vertices: ArrayLike
     """Positions, (N, 3)."""
     faces: ArrayLike
     """Triangles, (M, 3) indices of vertices."""
+    colors: ArrayLike | None = None
+    """Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
+    uv: ArrayLike | None = None
+    """Texture coordinates, (N, 2). (0, 0) is the image's top left corner, (1, 1) its bottom right one; use ``1 - v``
+    for coordinates from OBJ files."""
+    image: ImageLike | None = None
+    """Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in ``ImagePlane``."""
+
+    def body(self) -> dict[str, Any]:
+        body = Geometry.body(self)
+        return body | {"type": "mesh"} if "colors" in body or "image" in body else body
 
     def _fields(self) -> dict[str, Any]:
         is_uint32 = np.asarray(self.faces).dtype == np.uint32  # negative indices of other types must not wrap
-        vertices = _rows("vertices", self.vertices, 3)
-        faces = _rows("faces", self.faces, 3, dtype=np.uint32 if is_uint32 else np.int64)
+        vertices = number_rows("vertices", self.vertices, 3)
+        faces = number_rows("faces", self.faces, 3, dtype=np.uint32 if is_uint32 else np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {len(vertices)}")
-        return {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
+        fields: dict[str, Any] = {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
+        if self.colors is not None:
+            fields["colors"] = color_rows("colors", self.colors, len(vertices))
+        if self.image is not None:
+            if self.uv is None:
+                raise ValueError("a mesh with an image needs uv")
+            fields |= {"uv": number_rows("uv", self.uv, 2), "image": image_field(self.image)}
+            if len(fields["uv"]) != len(vertices):
+                raise ValueError(f"uv has {len(fields['uv'])} rows for {len(vertices)} vertices")
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +294,7 @@ class MeshFile(Geometry):
 
     def _fields(self) -> dict[str, Any]:
         scale = [float(self.scale)] * 3 if isinstance(self.scale, (int, float)) else self.scale
-        return {"filename": str(self.filename), "scale": _numbers("scale", scale, 3)}
+        return {"filename": str(self.filename), "scale": number_list("scale", scale, 3)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,15 +310,22 @@ class PointCloud(Geometry):
     """Grey values, (N,): floats from 0 to 1, or uint8."""
     channels: Mapping[str, ArrayLike] = field(default_factory=dict)
     """Other values by name, (N,) or (N, k) with k up to 16."""
+    point_size: float | None = None
+    """Width of the points in pixels, 1 to 256; None: 2. Other viewers ignore it."""
 
     def _fields(self) -> dict[str, Any]:
-        points = _rows("points", self.points, 3)
-        return {"points": points, **_channels(len(points), self.rgb, self.intensity, self.channels)}
+        points = number_rows("points", self.points, 3)
+        return {
+            "points": points,
+            **_channels(len(points), self.rgb, self.intensity, self.channels),
+            **_point_size(self.point_size),
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class PlanarLidar(Geometry):
-    """Scan of a lidar that turns about z. ``rgb``, ``intensity`` and ``channels`` are as in ``PointCloud``."""
+    """Scan of a lidar that turns about z. ``rgb``, ``intensity``, ``channels`` and ``point_size`` are as in
+    ``PointCloud``."""
 
     kind = "planar_lidar"
     ranges: ArrayLike
@@ -301,15 +335,21 @@ class PlanarLidar(Geometry):
     rgb: ArrayLike | None = None
     intensity: ArrayLike | None = None
     channels: Mapping[str, ArrayLike] = field(default_factory=dict)
+    point_size: float | None = None
 
     def _fields(self) -> dict[str, Any]:
-        ranges = _rows("ranges", self.ranges, 1)
+        ranges = number_rows("ranges", self.ranges, 1)
         return {
             "ranges": ranges,
             "angle_start": float(self.angle_start),
             "angle_step": float(self.angle_step),
             **_channels(len(ranges), self.rgb, self.intensity, self.channels),
+            **_point_size(self.point_size),
         }
+
+
+def _point_size(value: float | None) -> dict[str, Any]:
+    return {} if value is None else {"point_size": float(value)}
 
 
 def _channels(
@@ -320,10 +360,10 @@ def _channels(
     for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
         if values is not None:
             is_uint8 = np.asarray(values).dtype == np.uint8
-            channels[name] = _rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
+            channels[name] = number_rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
     for name, values in others.items():
         allowed_columns = (1,) if np.ndim(values) == 1 else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-        channels[name] = _rows(name, values, *allowed_columns)
+        channels[name] = number_rows(name, values, *allowed_columns)
     for name, array in channels.items():
         if len(array) != count:
             raise ValueError(f"{name} has {len(array)} values for {count} points")

@@ -5,6 +5,7 @@ docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both 
 
 from __future__ import annotations
 
+import io
 import math
 import struct
 from dataclasses import dataclass
@@ -60,7 +61,7 @@ def encode(body: dict[str, Any], utime: int, message_format: str) -> NDArray[np.
     if message_format == BINARY:
         _msgpack.encode_into(body, buffer, body_start)
     else:
-        _json.encode_into(_with_float_colors(body), buffer, body_start)
+        _json.encode_into(_with_json_values(body), buffer, body_start)
     trailer = _TRAILER.pack(1, 0, len(buffer) - body_start)
     buffer[:body_start] = b"".join((_HEADER.pack(FINGERPRINT, utime, len(format_name)), format_name, trailer))
     return np.frombuffer(buffer, np.uint8)
@@ -127,26 +128,45 @@ def _to_python(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
-def _with_float_colors(body: dict[str, Any]) -> dict[str, Any]:
-    """Return a body for JSON, in which uint8 colours are floats from 0 to 1: JSON does not tell 0-255 from 0-1."""
+def _with_json_values(body: dict[str, Any]) -> dict[str, Any]:
+    """Return a body for JSON: uint8 colours as floats from 0 to 1, since JSON does not tell 0-255 from 0-1, and the
+    pixels of images as PNG files, which the encoder writes as base64."""
     commands = [
-        {**command, "geometries": [_with_floats(geometry) for geometry in command["geometries"]]}
+        {**command, "geometries": [_with_json_fields(geometry) for geometry in command["geometries"]]}
         for command in body.get("setgeometry", ())
     ]
     return {**body, "setgeometry": commands} if commands else body
 
 
-def _with_floats(geometry: Any) -> Any:
-    """Return a geometry whose uint8 colours and intensities are floats from 0 to 1."""
-    channels = geometry.get("channels") if isinstance(geometry, dict) else None
-    if not isinstance(channels, dict):
+def _with_json_fields(geometry: Any) -> Any:
+    """Return a geometry without uint8 arrays."""
+    if not isinstance(geometry, dict):
         return geometry
-    floats = {
-        name: channels[name] / np.float32(255.0)
-        for name in ("rgb", "intensity")
-        if isinstance(channels.get(name), np.ndarray) and channels[name].dtype == np.uint8
+    result = {**geometry, **_floats_of_colors(geometry, "colors")}
+    channels = geometry.get("channels")
+    if isinstance(channels, dict):
+        result["channels"] = {**channels, **_floats_of_colors(channels, "rgb", "intensity")}
+    if isinstance(geometry.get("image"), np.ndarray):
+        result["image"] = _png(geometry["image"])
+    return result
+
+
+def _floats_of_colors(fields: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Return those of the named fields that are uint8 arrays, as floats from 0 to 1."""
+    return {
+        name: fields[name] / np.float32(255.0)
+        for name in names
+        if isinstance(fields.get(name), np.ndarray) and fields[name].dtype == np.uint8
     }
-    return {**geometry, "channels": {**channels, **floats}} if floats else geometry
+
+
+def _png(pixels: NDArray[np.uint8]) -> bytes:
+    """Return pixels, (H, W) or (H, W, 3 or 4), as a PNG file."""
+    from PIL import Image  # slow to import, and most clients send no images as JSON
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)
+    return file.getvalue()
 
 
 _json: Final = msgspec.json.Encoder(enc_hook=_to_python)

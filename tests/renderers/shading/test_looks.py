@@ -242,3 +242,12 @@ def test_plain_look_encodes_the_base_color() -> None:
     assert plain.base_color == pytest.approx((0.5, 0.0, 1.0, 0.25), abs=1e-6)
     assert plain.emissive == (0.0, 0.0, 0.0)
     assert look_material(material, "phong").base_color == material.base_color
+
+
+@pytest.mark.parametrize(("look", "level"), [("plain", 188), ("phong", 128)])
+def test_the_plain_look_shows_linear_vertex_colours_as_srgb(look: LookName, level: int) -> None:
+    colors = np.tile(np.array((0.5, 0.5, 0.5, 1.0), np.float32), (4, 1))
+    instance = placed(replace(quad(), colors=colors), Material(double_sided=True, unlit=True))
+    color = painted(DrawList((instance,)), camera(), Look(look))
+    height, width, _ = color.shape
+    assert color[height // 2, width // 2].tolist() == [level] * 3

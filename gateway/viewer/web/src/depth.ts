@@ -11,8 +11,9 @@ export const BEFORE = -1e-5;
 export function shiftDepth<M extends Material>(material: M, by: number): M {
   const text = by.toFixed(8);
   material.onBeforeCompile = (shader) => {
-    const projected = "#include <project_vertex>";
-    shader.vertexShader = shader.vertexShader.replace(projected, `${projected}\n\tgl_Position.z += ${text} * gl_Position.w;`);
+    // The second one is in the shader of LineMaterial.
+    for (const projected of ["#include <project_vertex>", "gl_Position = clip;"])
+      shader.vertexShader = shader.vertexShader.replace(projected, `${projected}\n\tgl_Position.z += ${text} * gl_Position.w;`);
   };
   material.customProgramCacheKey = () => `depth ${text}`;
   return material;

@@ -14,19 +14,23 @@ import {
   type Intersection,
   type Material as ThreeMaterial,
 } from "three";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Batch, type BatchInstance } from "./batches";
 import { colorCloud } from "./clouds";
 import { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
-type SingleObject = Mesh | LineSegments | Points;
+type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
 /** One draw of a node. */
 type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
 
 export class Drawing {
   readonly root = new Object3D();
   private readonly geometries = new Map<number, BufferGeometry>();
+  /** Geometries of lines of more than one pixel, by mesh id. */
+  private readonly wideLines = new Map<number, LineSegmentsGeometry>();
   /** Batches by mesh id and material key. */
   private readonly batches = new Map<number, Map<string, Batch>>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
@@ -69,6 +73,8 @@ export class Drawing {
       this.batches.delete(id);
       this.geometries.get(id)?.dispose();
       this.geometries.delete(id);
+      this.wideLines.get(id)?.dispose();
+      this.wideLines.delete(id);
       this.model.meshes.delete(id);
     }
   }
@@ -123,10 +129,13 @@ export class Drawing {
     const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
     const colors = payload.color !== undefined;
     const { material } = draw;
-    if (payload.topology === 3 && opacity === 1 && (material.alpha !== "blend" || material.color[3] >= 1))
+    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined);
+    if (payload.topology === 3 && opacity === 1 && !blended)
       return { local, instance: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
+    else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)
+      object = new LineSegments2(this.wideLine(payload), this.materials.wideLine(material, colors, opacity));
     else if (payload.topology === 2) object = new LineSegments(geometry, this.materials.line(material, colors, opacity));
     else object = this.points(node, draw, geometry, colors, opacity);
     object.matrixAutoUpdate = false;
@@ -188,6 +197,19 @@ export class Drawing {
       (drawn.object.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
     }
     this.drawn.delete(node);
+  }
+
+  private wideLine(payload: MeshPayload): LineSegmentsGeometry {
+    let geometry = this.wideLines.get(payload.id);
+    if (geometry) return geometry;
+    const index = payload.index ?? Uint32Array.from({ length: payload.position.length / 3 }, (_, i) => i);
+    geometry = new LineSegmentsGeometry();
+    geometry.setPositions(Float32Array.from({ length: 3 * index.length }, (_, i) => payload.position[3 * index[Math.floor(i / 3)]! + (i % 3)]!));
+    const { color } = payload;
+    if (color)
+      geometry.setColors(Float32Array.from({ length: 3 * index.length }, (_, i) => color[4 * index[Math.floor(i / 3)]! + (i % 3)]! / 255));
+    this.wideLines.set(payload.id, geometry);
+    return geometry;
   }
 
   private geometry(payload: MeshPayload): BufferGeometry {

@@ -18,6 +18,7 @@ import {
   type MeshLambertMaterialParameters,
   type Wrapping,
 } from "three";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { BEFORE, shiftDepth } from "./depth";
 import { h } from "./dom";
 import type { Material } from "./protocol";
@@ -89,6 +90,16 @@ export class Materials {
       this.fade(threeMaterial, material.color[3] * opacity);
       return threeMaterial;
     });
+  }
+
+  /** Return a material for lines of more than one pixel, which are drawn as LineSegments2. */
+  wideLine(material: Material, vertexColors: boolean, opacity: number): LineMaterial {
+    return this.acquire(`wide line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+      const threeMaterial = shiftDepth(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      this.fade(threeMaterial, material.color[3] * opacity);
+      return threeMaterial;
+    }) as LineMaterial;
   }
 
   points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.compiler.structs import F32, I64, U32, Struct, pointer_to
-from renderers.drawlist import Instance
+from renderers.drawlist import Instance, Topology
 from renderers.shading.mikktspace import with_tangents
 from renderers.shading.scene import ShadingScene
 
@@ -40,8 +41,11 @@ def instance_structs(instances: Sequence[Instance], shading: ShadingScene) -> tu
         if texture is not None and shading.materials["normal_texture"][material] >= 0:
             mesh = with_tangents(mesh, texture.uv_set)
             tangents = mesh.tangents
-        arrays = (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, tangents)
-        keep += (mesh, tangents)
+        colors = mesh.colors
+        if colors is not None and shading.look == "plain" and mesh.topology is Topology.TRIANGLES:
+            colors = srgb_colors_from_linear(colors)
+        arrays = (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, colors, tangents)
+        keep += (mesh, tangents, colors)
         addresses = (address_of(mesh.elements, np.uint32), *(address_of(array, np.float32) for array in arrays))
         structs[i] = (mesh.elements.shape[1], material, *addresses)
     return structs, keep

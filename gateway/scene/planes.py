@@ -1,0 +1,94 @@
+"""Meshes that show images and numbers in the plane: rectangles, heightmaps, and the frustums of cameras."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.drawlist import Mesh
+
+_CORNERS: Final = np.array(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
+"""x and y of a unit square, counter-clockwise from the lower left corner."""
+
+
+def rectangle(width: float, height: float) -> Mesh:
+    """Return a rectangle in the plane z = 0, centred on the origin, that shows an image upright to the side of +z.
+
+    The image's rows run along +x, its top is towards +y.
+    """
+    positions = np.zeros((4, 3), np.float32)
+    positions[:, :2] = _CORNERS * (width, height)
+    normals = np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1))
+    uv = np.ascontiguousarray(np.stack((_CORNERS[:, 0] + 0.5, 0.5 - _CORNERS[:, 1]), axis=1), np.float32)
+    return Mesh(positions, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), normals, uv0=uv)
+
+
+def heightmap(
+    heights: NDArray[np.float32], lengths: tuple[float, float], colors: NDArray[np.float32] | None
+) -> Mesh | None:
+    """Return the surface z = heights over a rectangle in x and y that is centred on the origin.
+
+    Args:
+        heights: (R, C) float32, metres; R, C >= 2. x grows with the column, y with the row. The four triangles or
+            fewer around a height that is not finite are left out.
+        lengths: Extents along x and y, metres, > 0.
+        colors: (R * C, 4) float32, linear RGBA of the heights, row by row; None: no colours.
+
+    Returns:
+        None if no triangle is left. The texture coordinates are (0, 0) at the first height and (1, 1) at the last one,
+        so that the first row of an image lies along the first row of heights.
+    """
+    rows, columns = heights.shape
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
+    finite = np.isfinite(heights)
+    z = np.where(finite, heights, np.float32(0.0))
+    positions = np.stack(((u - 0.5) * lengths[0], (v - 0.5) * lengths[1], z), axis=2).reshape(-1, 3)
+    index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    triangles = np.stack((a, b, c, a, c, d), axis=2).reshape(-1, 3)
+    if not finite.all():
+        triangles = triangles[finite.reshape(-1)[triangles].all(axis=1)]
+    if not len(triangles):
+        return None
+    with np.errstate(all="ignore"):
+        slope_y, slope_x = np.gradient(z.astype(np.float64), lengths[1] / (rows - 1), lengths[0] / (columns - 1))
+        normals = np.stack((-slope_x, -slope_y, np.ones_like(slope_x)), axis=2).reshape(-1, 3)
+        lengths_of_normals = np.linalg.norm(normals, axis=1)
+        normals /= lengths_of_normals[:, None]
+    normals[~np.isfinite(lengths_of_normals)] = (0.0, 0.0, 1.0)  # slopes of tiny lengths overflow
+    return Mesh(
+        np.ascontiguousarray(positions, np.float32),
+        np.ascontiguousarray(triangles),
+        np.ascontiguousarray(normals, np.float32),
+        uv0=np.ascontiguousarray(np.stack((u, v), axis=2).reshape(-1, 2), np.float32),
+        colors=colors,
+    )
+
+
+def frustum(
+    width: float, height: float, focal: tuple[float, float], principal: tuple[float, float], depth: float
+) -> tuple[Mesh, NDArray[np.float64]]:
+    """Return the edges of a camera's frustum as hairlines, in the optical frame (+z forward, +x right, +y down).
+
+    Args:
+        width, height: Size of the image, pixels.
+        focal: fx and fy, pixels.
+        principal: cx and cy, pixels.
+        depth: Distance of the image plane from the camera, metres.
+
+    Returns:
+        The hairlines, with a triangle above the image's top edge, and the corners of the image plane, (4, 3) metres:
+        top left, top right, bottom right, bottom left.
+    """
+    pixels = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
+    corners = np.empty((4, 3))
+    corners[:, 2] = depth
+    edges = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
+    with np.errstate(all="ignore"):  # callers check the corners
+        corners[:, :2] = (pixels - principal) / focal * depth
+        top_left, top_right, bottom_left = corners[0], corners[1], corners[3]
+        roof = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
+        positions = np.concatenate((np.zeros((1, 3)), corners, roof[None])).astype(np.float32)
+    return Mesh(positions, np.array(edges, np.uint32)), corners

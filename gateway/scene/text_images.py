@@ -1,0 +1,75 @@
+"""Images of text, in the scalable font that Pillow contains: no font of the system is read."""
+
+from __future__ import annotations
+
+import io
+from functools import cache
+from typing import Any, Final
+
+from gateway.scene.materials import Color
+
+LINE_PIXELS: Final = 64
+"""Height of a line of text in its image. Longer texts get smaller letters, see ``MAX_SIDE``."""
+MAX_SIDE: Final = 4096
+"""Maximum width and height of an image of text, pixels."""
+_MARGIN: Final = 0.15
+"""Margin around the text as a fraction of a line's height."""
+_MIN_LINE_PIXELS: Final = 8
+
+
+def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float]:
+    """Return text as a PNG file, and the image's height in lines of text.
+
+    Args:
+        text: Lines of text, separated by newlines.
+        color: Colour of the letters.
+        background: Colour of the rectangle behind them; alpha 0: none.
+    """
+    from PIL import Image, ImageDraw  # slow to import, and few scenes have text
+
+    lines = text.splitlines() or [""]
+    line_pixels = float(LINE_PIXELS)
+    widest = max(_font(LINE_PIXELS).getlength(line) for line in lines)
+    for pixels in (widest + 2 * _MARGIN * line_pixels, (len(lines) + 2 * _MARGIN) * line_pixels):
+        line_pixels = min(line_pixels, LINE_PIXELS * MAX_SIDE / pixels)
+    size = max(int(line_pixels), _MIN_LINE_PIXELS)
+    margin = round(_MARGIN * size)
+    font = _font(size)
+    width = min(round(max(font.getlength(line) for line in lines)) + 2 * margin, MAX_SIDE)
+    height = min(len(lines) * size + 2 * margin, MAX_SIDE)
+    # Transparent pixels have the letters' colour: filters mix it into their edges.
+    transparent = (*_bytes(color)[:3], 0)
+    image = Image.new("RGBA", (width, height), _bytes(background) if background[3] > 0.0 else transparent)
+    letters = Image.new("L", (width, height), 0)
+    draw = ImageDraw.Draw(letters)
+    ascent, descent = font.getmetrics()
+    for row, line in enumerate(lines):
+        top = margin + row * size + 0.5 * (size - ascent - descent)
+        draw.text((margin, top), line, fill=255, font=font)
+    if background[3] > 0.0:
+        image.paste(_bytes(color), (0, 0), letters.point(lambda coverage: coverage * color[3]))
+    else:
+        image.putalpha(letters.point(lambda coverage: coverage * color[3]))
+    file = io.BytesIO()
+    image.save(file, "PNG", compress_level=1)
+    return file.getvalue(), height / size
+
+
+def missing_characters(text: str) -> str:
+    """Return the characters of a text that the font does not have. They appear as crossed boxes."""
+    font = _font(LINE_PIXELS)
+    missing = bytes(font.getmask("\uffff"))
+    return "".join(char for char in dict.fromkeys(text) if char > "~" and bytes(font.getmask(char)) == missing)
+
+
+@cache
+def _font(size: int) -> Any:
+    """Return Pillow's font with lines of ``size`` pixels."""
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size=0.8 * size)
+
+
+def _bytes(color: Color) -> tuple[int, int, int, int]:
+    r, g, b, a = (round(255.0 * value) for value in color)
+    return r, g, b, a

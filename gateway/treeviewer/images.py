@@ -1,0 +1,102 @@
+"""Read the images of geometries: encoded files (base64 in JSON, bytes in MessagePack) and uint8 arrays.
+
+Every image becomes an encoded file, an array becomes a PNG file. Equal files are one ``Image`` object, which is decoded
+once to find out whether it can be drawn.
+"""
+
+from __future__ import annotations
+
+import binascii
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import pybase64
+from numpy.typing import NDArray
+
+from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
+from renderers.cache import Cache
+from renderers.drawlist import Image, ImageError
+from renderers.encode import png_rgba
+from renderers.images import image_from_bytes
+
+_RGBA_CONVERSIONS: Final = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_RGB2RGBA}
+_MAX_CHECKED: Final = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedImage:
+    """An image that can be decoded."""
+
+    image: Image
+    width: int
+    """Columns."""
+    height: int
+    """Rows."""
+    has_alpha: bool
+    """True if a pixel is not opaque."""
+
+
+_checked: Final[Cache[Image, tuple[int, int, bool]]] = Cache(_MAX_CHECKED, weak=True)
+"""Width, height and ``has_alpha`` of images that were decoded once. Each counts as one byte."""
+
+
+def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage | None:
+    """Return the image in the field ``image``; None if there is none.
+
+    Raises:
+        CommandError: the image cannot be decoded, or exceeds a limit.
+    """
+    value = params.get("image")
+    if value is None:
+        return None
+    try:
+        data = _file(value, context)
+        if len(data) > context.limits.image_bytes:
+            raise CommandError(f"image has {len(data)} bytes, the limit is {context.limits.image_bytes}")
+        return check_image(data, context.limits.image_pixels)
+    except ArrayError as error:
+        raise CommandError(f"image {error}") from None
+    except ImageError as error:
+        raise CommandError(f"image cannot be decoded: {error}") from None
+
+
+def check_image(data: bytes, max_pixels: int) -> CheckedImage:
+    """Return the image in an encoded file after decoding it once.
+
+    Raises:
+        ImageError: the file cannot be decoded, or has too many pixels.
+    """
+    image = image_from_bytes(data, max_pixels=max_pixels)
+    checked = _checked.get(image)
+    if checked is None:
+        pixels = image.decode()
+        checked = pixels.shape[1], pixels.shape[0], bool((pixels[:, :, 3] < 255).any())
+        _checked.put(image, checked, 1)
+    return CheckedImage(image, *checked)
+
+
+def _file(value: Any, context: ReadContext) -> bytes:
+    """Return the encoded file in a field's value."""
+    if isinstance(value, bytes):
+        return value
+    if isinstance(value, PackedArray):
+        return png_rgba(_rgba(value.pixels(context.limits.image_pixels)))
+    if not isinstance(value, str):
+        raise CommandError(f"image must be a PNG or JPEG file (base64 in JSON) or a uint8 array, not {show(value)}")
+    try:
+        return pybase64.b64decode(value, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise CommandError(f"image is not base64: {error}") from None
+
+
+def _rgba(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return pixels, (H, W) or (H, W, 1, 3 or 4), as (H, W, 4)."""
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    conversion = _RGBA_CONVERSIONS.get(channels)
+    contiguous = np.ascontiguousarray(pixels)
+    return contiguous if conversion is None else np.asarray(cv2.cvtColor(contiguous, conversion), np.uint8)
