@@ -42,8 +42,8 @@ class Look:
     - ``pbr``: as RenderEngineVtk with glTF meshes. Metallic-roughness in linear light, gamma 1/2.2. Blending, texture
       filters and mirrored instances are as in VTK.
     - ``gltf``: light and gamma of ``pbr``, materials as in the glTF specification.
-    - ``plain``: for Director and the browser view. As ``phong``, but linear colour factors, and vertex colours of
-      triangles, are encoded as sRGB, so that a surface that faces the camera has exactly the published colour.
+    - ``plain``: for Director and the browser view. As ``phong``, but linear colour factors and vertex colours are
+      encoded as sRGB, so that a surface that faces the camera has exactly the published colour.
     - ``studio``: for presentation. All glTF materials under the lights of ``rig``, with shadows, reflections and tone
       mapping.
     """

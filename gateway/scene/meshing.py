@@ -26,6 +26,7 @@ from gateway.scene.geometry import (
 )
 from gateway.scene.transforms import IDENTITY, Matrix, scaling, translation
 from renderers import primitives
+from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh
 from renderers.tubes import clean_polyline, tube
 
@@ -199,9 +200,9 @@ def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
 
 
 def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
-    """Return the colours of all points, (N, 4) float32 in 0 .. 1, from ``rgb``, or else in grey from ``intensity``.
+    """Return the linear colours of all points, (N, 4) float32, from ``rgb``, or else in grey from ``intensity``.
 
-    Channels of the wrong shape are ignored: some clients send empty ones. None if neither channel is usable.
+    Channels are sRGB. Those of the wrong shape are ignored: some clients send empty ones. None if neither is usable.
     """
     count = len(cloud.points)
     rgb = cloud.channels.get("rgb")
@@ -214,7 +215,7 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
         values = np.repeat(intensity.reshape(count, 1), 3, axis=1)
     colors = np.ones((count, 4), dtype=np.float32)
     colors[:, : values.shape[1]] = np.clip(np.nan_to_num(values), 0.0, 1.0)
-    return colors
+    return linear_colors_from_srgb(colors)
 
 
 def _line(line: Line) -> tuple[_ShapeMesh, ...]:

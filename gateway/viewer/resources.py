@@ -15,7 +15,7 @@ from gateway.scene.meshing import MAX_EXTENT
 from gateway.viewer.frames import FrameBuilder
 from renderers.cache import Cache
 from renderers.color import srgb_colors_from_linear
-from renderers.drawlist import Image, Mesh, Topology
+from renderers.drawlist import Image, Mesh
 
 T = TypeVar("T")
 
@@ -122,9 +122,8 @@ class Resources:
 def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
     """Return the frame of a mesh.
 
-    Positions, normals and texture coordinates are float32, colours uint8, indices uint32. Colours are sRGB: those of
-    triangles are encoded, those of points and lines already are. The header has no ``index`` if the indices are
-    0, 1, 2, ...
+    Positions, normals and texture coordinates are float32, colours uint8 and sRGB, indices uint32. The header has no
+    ``index`` if the indices are 0, 1, 2, ...
     """
     builder = FrameBuilder()
     header: dict[str, Any] = {"kind": "mesh", "id": mesh_id, "topology": int(mesh.topology)}
@@ -133,10 +132,7 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
         if values is not None:
             header[name] = builder.add_array(values)
     if mesh.colors is not None:
-        colors = mesh.colors
-        if mesh.topology is Topology.TRIANGLES:
-            colors = srgb_colors_from_linear(colors)
-        header["color"] = builder.add_array(colors_to_uint8(colors))
+        header["color"] = builder.add_array(colors_to_uint8(srgb_colors_from_linear(mesh.colors)))
     indices = mesh.elements.ravel()
     if len(indices) != len(mesh.positions) or not np.array_equal(indices, np.arange(len(indices), dtype=indices.dtype)):
         header["index"] = builder.add_array(indices)

@@ -26,8 +26,7 @@ def look_material(material: Material, look: LookName) -> Material:
 
     - ``phong``, ``plain``: only the base colour, its texture and vertex colours are used, as RenderEngineVtk (without
       glTF meshes) and RenderEngineGl do.
-    - ``plain``: the base colour factor is encoded as sRGB. (So are the vertex colours of triangles, in the buffers of
-      the mesh.)
+    - ``plain``: the base colour factor is encoded as sRGB. (So are vertex colours, in the buffers of the mesh.)
     - ``phong``, ``pbr``: every alpha blends, and textures are sampled as in VTK.
     - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
     - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.

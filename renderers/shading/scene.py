@@ -114,7 +114,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1
         fields = buffer_fields.get((id(mesh), tangent_set))
         if fields is None:
-            srgb_colors = look == "plain" and mesh.colors is not None and topology == Topology.TRIANGLES
+            srgb_colors = look == "plain" and mesh.colors is not None
             buffers = buffers_of(mesh, tangent_set, srgb_colors=srgb_colors)
             keep.append(buffers)
             fields = buffer_fields[id(mesh), tangent_set] = buffers.fields

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, PointCloud, Shape, Sphere, Surface, Triad
 from gateway.scene.meshing import MAX_CAPSULE_ASPECT, MAX_EXTENT, MIN_EXTENT, meshes_of
 from renderers import primitives
+from renderers.color import linear_from_srgb
 from renderers.drawlist import Material, Mesh, Topology
 
 MATERIAL = Material(base_color=(0.2, 0.4, 0.6, 0.5))
@@ -170,10 +171,11 @@ def test_points_keep_finite_points_with_their_colours() -> None:
 
 
 def test_intensity_is_grey_and_rgba_keeps_its_alpha() -> None:
+    half, quarter = linear_from_srgb(0.5), linear_from_srgb(0.25)
     ((mesh, _, _),) = meshes_of(cloud(intensity=[0, 0.5, 0, 1]), MATERIAL)
-    np.testing.assert_array_equal(mesh.colors, [[0, 0, 0, 1], [0.5, 0.5, 0.5, 1], [1, 1, 1, 1]])
+    np.testing.assert_allclose(mesh.colors, [[0, 0, 0, 1], [half, half, half, 1], [1, 1, 1, 1]], rtol=1e-6)
     ((mesh, _, _),) = meshes_of(cloud(rgb=np.full((4, 4), 0.25)), MATERIAL)
-    np.testing.assert_array_equal(mesh.colors, np.full((3, 4), 0.25))
+    np.testing.assert_allclose(mesh.colors, [[quarter, quarter, quarter, 0.25]] * 3, rtol=1e-6)
 
 
 @pytest.mark.parametrize("channels", [{}, {"rgb": []}, {"rgb": [[1, 1, 1]]}, {"intensity": []}, {"intensity": [1, 2]}])

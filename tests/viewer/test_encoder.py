@@ -347,10 +347,10 @@ def test_nodes_are_written_with_what_they_have() -> None:
     assert sorted(sorted(set(node) - {"id"}) for node in header["nodes"]) == [["parts"], ["visible"]]
 
 
-@pytest.mark.parametrize(("indices", "encoded"), [([[0, 1, 2]], 188), ([[0], [1], [2]], 128)])
-def test_colours_of_triangles_are_encoded_as_srgb(indices: Any, encoded: int) -> None:
+@pytest.mark.parametrize("indices", [[[0, 1, 2]], [[0], [1], [2]]])
+def test_vertex_colours_are_encoded_as_srgb(indices: Any) -> None:
     colors = np.full((3, 4), 0.5, np.float32)
     mesh = Mesh(np.zeros((3, 3), np.float32), np.array(indices, np.uint32), colors=colors)
     header, body = parse_frame(encode_mesh(1, mesh))
     offset, count = header["color"]
-    assert list(body[offset : offset + count]) == [encoded, encoded, encoded, 128] * 3
+    assert list(body[offset : offset + count]) == [188, 188, 188, 128] * 3

@@ -15,14 +15,12 @@ import numpy as np
 
 from gateway.gltf.export.glb_document import INDEX_TARGET, MAX_BYTES, VERTEX_TARGET, GltfDocument
 from gateway.gltf.export.material_writer import MaterialWriter
-from gateway.scene.geometry import Surface
 from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import json_element
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
-from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh, Topology
 from renderers.stop import check_stop
 
@@ -104,7 +102,7 @@ class _Writer:
                     continue
                 if opacity != 1.0:
                     material = faded(material, opacity)
-                index = self._mesh(mesh, material, linear_colors=isinstance(part.shape, Surface))
+                index = self._mesh(mesh, material)
                 if index is None:
                     continue
                 if "mesh" not in json_node and np.array_equal(X, IDENTITY):
@@ -115,15 +113,9 @@ class _Writer:
                     child["matrix"] = _column_major(X)
                 json_node.setdefault("children", []).append(self._document.add("nodes", child))
 
-    def _mesh(self, mesh: Mesh, material: Material, *, linear_colors: bool) -> int | None:
-        """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite.
-
-        Args:
-            linear_colors: True if the vertex colours are linear, False for sRGB.
-        """
-        primitive = self._document.get_or_add_by_identity(
-            "primitive", mesh, lambda: self._primitive(mesh, linear_colors=linear_colors)
-        )
+    def _mesh(self, mesh: Mesh, material: Material) -> int | None:
+        """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite."""
+        primitive = self._document.get_or_add_by_identity("primitive", mesh, lambda: self._primitive(mesh))
         if primitive is None:
             return None
 
@@ -133,18 +125,17 @@ class _Writer:
 
         return self._document.get_or_add("mesh", (primitive, material), add)
 
-    def _primitive(self, mesh: Mesh, *, linear_colors: bool) -> int | None:
+    def _primitive(self, mesh: Mesh) -> int | None:
         """Write a mesh's arrays and return its index in ``_primitives``; None and arguments as for ``_mesh``."""
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
-        colors = mesh.colors if linear_colors or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
         attributes = {"POSITION": self._document.add_accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
         for name, array in (
             ("NORMAL", mesh.normals),
             ("TANGENT", mesh.tangents),
             ("TEXCOORD_0", mesh.uv0),
             ("TEXCOORD_1", mesh.uv1),
-            ("COLOR_0", colors),
+            ("COLOR_0", mesh.colors),
         ):
             if array is not None and np.isfinite(array).all():
                 attributes[name] = self._document.add_accessor(array, VERTEX_TARGET)

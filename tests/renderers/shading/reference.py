@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.color import srgb_colors_from_linear, srgb_values_from_linear
-from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler, Texture, Topology, Wrap
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import VTK_LOOKS, Look
 from renderers.shading import paint, prepare
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
@@ -243,7 +243,7 @@ def surface_color(
     if look == "plain":
         base[:3] = srgb_values_from_linear(base[:3])
     if mesh.colors is not None:
-        srgb = look == "plain" and mesh.topology is Topology.TRIANGLES
+        srgb = look == "plain"
         vertex_color = interpolated(srgb_colors_from_linear(mesh.colors) if srgb else mesh.colors)
         if look == "pbr":
             vertex_color[:3] **= 2.2 if material.decodes_vertex_colors else 1.0

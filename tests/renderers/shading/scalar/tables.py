@@ -10,7 +10,7 @@ import numpy as np
 from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.compiler.structs import F32, I64, U32, Struct, pointer_to
-from renderers.drawlist import Instance, Topology
+from renderers.drawlist import Instance
 from renderers.shading.mikktspace import with_tangents
 from renderers.shading.scene import ShadingScene
 
@@ -42,7 +42,7 @@ def instance_structs(instances: Sequence[Instance], shading: ShadingScene) -> tu
             mesh = with_tangents(mesh, texture.uv_set)
             tangents = mesh.tangents
         colors = mesh.colors
-        if colors is not None and shading.look == "plain" and mesh.topology is Topology.TRIANGLES:
+        if colors is not None and shading.look == "plain":
             colors = srgb_colors_from_linear(colors)
         arrays = (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, colors, tangents)
         keep += (mesh, tangents, colors)
