@@ -173,9 +173,12 @@ def test_points_keep_finite_points_with_their_colours() -> None:
 def test_intensity_is_grey_and_rgba_keeps_its_alpha() -> None:
     half, quarter = linear_from_srgb(0.5), linear_from_srgb(0.25)
     ((mesh, _, _),) = meshes_of(cloud(intensity=[0, 0.5, 0, 1]), MATERIAL)
-    np.testing.assert_allclose(mesh.colors, [[0, 0, 0, 1], [half, half, half, 1], [1, 1, 1, 1]], rtol=1e-6)
+    assert mesh.colors is not None
+    grey = np.array([[0, 0, 0, 1], [half, half, half, 1], [1, 1, 1, 1]])
+    np.testing.assert_allclose(mesh.colors, grey, rtol=1e-6)
     ((mesh, _, _),) = meshes_of(cloud(rgb=np.full((4, 4), 0.25)), MATERIAL)
-    np.testing.assert_allclose(mesh.colors, [[quarter, quarter, quarter, 0.25]] * 3, rtol=1e-6)
+    assert mesh.colors is not None
+    np.testing.assert_allclose(mesh.colors, np.array([[quarter, quarter, quarter, 0.25]] * 3), rtol=1e-6)
 
 
 @pytest.mark.parametrize("channels", [{}, {"rgb": []}, {"rgb": [[1, 1, 1]]}, {"intensity": []}, {"intensity": [1, 2]}])
