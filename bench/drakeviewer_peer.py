@@ -22,7 +22,7 @@ def main() -> None:
 
     def show(channel: str, message: bytes) -> None:
         server._message_pending_data[channel] = message  # noqa: SLF001 - as its LCM handler does
-        server._invoke_subscriptions()  # noqa: SLF001
+        server._invoke_subscriptions()  # noqa: SLF001 - as its loop does
 
     show("DRAKE_VIEWER_LOAD_ROBOT", load)
     show("DRAKE_VIEWER_DRAW", draws[0])

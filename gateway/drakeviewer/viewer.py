@@ -62,13 +62,13 @@ class _State:
     """State of the channels."""
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
-    """By family."""
+    """Robots by family."""
     loads: dict[str, bytes] = field(default_factory=dict)
     """Last load message without mesh files, by channel."""
     deformables: dict[str, DeformableChannel] = field(default_factory=dict)
-    """By channel."""
+    """Deformable bodies by channel."""
     frames: dict[str, FrameChannel] = field(default_factory=dict)
-    """By channel."""
+    """Frames by channel."""
     contacts: ContactChannel = field(default_factory=ContactChannel)
 
 

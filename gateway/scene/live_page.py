@@ -1,4 +1,4 @@
-"""What clients set for the page that shows the live tree: background, grid, home camera, and clickable paths."""
+"""Settings of the page that shows the live tree, by clients: background, grid, home camera, and clickable paths."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from renderers.drawlist import ImageError
 from renderers.interface import Output
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.mesh import MeshOptions
-from renderers.stereo.metric_depth import align_depth, depth_in_millimetres
+from renderers.stereo.metric_depth import align_depth, millimetres_from_disparity
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.sensor import SensorImage
@@ -142,7 +142,7 @@ class Frame:
     async def _depth_mm(self, aligned: bool) -> NDArray[np.uint16]:
         images, config, divisor = await self.depth_images(), self._imaging.config, self.settings.quality.divisor
         factor = config.model.focal_times_baseline(divisor)
-        depth = await self._workers.run(depth_in_millimetres, images.disparity, factor)
+        depth = await self._workers.run(millimetres_from_disparity, images.disparity, factor)
         if not aligned or config.color_camera is None:
             return depth
         return await self._workers.run(align_depth, depth, config.model.intrinsics(divisor), config.color_camera)

@@ -159,6 +159,7 @@ def specs_of(limits: DeviceLimits) -> Mapping[str, Mapping[str, Spec]]:
         },
         "rc_iocontrol": {"out1_mode": {"default": limits.out1_mode}},
     }
+    # Keywords from a mapping have one type for all fields, so mypy cannot check them.
     return {
         node: {name: replace(spec, **changes[node].get(name, {})) for name, spec in specs.items()}  # type: ignore[arg-type]
         for node, specs in NODES.items()

@@ -56,7 +56,7 @@ class Context:
     """Tokens, TLS and trusted hosts of every interface."""
     tree: LiveTree = field(default_factory=LiveTree)
     page: LivePage = field(default_factory=LivePage)
-    """What clients set for the page that shows the live tree."""
+    """Settings of the page that shows the live tree, by clients."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)

@@ -24,6 +24,8 @@ _MAX_RESIDUAL: Final = 0.01
 """Maximum error of the inverse of the distortion, pixels."""
 _ITERATIONS: Final = 50
 """Maximum number of steps of the inverse. Lenses of cameras need about ten."""
+_CHECKED: Final = 65
+"""Columns and rows of points at which a distortion is checked."""
 _BORDER: Final = 2
 """Pixels to render around the part of the image that is needed, for the interpolation."""
 
@@ -52,7 +54,8 @@ def check_distortion(distortion: Distortion, k: Intrinsics) -> None:
     Raises:
         ValueError: the distortion has no inverse inside the image, or it needs too large an image.
     """
-    _directions(distortion, k)
+    steps = np.arange(_CHECKED) / (_CHECKED - 1.0)
+    _undistorted(distortion, k, steps * k.width, steps * k.height)
 
 
 def distorted_image(
@@ -66,7 +69,7 @@ def distorted_image(
         k: intrinsics of the image.
         distortion: lens.
     """
-    x, y = _directions(distortion, k)
+    x, y = _undistorted(distortion, k, np.arange(k.width) + 0.5, np.arange(k.height) + 0.5)
     left, top = math.floor(float(x.min())) - _BORDER, math.floor(float(y.min())) - _BORDER
     width, height = math.ceil(float(x.max())) + _BORDER - left, math.ceil(float(y.max())) + _BORDER - top
     f = k.focal_length
@@ -76,14 +79,21 @@ def distorted_image(
     return np.asarray(cv2.remap(render(pinhole), columns, rows, cv2.INTER_LINEAR), np.uint8)
 
 
-def _directions(distortion: Distortion, k: Intrinsics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where each pixel would be in an image without distortion, two (H, W) float64, pixels.
+def _undistorted(
+    distortion: Distortion, k: Intrinsics, columns: NDArray[np.float64], rows: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the points of a grid would be in an image without distortion, two (R, C) float64, pixels.
+
+    Args:
+        distortion: lens.
+        k: intrinsics of the image.
+        columns: (C,) float64, x of the points in the distorted image, pixels.
+        rows: (R,) float64, y of the points, pixels.
 
     Raises:
         ValueError: as ``check_distortion``.
     """
-    columns, rows = np.meshgrid(np.arange(k.width) + 0.5, np.arange(k.height) + 0.5)
-    seen_x, seen_y = (columns - k.cx) / k.focal_length, (rows - k.cy) / k.focal_length
+    seen_x, seen_y = np.meshgrid((columns - k.cx) / k.focal_length, (rows - k.cy) / k.focal_length)
     x, y = seen_x, seen_y
     with np.errstate(all="ignore"):  # a distortion without inverse diverges
         for _ in range(_ITERATIONS):

@@ -20,7 +20,7 @@ _MAX_SIDE: Final = 64.0
 camera, are left out: this limits the time."""
 
 
-def depth_in_millimetres(disparity: NDArray[np.uint16], focal_times_baseline: float) -> NDArray[np.uint16]:
+def millimetres_from_disparity(disparity: NDArray[np.uint16], focal_times_baseline: float) -> NDArray[np.uint16]:
     """Return depth along the optical axis, (H, W) uint16, millimetres; 0: invalid, or beyond 65.535 m.
 
     Args:

@@ -8,7 +8,7 @@ import pytest
 from renderers.camera import Camera
 from renderers.interface import Output, Renderer
 from renderers.stereo.color_camera import ColorCamera
-from renderers.stereo.metric_depth import align_depth, depth_in_millimetres
+from renderers.stereo.metric_depth import align_depth, millimetres_from_disparity
 from renderers.stereo.model import Intrinsics
 from tests.stereo.scenes import pose, table
 
@@ -19,7 +19,7 @@ TURNED = (0.999, 0.02, -0.03, 0.01)
 def test_millimetres_of_disparities() -> None:
     disparity = np.array([[0, 16, 160, 65535, 1, 19]], np.uint16)
     # 20 px m: 1 pixel is 20 m, 10 pixels are 2 m, 1/16 pixel is 320 m, which 16 bits cannot hold.
-    assert depth_in_millimetres(disparity, 20.0).tolist() == [[0, 20000, 2000, 5, 0, 16842]]
+    assert millimetres_from_disparity(disparity, 20.0).tolist() == [[0, 20000, 2000, 5, 0, 16842]]
 
 
 @pytest.mark.parametrize("k", [Intrinsics(640, 360, 450.0, 320.0, 180.0), Intrinsics(200, 150, 170.0, 97.5, 80.0)])

@@ -120,7 +120,7 @@ class Changes:
 
 
 class PublishedTree:
-    """What a viewer has if it executed all requests."""
+    """Content of a viewer that executed all requests."""
 
     def __init__(self) -> None:
         self._entries: dict[Path, Entry] = {}
