@@ -80,7 +80,7 @@ def distorted_image(
 
 
 def _undistorted(
-    distortion: Distortion, k: Intrinsics, columns: NDArray[np.float64], rows: NDArray[np.float64]
+    distortion: Distortion, k: Intrinsics, columns: NDArray[np.floating], rows: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where the points of a grid would be in an image without distortion, two (R, C) float64, pixels.
 
