@@ -34,8 +34,10 @@ from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
+from gateway.wiring.worker_processes import one_of_several
 
 if TYPE_CHECKING:
+    from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
@@ -43,11 +45,14 @@ POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{nam
 """Paths that the browser view requests repeatedly; logged at debug level."""
 
 
-def create_app(settings: Settings, state: PersistentState | None = None) -> FastAPI:
+def create_app(
+    settings: Settings, state: PersistentState | None = None, reports: WorkerReports | None = None
+) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
     Args:
         state: opened state; None: the lifespan opens it, if the settings name one.
+        reports: reports of all processes, if there are several (``--workers``).
 
     Raises:
         SettingsError: a token or certificate file cannot be used.
@@ -70,6 +75,7 @@ def create_app(settings: Settings, state: PersistentState | None = None) -> Fast
         workers=_workers(settings),
         security=Security.from_settings(settings),
         state=state,
+        reports=reports,
     )
     app.state.context = context
     _add_routes(context)
@@ -90,14 +96,15 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
     try:
-        yield
+        async with one_of_several(context):
+            yield
     finally:
         await context.close()
 
 
 def _workers(settings: Settings) -> WorkerPool:
     return WorkerPool(
-        settings.threads or usable_cpus(),
+        settings.threads or max(1, usable_cpus() // settings.workers),
         settings.queue,
         settings.queue_mb * MIB,
         niceness=settings.niceness,
@@ -108,15 +115,11 @@ def _workers(settings: Settings) -> WorkerPool:
 
 def _add_routes(context: Context) -> None:
     """Add health, metrics and the index page; the interfaces add theirs when they start."""
-    app, settings, workers = context.app, context.settings, context.workers
-    render_only = settings.only == ("render",)
-    interfaces = enabled_interfaces(settings)
-
-    def busy() -> bool:
-        # Only where renders are all that is served: a load balancer must not stop streams because of a full queue.
-        return render_only and (workers.full or workers.stuck)
-
-    app.include_router(health.router(context.registry, context.metrics, __version__, context.started.is_set, busy))
+    app = context.app
+    interfaces = enabled_interfaces(context.settings)
+    app.include_router(
+        health.router(context.registry, context.metrics, __version__, context.readiness, context.reports)
+    )
 
     @app.get("/", include_in_schema=False)
     async def index() -> HTMLResponse:
@@ -149,5 +152,7 @@ def __getattr__(name: str) -> Any:
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     settings = settings_module.load()
+    if settings.workers > 1:
+        raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
     logs.configure(settings.log_format, settings.log_level, uvicorn_starts=True)
     return create_app(settings)

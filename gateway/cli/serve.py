@@ -74,7 +74,8 @@ def run(settings: Settings) -> int:
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
-    logs.configure(settings.log_format, settings.log_level)
+    # A supervisor logs which processes end and start.
+    logs.configure(settings.log_format, settings.log_level, uvicorn_starts=settings.workers > 1)
     import structlog
 
     log = structlog.get_logger("gateway")
@@ -100,7 +101,12 @@ def run(settings: Settings) -> int:
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     scheme = "http" if tls is None else "https"
     pages = "/view, / and /docs" if settings.is_enabled("view") else "/ and /docs"
-    log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
+    workers = {"workers": settings.workers} if settings.workers > 1 else {}
+    log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}", **workers)
+    if settings.workers > 1:
+        from gateway.cli.serve_workers import serve_workers
+
+        return serve_workers(settings, listener, tls)
     return _serve(settings, listener, state, tls)
 
 

@@ -63,13 +63,14 @@ class Progress:
 
 
 @contextmanager
-def shown(progress: Progress, log: Callable[..., object]) -> Iterator[None]:
+def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
     """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each part.
 
     Args:
         log: called as ``log(event, **fields)``.
+        bar: False: lines on a terminal, too, which other processes use.
     """
-    if sys.stderr.isatty():
+    if bar and sys.stderr.isatty():
         with _bar(progress):
             yield
         return

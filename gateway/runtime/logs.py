@@ -7,7 +7,7 @@ import sys
 from typing import Literal
 
 import structlog
-from structlog.typing import Processor
+from structlog.typing import EventDict, Processor
 
 from gateway.runtime.recent_logs import recent_logs
 
@@ -22,15 +22,22 @@ _LIBRARY_LEVELS = {
 """Minimum levels of libraries that are verbose at debug level."""
 
 
-def configure(log_format: Format = "auto", level: str = "info", *, uvicorn_starts: bool = False) -> None:
+def configure(
+    log_format: Format = "auto", level: str = "info", *, uvicorn_starts: bool = False, worker: int | None = None
+) -> None:
     """Send log entries of structlog and of the standard library to stderr in one format.
 
     Args:
         log_format: ``auto`` is ``human`` if stderr is a terminal, else ``json``.
         level: minimum level: debug, info, warning or error.
-        uvicorn_starts: the process is ``uvicorn gateway.app:app``, and uvicorn logs its address, start and end at the
-            level of its --log-level; else it logs warnings only.
+        uvicorn_starts: the process is ``uvicorn gateway.app:app`` or a supervisor, and uvicorn logs its address, start
+            and end at the level of its --log-level; else it logs warnings only.
+        worker: process id to add to each line, if there are several processes (``--workers``).
     """
+
+    def add_worker(_logger: object, _method: str, event: EventDict) -> EventDict:
+        return {**event, "worker": worker}
+
     human = log_format == "human" or (log_format == "auto" and sys.stderr.isatty())
     shared: list[Processor] = [
         structlog.contextvars.merge_contextvars,
@@ -39,6 +46,7 @@ def configure(log_format: Format = "auto", level: str = "info", *, uvicorn_start
         structlog.stdlib.PositionalArgumentsFormatter(),
         structlog.processors.TimeStamper(fmt="%H:%M:%S" if human else "iso", utc=not human),
         structlog.processors.StackInfoRenderer(),
+        *([add_worker] if worker is not None else []),
     ]
     last: list[Processor]
     if human:

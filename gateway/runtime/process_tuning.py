@@ -8,6 +8,7 @@ import errno
 import gc
 import os
 import resource
+import signal
 import socket
 import sys
 
@@ -15,6 +16,8 @@ from gateway.runtime.scheduling import prefer_this_thread
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """mallopt parameters, malloc.h of glibc."""
+_PR_SET_PDEATHSIG = 1
+"""prctl option, linux/prctl.h."""
 _SWITCH_SECONDS = 0.001
 """Time after which a thread that runs Python code releases the GIL for the event loop; the default of 5 ms would delay
 every request while another is parsed."""
@@ -45,6 +48,12 @@ def tune() -> None:
     if soft != resource.RLIM_INFINITY and soft < limit:
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
+
+
+def end_with_parent() -> None:
+    """Have this process get SIGTERM when its parent has ended, even by SIGKILL (Linux only)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def return_memory() -> None:

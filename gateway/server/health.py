@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from fastapi.responses import JSONResponse
 
 from gateway.runtime.metrics_registry import CONTENT_TYPE, Metrics
 from gateway.runtime.service_registry import ServiceRegistry
+from gateway.runtime.worker_reports import WorkerReports
 from gateway.server.access import AUTHORIZED
 from gateway.server.openapi import Responses, json_example
 
@@ -38,39 +40,49 @@ def router(
     registry: ServiceRegistry,
     metrics: Metrics,
     version: str,
-    started: Callable[[], bool] = lambda: True,
-    busy: Callable[[], bool] = lambda: False,
+    readiness: Callable[[], str] | None = None,
+    reports: WorkerReports | None = None,
 ) -> APIRouter:
     """Return the routes for operations.
 
     Args:
-        started: returns whether requests are accepted.
-        busy: returns whether another request would be rejected or wait long, for load balancers.
+        readiness: returns the status for ``/readyz``; default: the registry's.
+        reports: reports of all processes, if there are several.
     """
     routes = APIRouter(tags=["operations"])
+    own_readiness = readiness or registry.verdict
+
+    def describe(request: Request) -> dict[str, Any]:
+        described = _health(registry, request)
+        if reports is not None:
+            described["status"], described["workers"] = reports.describe(own_readiness())
+        return described
 
     @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
     async def healthz(request: Request) -> JSONResponse:
         """200 while the event loop runs. The body has the state of each interface and, with a token if the gateway has
-        one, its figures and problems."""
-        return JSONResponse({"version": version, **_health(registry, request)})
+        one, its figures and problems. With --workers also the state of each process; the interfaces are those of the
+        process that responds."""
+        return JSONResponse({"version": version, **describe(request)})
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
         """200 when the kernels are loaded and every interface has started or failed. 503 before, and while stopping. A
         process that only renders also responds with 503 while its queue is full, or while every worker thread has
-        used more than half of a render's time limit."""
-        health = _health(registry, request)
-        if health["status"] in ("ready", "degraded") and not started():
-            health["status"] = "starting"
-        if health["status"] == "ready" and busy():
-            health["status"] = "busy"
+        used more than half of a render's time limit. With --workers: 503 until each process was ready once; later
+        200 while at least one of them is."""
+        health = describe(request)
+        if reports is None:
+            health["status"] = own_readiness()
         return JSONResponse(health, status_code=200 if health["status"] in ("ready", "degraded") else 503)
 
     @routes.get("/metrics", summary="Prometheus metrics", response_class=Response, responses=_METRICS)
     async def prometheus() -> Response:
         """Requests by route and status, durations, the queue, the process."""
-        return Response(metrics.exposition(), media_type=CONTENT_TYPE)
+        text = metrics.exposition()
+        if reports is not None:
+            text = await asyncio.to_thread(reports.sum_metrics, text.decode())
+        return Response(text, media_type=CONTENT_TYPE)
 
     return routes
 

@@ -27,3 +27,22 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         if self.grpc_client_ca is not None and self.grpc_certificate is None:
             raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
         return self
+
+    @model_validator(mode="after")
+    def _stateless_workers(self) -> Self:
+        if self.workers == 1:
+            return self
+        if self.only != ("render",):
+            raise ValueError(
+                f"--workers {self.workers} needs --only render: the live scene, the stereo camera, LCM and the "
+                "browser view belong to one process"
+            )
+        conflicts = {
+            "--state": (self.state is not None, "one process writes that file"),
+            "--demo": (self.demo, "the live scene belongs to one process"),
+            "--backdrop live": (self.backdrop == "live", "the live scene belongs to one process"),
+        }
+        for setting, (given, reason) in conflicts.items():
+            if given:
+                raise ValueError(f"--workers {self.workers} and {setting} exclude each other: {reason}")
+        return self

@@ -59,7 +59,21 @@ class ProcessSettings(BaseSettings):
     )
 
     # --- Speed and limits
-    threads: int = option(0, "Speed and limits", "Number of worker threads; 0: one per core.", ge=0, le=1024)
+    workers: int = option(
+        1,
+        "Speed and limits",
+        "Number of processes that serve the HTTP port, for machines with more cores than one process can use. More "
+        "than 1 needs --only render. All limits of this group hold for each process.",
+        ge=1,
+        le=256,
+    )
+    threads: int = option(
+        0,
+        "Speed and limits",
+        "Number of worker threads of each process; 0: one per core, or the cores divided by --workers.",
+        ge=0,
+        le=1024,
+    )
     frame_threads: int = option(
         0,
         "Speed and limits",

@@ -28,6 +28,7 @@ from renderers.interface import Renderer
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
     from gateway.render.events import RenderRecord
+    from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
     from gateway.viewer.sources import StereoSource
 
@@ -65,6 +66,8 @@ class Context:
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
+    reports: WorkerReports | None = None
+    """Reports of all processes, if there are several (``--workers``)."""
 
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """Returns the left stereo camera in the live tree, if any."""
@@ -112,6 +115,15 @@ class Context:
 
             self._mesh_files = MeshFiles(self.settings.mesh_root)
         return self._mesh_files
+
+    def readiness(self) -> str:
+        """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
+        status = self.registry.verdict()
+        if status in ("ready", "degraded") and not self.started.is_set():
+            return "starting"
+        # Only where renders are all that is served: a load balancer must not stop streams because of a full queue.
+        render_only = self.settings.only == ("render",)
+        return "busy" if status == "ready" and render_only and (self.workers.full or self.workers.stuck) else status
 
     def run_service(
         self,

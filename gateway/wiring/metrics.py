@@ -60,6 +60,11 @@ def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPo
         label="interface",
     )
     watch(
+        "scenegate_workers_ready",
+        "Number of processes (--workers) that are ready.",
+        lambda: float(registry.verdict() == "ready"),
+    )
+    watch(
         "scenegate_render_threads",
         "Number of worker threads.",
         lambda: workers.threads,

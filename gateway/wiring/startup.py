@@ -66,7 +66,7 @@ async def _compile_kernels(context: Context) -> None:
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
-    with shown(progress, _log.info):
+    with shown(progress, _log.info, bar=context.reports is None):
         await kernel_cache.compile_missing(warmup.NEEDED, progress)
     entry.progress = None
     _log.info("The rendering kernels are compiled", seconds=progress.seconds)

@@ -15,6 +15,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
+import gateway.app
+from gateway.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
@@ -107,6 +109,13 @@ def test_a_taken_port_is_one_sentence() -> None:
     assert code == 1
     reason = f"another program listens there (127.0.0.1 port {port})"
     assert line["event"] == f"HTTP cannot listen: {reason}; choose another with --http-port or --host."
+
+
+def test_uvicorn_refuses_our_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SCENEGATE_WORKERS", "2")
+    monkeypatch.setenv("SCENEGATE_ONLY", "render")
+    with pytest.raises(SettingsError, match="SCENEGATE_WORKERS is for `scenegate serve` only"):
+        _ = gateway.app.app
 
 
 def test_an_invalid_setting_is_exit_code_2() -> None:

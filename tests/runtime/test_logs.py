@@ -38,6 +38,13 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert first["timestamp"].endswith("Z")
 
 
+def test_lines_of_one_of_several_processes_have_its_number(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure("json", "info", worker=4711)
+    structlog.get_logger("gateway.x").info("drawn")
+    logging.getLogger("some.library").warning("left")
+    assert [json.loads(line)["worker"] for line in capsys.readouterr().err.splitlines()] == [4711, 4711]
+
+
 def test_entries_below_the_level_are_not_formatted(capsys: pytest.CaptureFixture[str]) -> None:
     class Asked:
         def __repr__(self) -> str:

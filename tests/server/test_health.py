@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
 from fastapi import FastAPI
 
+from gateway import __version__
+from gateway.app import create_app
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
+from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.worker_reports import WorkerReports
 from gateway.server import health
 from gateway.server.access import Access
 from gateway.server.tokens import Tokens
+from gateway.settings import Settings
+from gateway.wiring.context import Context
 
 TOKEN = "0123456789abcdef"
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
@@ -64,6 +72,15 @@ async def test_health_with_the_token_has_all_details(path: str, token: bool) -> 
             assert "/srv" not in wrong.text
 
 
+def pool(*, busy: bool) -> WorkerPool:
+    """A pool whose queue is full, or not."""
+
+    class Pool(WorkerPool):
+        full = property(lambda self: busy)
+
+    return Pool(1)
+
+
 @pytest.mark.parametrize(
     ("states", "started", "busy", "status", "code"),
     [
@@ -83,7 +100,10 @@ async def test_health_with_the_token_has_all_details(path: str, token: bool) -> 
 async def test_readiness_follows_states_start_and_queue(
     states: str, started: bool, busy: bool, status: str, code: int
 ) -> None:
-    registry = ServiceRegistry(essential=frozenset({"kernels"}))
+    app = create_app(Settings(only=("render",)))
+    context: Context = app.state.context
+    context.workers = pool(busy=busy)
+    registry = context.registry
     registry.ready("kernels")
     if states == "degraded":
         registry.fail("view", "a problem")
@@ -93,9 +113,27 @@ async def test_readiness_follows_states_start_and_queue(
         registry.stop()
     elif states == "failed":
         registry.fail("kernels", "a problem")
-    app = FastAPI()
-    app.include_router(health.router(registry, Metrics(), "1.2.3", lambda: started, lambda: busy))
-    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
+    if started:
+        context.started.set()
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://localhost") as http:
         ready, live = await http.get("/readyz"), await http.get("/healthz")
     assert (ready.json()["status"], ready.status_code) == (status, code)
-    assert (live.json()["status"], live.status_code, live.json()["version"]) == (states, 200, "1.2.3")
+    assert (live.json()["status"], live.status_code, live.json()["version"]) == (states, 200, __version__)
+
+
+async def test_one_of_several_processes_responds_for_all(tmp_path: Path) -> None:
+    reports = WorkerReports(tmp_path, 2)
+    reports.join()
+    app = create_app(Settings(only=("render",), workers=2), reports=reports)
+    context: Context = app.state.context
+    context.registry.ready("kernels")
+    context.started.set()
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://localhost") as http:
+        alone = await http.get("/readyz")
+        WorkerReports(tmp_path, 2, os.getppid()).write("ready", context.metrics.exposition().decode())
+        both, live, metrics = [await http.get(path) for path in ("/readyz", "/healthz", "/metrics")]
+    assert (alone.status_code, alone.json()["status"]) == (503, "starting")
+    assert (both.status_code, both.json()["status"]) == (200, "ready")
+    assert live.json()["workers"]["states"] == {str(os.getpid()): "ready", str(os.getppid()): "ready"}
+    lines = metrics.text.splitlines()
+    assert 'scenegate_http_requests_total{method="GET",route="/readyz",status="503"} 2.0' in lines

@@ -166,6 +166,26 @@ def test_certificates_and_keys_come_in_pairs(settings: dict[str, str], message: 
     assert message in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "--workers 2 needs --only render: "),
+        ({"only": "render,view"}, "--workers 2 needs --only render: "),
+        ({"only": "render", "state": "x.db"}, "--workers 2 and --state exclude each other: one process "),
+        ({"only": "render", "demo": True}, "--workers 2 and --demo exclude each other: the live scene "),
+        ({"only": "render", "backdrop": "live"}, "--workers 2 and --backdrop live exclude each other: the live scene "),
+    ],
+)
+def test_several_processes_only_render_and_share_nothing(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(SettingsError) as raised:
+        load({"workers": "2", **settings})
+    assert str(raised.value).startswith(message)
+
+
+def test_several_processes_may_render_before_a_file() -> None:
+    assert load({"workers": "4", "only": "render", "backdrop": "room.glb"}).workers == 4
+
+
 def test_complete_certificates_are_accepted() -> None:
     settings = load(
         {"grpc_certificate": "c", "grpc_key": "k", "grpc_client_ca": "a", "http_certificate": "d", "http_key": "l"}

@@ -1,0 +1,149 @@
+"""Throughput of `scenegate serve --only render --workers N` for several N, as a table and a plot.
+
+    python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N] [--plot FILE.svg]
+
+All servers run at once and get the same requests in turns, so that other programs on the machine disturb all alike. The
+clients are processes on the same machine and take a part of its cores. "Busy" is the number of cores that server and
+clients used. Without SCENEGATE_CORPUS the scene is one of 1.6 MB with 40,000 triangles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from bench import posted
+from bench.crowd import Crowded, crowd
+from bench.gateways import Gateway, gateway
+from bench.table import heading
+from gateway.runtime.worker_pool import usable_cpus
+
+SIZE = (640, 480)
+SCENES = ("001", "010")
+"""Recorded scenes, by the numbers that their folders' names begin with: boxes, and a robot arm with meshes."""
+KINDS = ("color", "depth")
+POLL_SECONDS = 0.1
+
+
+def scenes() -> list[posted.Posted]:
+    """Return the scenes to measure."""
+    if (folder := posted.corpus()) is None:
+        return [posted.textured(kind, copies=2, unique=2, side=256) for kind in KINDS]
+    return [posted.recorded(folder, number, kind) for number in SCENES for kind in KINDS]
+
+
+def wait_until_ready(running: Gateway, workers: int) -> None:
+    """Return when all processes are ready."""
+    while True:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{running.port}/readyz") as answer:
+                ready = json.load(answer)
+                if ready["status"] == "ready" and len(ready.get("workers", {"states": "1"})["states"]) == workers:
+                    return
+        except urllib.error.HTTPError:
+            pass
+        time.sleep(POLL_SECONDS)
+
+
+def measure(
+    servers: Mapping[int, Gateway], scene: posted.Posted, clients: int, requests: int, turns: int
+) -> dict[int, list[Crowded]]:
+    """Return what each server did in each turn; a first turn that fills the caches is left out."""
+    found: dict[int, list[Crowded]] = {workers: [] for workers in servers}
+    for turn in range(turns + 1):
+        for workers, running in servers.items():
+            seen = crowd(running.port, running.process.pid, [scene.moved(*SIZE) for _ in range(requests)], clients)
+            if turn:
+                found[workers].append(seen)
+    return found
+
+
+def median(seen: Sequence[Crowded], figure: Callable[[Crowded], float]) -> float:
+    """Return the median over all turns."""
+    return statistics.median(map(figure, seen))
+
+
+def plot(rates: Mapping[str, Mapping[int, float]]) -> str:
+    """Return throughput relative to the fewest workers, by number of workers, as SVG; a grey line is proportional."""
+    width, height, margin = 720, 420, 60
+    counts = sorted(next(iter(rates.values())))
+    most = max(counts[-1] / counts[0], 1.0)
+
+    def place(workers: float, factor: float) -> str:
+        x = margin + (width - 2 * margin) * (workers - counts[0]) / max(counts[-1] - counts[0], 1)
+        return f"{x:.0f},{height - margin - (height - 2 * margin) * factor / most:.0f}"
+
+    parts = [f'<text x="{margin}" y="24">Throughput by number of workers, relative to {counts[0]}</text>']
+    parts.append(
+        f'<polyline points="{place(counts[0], 1)} {place(counts[-1], most)}" stroke="#bbb" stroke-dasharray="4"/>'
+    )
+    for workers in counts:
+        x, y = place(workers, 0).split(",")
+        parts.append(f'<text x="{x}" y="{int(y) + 20}" text-anchor="middle">{workers}</text>')
+    for step in range(5):
+        x, y = place(counts[0], most * step / 4).split(",")
+        parts.append(f'<text x="{int(x) - 10}" y="{int(y) + 4}" text-anchor="end">{most * step / 4:g}×</text>')
+        parts.append(f'<line x1="{x}" x2="{width - margin}" y1="{y}" y2="{y}" stroke="#eee"/>')
+    for number, (name, by_count) in enumerate(rates.items()):
+        color = ("#1f6fb4", "#d9822b", "#2a9d5c", "#a03da0")[number % 4]
+        line = " ".join(place(workers, by_count[workers] / by_count[counts[0]]) for workers in counts)
+        parts.append(f'<polyline points="{line}" stroke="{color}" stroke-width="2"/>')
+        parts.append(f'<text x="{margin + 14}" y="{48 + 18 * number}" fill="{color}">{name}</text>')
+    style = "text{font:13px sans-serif}polyline{fill:none}"
+    box = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    back = '<rect width="100%" height="100%" fill="#fff"/>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {box}><style>{style}</style>{back}{"".join(parts)}</svg>\n'
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--workers", default="1,2", help="numbers of processes, with commas between")
+    parser.add_argument("--clients", type=int, default=0, help="default: twice the most workers, at least 4")
+    parser.add_argument("--threads", type=int, default=0, help="threads of each process; default: cores / workers")
+    parser.add_argument("--requests", type=int, default=96, help="of each server in each turn")
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--plot", type=Path, help="SVG file to write")
+    options = parser.parse_args()
+    counts = [int(text) for text in options.workers.split(",")]
+    clients = options.clients or max(4, 2 * max(counts))
+    rates: dict[str, dict[int, float]] = {}
+    with ExitStack() as stack:
+        servers = {}
+        for workers in counts:
+            flags = ("--only", "render", "--workers", str(workers), "--threads", str(options.threads))
+            servers[workers] = stack.enter_context(gateway(*flags))
+            wait_until_ready(servers[workers], workers)
+        print(f"{clients} clients, {usable_cpus()} cores, load {os.getloadavg()[0]:.1f}\n")
+        print(
+            heading(
+                "scene", "workers", "renders/s", "by turn", "ratio", "efficiency", "busy", "server CPU ms", "others"
+            )
+        )
+        for scene in scenes():
+            found = measure(servers, scene, clients, options.requests, options.turns)
+            name = f"{scene.name} {scene.fields['image_type']}"
+            rates[name] = {workers: median(seen, lambda each: each.rate) for workers, seen in found.items()}
+            for workers, seen in found.items():
+                ratio = rates[name][workers] / rates[name][counts[0]]
+                turns = " ".join(f"{each.rate:.0f}" for each in seen)
+                cpu = f"{median(seen, lambda each: each.server_ms):.1f}"
+                busy, others = (f"{median(seen, figure):.2f}" for figure in (lambda e: e.busy, lambda e: e.others))
+                efficiency = f"{ratio * counts[0] / workers:.0%}"
+                cells = (
+                    f"{rates[name][workers]:.0f} | {turns} | {ratio:.2f}× | {efficiency} | {busy} | {cpu} | {others}"
+                )
+                print(f"| {name} | {workers} | {cells} |", flush=True)
+    if options.plot is not None:
+        options.plot.write_text(plot(rates), "utf-8")
+
+
+if __name__ == "__main__":
+    main()

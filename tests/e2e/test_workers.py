@@ -1,0 +1,187 @@
+"""``scenegate serve --only render --workers 2``: real processes on one port."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from threading import Event
+
+import httpx2
+import pytest
+
+from tests.support import clients, forms
+from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.waiting import SECONDS, wait_until
+
+WORKERS = ("--only", "render", "--workers", "2")
+RENDERS = 24
+CLIENTS = 4
+BODY = forms.body(forms.gltf(), forms.drake_fields("label"))
+
+
+def render(url: str, content: bytes = BODY) -> httpx2.Response:
+    """Post an image on a new connection."""
+    return clients.post(f"{url}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
+
+
+def states(url: str) -> dict[str, str]:
+    """State of each process, by its number."""
+    found: dict[str, str] = clients.get(f"{url}/healthz").json()["workers"]["states"]
+    return found
+
+
+def all_ready(url: str) -> list[int]:
+    """Wait until both processes are ready; return their numbers."""
+
+    def ready() -> list[int]:
+        answer = clients.get(f"{url}/readyz")
+        return [int(pid) for pid in answer.json()["workers"]["states"]] if answer.json()["status"] == "ready" else []
+
+    return wait_until(ready)
+
+
+def figures(url: str) -> dict[str, float]:
+    """Return all metrics, by name and labels."""
+    lines = clients.get(f"{url}/metrics").text.splitlines()
+    return {name: float(value) for name, _, value in (line.rpartition(" ") for line in lines) if name[:1] != "#"}
+
+
+def rendered(url: str) -> float:
+    return sum(value for name, value in figures(url).items() if name.startswith("scenegate_renders_total"))
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[tuple[GatewayProcess, str]]:
+    with gateway_process(*WORKERS, "--threads", "1") as (process, url):
+        all_ready(url)
+        yield process, url
+
+
+def test_health_lists_all_processes(running: tuple[GatewayProcess, str]) -> None:
+    process, url = running
+    pids = all_ready(url)
+    assert len(pids) == 2
+    assert process.process.pid not in pids
+    workers = clients.get(f"{url}/healthz").json()["workers"]
+    assert workers["count"] == 2
+    assert workers["this"] in pids
+    assert workers["states"] == dict.fromkeys(map(str, sorted(pids)), "ready")
+
+
+def test_metrics_are_summed(running: tuple[GatewayProcess, str]) -> None:
+    _, url = running
+    before = rendered(url)
+    with ThreadPoolExecutor(CLIENTS) as pool:
+        assert {answer.status_code for answer in pool.map(lambda _: render(url), range(RENDERS))} == {200}
+    wait_until(lambda: rendered(url) == before + RENDERS)  # reports are half a second apart
+    now = figures(url)
+    assert now["scenegate_workers_ready"] == 2.0
+    assert now["scenegate_render_threads"] == 2.0
+    assert now['scenegate_interface_ready{interface="render"}'] == 1.0
+    assert now['scenegate_render_stage_duration_seconds_count{stage="render"}'] == before + RENDERS
+
+
+def test_a_killed_process_is_replaced_and_only_its_requests_are_lost(running: tuple[GatewayProcess, str]) -> None:
+    process, url = running
+    before = all_ready(url)
+    wait_until(lambda: figures(url)["scenegate_workers_ready"] == 2.0)
+    counted = rendered(url)
+    finished, killed = count(), Event()
+    enough, replaced = Event(), Event()
+
+    def client(_: int) -> tuple[int, int]:
+        """Send one request after the other until the process is replaced; return numbers of images and of errors."""
+        images = errors = 0
+        while not replaced.is_set():
+            try:
+                assert render(url).status_code == 200
+                images += 1
+            except httpx2.TransportError:
+                assert killed.is_set()
+                errors += 1
+            if next(finished) == RENDERS:
+                enough.set()
+        return images, errors
+
+    with ThreadPoolExecutor(CLIENTS) as pool:
+        sent = [pool.submit(client, number) for number in range(CLIENTS)]
+        try:
+            assert enough.wait(SECONDS)
+            killed.set()
+            os.kill(before[0], signal.SIGKILL)
+            wait_until(lambda: str(before[0]) not in states_while_killed(url))
+            after = all_ready_while_killed(url)
+        finally:
+            replaced.set()
+        results = [each.result() for each in sent]
+    assert before[0] not in after
+    assert before[1] in after
+    assert all(errors <= 1 for _, errors in results), "more was lost than what the killed process had"
+    # Half a second of a killed process's counts may be missing; what it had reported is not.
+    assert wait_until(lambda: figures(url)["scenegate_workers_ready"] == 2.0)
+    assert counted < rendered(url) <= counted + sum(images + errors for images, errors in results)
+    entry = process.wait_for("Child process")
+    assert entry["event"] == f"Child process [{before[0]}] died"
+
+
+def states_while_killed(url: str) -> dict[str, str]:
+    """``states``; the connection may be one that the killed process had accepted."""
+    try:
+        return states(url)
+    except httpx2.TransportError:
+        return states(url)
+
+
+def all_ready_while_killed(url: str) -> list[int]:
+    """``all_ready``, likewise."""
+    try:
+        return all_ready(url)
+    except httpx2.TransportError:
+        return all_ready(url)
+
+
+def test_log_lines_name_the_process(running: tuple[GatewayProcess, str]) -> None:
+    process, url = running
+    pids = all_ready(url)
+    render(url)
+    entry = process.wait_for("request")
+    assert entry["path"] == "/render"
+    assert isinstance(entry["worker"], int)
+    assert pids
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+def test_a_signal_ends_all_processes_with_exit_code_0(number: signal.Signals) -> None:
+    with gateway_process(*WORKERS) as (process, url):
+        pids = all_ready(url)
+        process.process.send_signal(number)
+        assert process.process.wait(SECONDS) == 0
+        log = process.rest_of_log()
+    assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
+    assert log[-1]["event"] == "Scenegate has stopped"
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_processes_end_with_a_killed_supervisor() -> None:
+    def ended(pid: int) -> bool:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    with gateway_process(*WORKERS) as (process, url):
+        pids = all_ready(url)
+        process.process.kill()
+        wait_until(lambda: all(map(ended, pids)))
+
+
+def test_one_scene_is_one_process() -> None:
+    code, (line,) = refused("--workers", "2")
+    assert code == 2
+    assert line["event"].startswith("scenegate: --workers 2 needs --only render: the live scene, ")

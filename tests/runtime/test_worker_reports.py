@@ -1,0 +1,112 @@
+"""Reports of several processes: the status of all together, and counters that outlive a process."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gateway.runtime import worker_reports
+from gateway.runtime.worker_reports import WorkerReports, combined_status
+
+COUNTER = "# HELP scenegate_steps_total Steps.\n# TYPE scenegate_steps_total counter\nscenegate_steps_total {}.0\n"
+GAUGE = "# HELP scenegate_level Level.\n# TYPE scenegate_level gauge\nscenegate_level {}.0\n"
+
+
+def ended_process() -> int:
+    """The number of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def leave(folder: Path, pid: int, status: str = "ready", steps: int = 0, **changes: object) -> None:
+    """The report of another process."""
+    WorkerReports(folder, 2, pid).write(status, COUNTER.format(steps) + GAUGE.format(steps))
+    file = folder / f"{pid}.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
+
+
+def samples(text: bytes) -> dict[str, float]:
+    lines = (line.split() for line in text.decode().splitlines() if not line.startswith("#"))
+    return {name: float(value) for name, value in lines}
+
+
+@pytest.mark.parametrize(
+    ("own", "others", "status"),
+    [
+        ("ready", ["ready"], "ready"),
+        ("busy", ["ready"], "ready"),
+        ("busy", ["busy"], "busy"),
+        ("ready", [], "starting"),
+        ("ready", ["starting"], "starting"),
+        ("ready", ["starting", "ended"], "starting"),
+        ("ready", ["restarting"], "degraded"),
+        ("restarting", ["ready"], "degraded"),
+        ("ready", ["ended"], "degraded"),
+        ("ready", ["silent"], "degraded"),
+        ("ready", ["failed"], "degraded"),
+        ("failed", ["ready"], "degraded"),
+        ("failed", ["failed"], "failed"),
+        ("restarting", ["ended"], "restarting"),
+        ("ready", ["ready", "ended"], "ready"),
+        ("stopping", ["ready"], "stopping"),
+    ],
+)
+def test_the_status_is_that_of_all_processes(own: str, others: list[str], status: str) -> None:
+    assert combined_status(own, (own, *others), 2) == status
+
+
+def test_each_process_and_its_state_are_listed(tmp_path: Path) -> None:
+    reports = WorkerReports(tmp_path, 2)
+    reports.join()
+    assert reports.describe("starting")[0] == "starting"
+    other = os.getppid()
+    leave(tmp_path, other)
+    status, workers = reports.describe("ready")
+    assert status == "ready"
+    assert workers == {
+        "count": 2,
+        "this": os.getpid(),
+        "states": {str(os.getpid()): "ready", str(other): "ready"},
+    }
+
+
+def test_a_process_without_recent_report_is_silent(tmp_path: Path) -> None:
+    reports = WorkerReports(tmp_path, 2)
+    reports.join()
+    leave(tmp_path, os.getppid(), time=-1.0 - worker_reports.SILENT_SECONDS)
+    status, workers = reports.describe("ready")
+    assert (status, workers["states"][str(os.getppid())]) == ("degraded", "silent")
+
+
+def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) -> None:
+    first, second = ended_process(), ended_process()
+    leave(tmp_path, first, steps=5, ended=COUNTER.format(100))
+    leave(tmp_path, second, steps=7)
+    reports = WorkerReports(tmp_path, 3)
+    reports.join()
+    assert reports.replaces
+    assert len(list(tmp_path.iterdir())) == 2
+    assert reports.describe("restarting")[1]["states"] == {str(os.getpid()): "restarting"}
+    total = samples(reports.sum_metrics(COUNTER.format(1) + GAUGE.format(1)))
+    assert total == {"scenegate_steps_total": 113.0, "scenegate_level": 1.0}
+
+
+def test_a_starting_replacement_is_restarting(tmp_path: Path) -> None:
+    leave(tmp_path, ended_process())
+    reports = WorkerReports(tmp_path, 2)
+    reports.join()
+    (file,) = tmp_path.iterdir()
+    assert json.loads(file.read_text())["status"] == "restarting"
+
+
+def test_the_first_process_replaces_none(tmp_path: Path) -> None:
+    leave(tmp_path, os.getppid())
+    reports = WorkerReports(tmp_path, 2)
+    reports.join()
+    assert not reports.replaces
