@@ -51,16 +51,16 @@ def warmup() -> None:
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 
-def check() -> None:
-    """Check the installation: libraries, free ports, multicast, threads and the kernel cache."""
-    from gateway.cli.check import print_findings
+def doctor() -> None:
+    """Find what does not work, what that means and what to do: libraries, ports, multicast, limits, kernel cache."""
+    from gateway.cli.doctor import print_findings
 
     if not print_findings():
         raise typer.Exit(1)
 
 
 add_serve(app)
-for command in (render, stream, publish, record, play, check, warmup):
+for command in (render, stream, publish, record, play, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")
 

@@ -5,5 +5,5 @@
 - ``kernel_cache``, ``kernel_progress``: compiled kernels.
 - ``service_registry``: states of the interfaces.
 - ``metrics_registry``, ``logs``, ``recent_logs``: what the process reports.
-- ``diagnostics``, ``instance_probe``: ``scenegate check``.
+- ``diagnostics``, ``instance_probe``: ``scenegate doctor``.
 """

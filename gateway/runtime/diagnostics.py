@@ -1,4 +1,4 @@
-"""Checks of the installation and of this machine, for ``scenegate check``."""
+"""Checks of the installation and of this machine, for ``scenegate doctor``."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from renderers.compiler import cache_folder
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
+_OPEN_FILES = 4096
+"""File descriptors that suffice for most uses: one per connection."""
 _RECEIVE_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
@@ -28,8 +30,9 @@ _RECEIVE_BUFFER_BYTES = 4_000_000
 class Verdict(Enum):
     OK = "ok"
     NOTE = "note"
-    """Works with restrictions; the finding has a remedy."""
-    BAD = "bad"
+    """Works with restrictions."""
+    ERROR = "error"
+    """Scenegate, or one of its interfaces, does not work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +42,21 @@ class Finding:
     subject: str
     verdict: Verdict
     detail: str
+    """What was found."""
+    meaning: str = ""
+    """What does not work because of it, one sentence; empty if all is well."""
+    remedy: str = ""
+    """What to do, such as a command."""
 
 
-def findings(host: str, ports: Mapping[str, int], threads: int, kernel_parts: Collection[str]) -> Iterator[Finding]:
+def findings(
+    host: str, ports: Mapping[str, tuple[str, int]], threads: int, kernel_parts: Collection[str]
+) -> Iterator[Finding]:
     """Run all checks.
 
     Args:
         host: address on which the interfaces would listen.
-        ports: TCP ports by interface; 0 is any.
+        ports: interface and TCP port by the flag that chooses the port; 0 is any.
         threads: number of rendering threads.
         kernel_parts: names of all parts that the kernel cache should contain.
     """
@@ -59,8 +69,8 @@ def findings(host: str, ports: Mapping[str, int], threads: int, kernel_parts: Co
     yield _open_files()
     yield _kernels(kernel_parts)
     instances: list[RunningInstance] = []
-    for name, port in ports.items():
-        yield _port(name, host, port, instances)
+    for flag, (name, port) in ports.items():
+        yield _port(name, host, port, flag, instances)
     yield _multicast()
     yield _receive_buffer()
 
@@ -69,35 +79,41 @@ def _library(name: str) -> Finding:
     try:
         return Finding(name, Verdict.OK, version(name))
     except PackageNotFoundError:
-        return Finding(name, Verdict.BAD, "not installed")
+        meaning, remedy = "Scenegate does not start without it.", "install Scenegate again: pip install scenegate"
+        return Finding(name, Verdict.ERROR, "not installed", meaning, remedy)
 
 
 def _glib() -> Finding:
     try:
         ctypes.CDLL("libglib-2.0.so.0")
     except OSError:
-        remedy = "apt install libglib2.0-0"
-        return Finding("glib", Verdict.NOTE, f"missing, LCM's own library does not work without: {remedy}")
+        meaning = "The Python package lcm cannot be imported; Scenegate's own LCM interfaces work."
+        return Finding("glib", Verdict.NOTE, "missing", meaning, "apt install libglib2.0-0")
     return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
 
 
 def _open_files() -> Finding:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    verdict = Verdict.OK if hard == resource.RLIM_INFINITY or hard >= 4096 else Verdict.NOTE
-    return Finding("open files", verdict, f"{soft} now, up to {hard}")
+    detail = f"{soft} now, up to {hard}"
+    if hard == resource.RLIM_INFINITY or hard >= _OPEN_FILES:
+        return Finding("open files", Verdict.OK, detail)
+    meaning = f"Beyond about {hard} connections, clients cannot connect."
+    return Finding("open files", Verdict.NOTE, detail, meaning, f"ulimit -Hn {_OPEN_FILES}, or systemd's LimitNOFILE")
 
 
 def _kernels(parts: Collection[str]) -> Finding:
     folder = kernel_cache.configure()
     if not (reason := cache_folder.missing(parts=parts)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
-    return Finding("kernels", Verdict.NOTE, f"{reason}; the next start compiles them: scenegate warmup ({folder})")
+    meaning = "The next start compiles them: half a minute on two cores."
+    return Finding("kernels", Verdict.NOTE, f"{reason}, in {folder}", meaning, "scenegate warmup")
 
 
-def _port(name: str, host: str, port: int, instances: list[RunningInstance]) -> Finding:
+def _port(name: str, host: str, port: int, flag: str, instances: list[RunningInstance]) -> Finding:
     """Check a port.
 
     Args:
+        flag: flag that chooses another port.
         instances: running gateways found so far; extended here.
     """
     try:
@@ -108,8 +124,11 @@ def _port(name: str, host: str, port: int, instances: list[RunningInstance]) -> 
             instances.append(owner)
         if owner is not None:
             detail = f"{name}: taken by a running gateway, Scenegate {owner.version}, {owner.status}"
-            return Finding(f"port {port}", Verdict.NOTE, detail)
-        return Finding(f"port {port}", Verdict.BAD, f"{name}: {process_tuning.listen_error(error, host, port)}")
+            meaning = "A second gateway needs other ports."
+            return Finding(f"port {port}", Verdict.NOTE, detail, meaning, f"stop that one, or {flag} PORT")
+        detail = f"{name}: {process_tuning.listen_error(error, host, port)}"
+        meaning = f"{name} cannot start."
+        return Finding(f"port {port}", Verdict.ERROR, detail, meaning, f"stop that program, or {flag} PORT")
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
 
 
@@ -118,17 +137,19 @@ def _multicast() -> Finding:
         try:
             sock.connect(_LCM_ADDRESS)
         except OSError as error:
+            meaning = "LCM messages over UDP neither arrive nor leave; TCPQ works."
             remedy = "sudo ip link set lo multicast on; sudo ip route add 224.0.0.0/4 dev lo"
-            return Finding("multicast", Verdict.NOTE, f"no route, {error.strerror}, for LCM: {remedy}")
+            return Finding("multicast", Verdict.NOTE, f"no route, {error.strerror}", meaning, remedy)
         return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")
 
 
 def _receive_buffer() -> Finding:
+    meaning = "Large LCM messages over UDP get lost; TCPQ loses none."
+    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER_BYTES}"
     try:
         limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
     except (OSError, ValueError):
-        return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known")
+        return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known", meaning, remedy)
     if limit >= _RECEIVE_BUFFER_BYTES:
         return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
-    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER_BYTES}"
-    return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes, large LCM messages get lost: {remedy}")
+    return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes", meaning, remedy)

@@ -1,4 +1,4 @@
-"""Detection of a running gateway on a port, for ``scenegate check``."""
+"""Detection of a running gateway on a port, for ``scenegate doctor``."""
 
 from __future__ import annotations
 

@@ -13,8 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from gateway import __version__
-from gateway.cli import check as check_module
-from gateway.cli import dataset, render_dataset
+from gateway.cli import dataset, doctor, render_dataset
 from gateway.cli.main import app
 from gateway.client.manifest import FailureRecord
 from gateway.datasets import check as dataset_check
@@ -41,9 +40,9 @@ def test_the_version() -> None:
 
 
 @pytest.mark.parametrize(("usable", "code"), [(True, 0), (False, 1)])
-def test_the_exit_code_of_check(usable: bool, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(check_module, "print_findings", lambda: usable)
-    assert invoke("check").exit_code == code
+def test_the_exit_code_of_doctor(usable: bool, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "print_findings", lambda: usable)
+    assert invoke("doctor").exit_code == code
 
 
 @pytest.mark.parametrize("seconds", ["0.01", "0"])

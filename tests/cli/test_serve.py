@@ -92,7 +92,7 @@ class FakeServer:
 def server(monkeypatch: pytest.MonkeyPatch) -> type[FakeServer]:
     fake = type("Server", (FakeServer,), {})
     monkeypatch.setattr(http_server, "MainServer", fake)
-    monkeypatch.setattr(logs, "configure", lambda *_: None)
+    monkeypatch.setattr(logs, "configure", lambda *_, **__: None)
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)
     return fake
 

@@ -45,19 +45,19 @@ def test_help_of_serve_lists_every_setting_once() -> None:
         assert f"{flag_of(name)} " in text or f"{flag_of(name)}," in text, name
 
 
-def test_check_is_one_table_and_needs_no_kernels() -> None:
-    result = scenegate("check", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0", SCENEGATE_GRPC_PORT="0")
+def test_doctor_is_one_table_and_needs_no_kernels() -> None:
+    result = scenegate("doctor", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0", SCENEGATE_GRPC_PORT="0")
     assert result.returncode == 0, result.stdout + result.stderr
     for word in ("scenegate", "Python", "numba", "threads", "kernels", "multicast", "receive buffer"):
         assert any(line.startswith(word) for line in result.stdout.splitlines()), word
 
 
-def test_check_reports_a_taken_port(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_reports_a_taken_port(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instance_probe, "READ_SECONDS", PAUSE)  # the port's owner does not respond
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         environment = {"COLUMNS": "200", "SCENEGATE_HTTP_PORT": str(port)}
-        result = CliRunner().invoke(app, ["check"], env=environment)
+        result = CliRunner().invoke(app, ["doctor"], env=environment)
     assert result.exit_code == 1
     assert f"HTTP: another program listens there (127.0.0.1 port {port})" in result.stdout
 

@@ -1,4 +1,4 @@
-"""The rows of ``scenegate check``: when each is ok, a note or an error, and the remedy that it names."""
+"""The rows of ``scenegate doctor``: when each is ok, a note or an error, and the remedy that it names."""
 
 from __future__ import annotations
 
@@ -20,9 +20,18 @@ from renderers.compiler import cache_folder
 PARTS = ("needed", "background")
 
 
-def finding(subject: str, **ports: int) -> Finding:
+def finding(subject: str, http_port: int | None = None) -> Finding:
     """Return one row."""
+    ports = {"--http-port": ("HTTP", http_port)} if http_port is not None else {}
     return next(row for row in findings("127.0.0.1", ports, 3, PARTS) if row.subject == subject)
+
+
+def is_note(row: Finding, detail: str, remedy: str, verdict: Verdict = Verdict.NOTE) -> None:
+    """The row says what was found, what that means and what to do."""
+    assert row.verdict is verdict
+    assert row.detail.startswith(detail)
+    assert row.meaning.endswith(".")
+    assert row.remedy.startswith(remedy)
 
 
 def test_version_and_threads_are_shown() -> None:
@@ -33,7 +42,7 @@ def test_version_and_threads_are_shown() -> None:
 def test_a_library_that_is_not_installed_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnostics, "LIBRARIES", ("numpy", "no-such-library"))
     assert finding("numpy").verdict is Verdict.OK
-    assert finding("no-such-library") == Finding("no-such-library", Verdict.BAD, "not installed")
+    is_note(finding("no-such-library"), "not installed", "install Scenegate again", Verdict.ERROR)
 
 
 def test_a_missing_glib_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,9 +50,7 @@ def test_a_missing_glib_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
         raise OSError(name)
 
     monkeypatch.setattr(ctypes, "CDLL", fail)
-    row = finding("glib")
-    assert row.verdict is Verdict.NOTE
-    assert row.detail.endswith("apt install libglib2.0-0")
+    is_note(finding("glib"), "missing", "apt install libglib2.0-0")
 
 
 @pytest.mark.parametrize(
@@ -52,14 +59,17 @@ def test_a_missing_glib_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_few_open_files_are_a_note(monkeypatch: pytest.MonkeyPatch, hard: int, verdict: Verdict) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda which: (256, hard))
-    assert finding("open files") == Finding("open files", verdict, f"256 now, up to {hard}")
+    row = finding("open files")
+    assert (row.verdict, row.detail) == (verdict, f"256 now, up to {hard}")
+    if verdict is Verdict.NOTE:
+        is_note(row, "256 now", "ulimit -Hn 4096")
 
 
 @pytest.mark.parametrize(
     ("listed", "verdict", "detail"),
     [
-        ((), Verdict.NOTE, "not compiled yet; the next start compiles them: scenegate warmup"),
-        (("needed",), Verdict.NOTE, "not compiled yet: background; the next start"),
+        ((), Verdict.NOTE, "not compiled yet, in "),
+        (("needed",), Verdict.NOTE, "not compiled yet: background, in "),
         (PARTS, Verdict.OK, "0 compiled, in "),
     ],
 )
@@ -78,17 +88,20 @@ def test_kernels_are_complete_when_every_part_is_listed(
     assert row.verdict is verdict
     assert row.detail.startswith(detail)
     assert str(tmp_path) in row.detail
+    if verdict is Verdict.NOTE:
+        is_note(row, detail, "scenegate warmup")
 
 
 def test_a_free_port_is_ok_and_one_that_is_not_allowed_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert finding("port 0", HTTP=0) == Finding("port 0", Verdict.OK, "HTTP: free")
+    assert finding("port 0", 0) == Finding("port 0", Verdict.OK, "HTTP: free")
 
     def refuse(host: str, port: int) -> NoReturn:
         raise OSError(errno.EACCES, os.strerror(errno.EACCES))
 
     monkeypatch.setattr(process_tuning, "listen", refuse)
     monkeypatch.setattr(diagnostics, "probe_instance", lambda host, port: pytest.fail("nothing listens there"))
-    assert finding("port 80", HTTP=80) == Finding("port 80", Verdict.BAD, "HTTP: not allowed to (127.0.0.1 port 80)")
+    detail = "HTTP: not allowed to (127.0.0.1 port 80)"
+    is_note(finding("port 80", 80), detail, "stop that program, or --http-port PORT", Verdict.ERROR)
 
 
 def test_no_route_for_multicast_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,8 +111,7 @@ def test_no_route_for_multicast_is_a_note(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(socket, "socket", Unreachable)
     row = diagnostics._multicast()  # noqa: SLF001 - the ports' rows use sockets, too
-    assert row.verdict is Verdict.NOTE
-    assert row.detail.startswith("no route, Network is unreachable, for LCM: sudo ip link set lo multicast on;")
+    is_note(row, "no route, Network is unreachable", "sudo ip link set lo multicast on;")
 
 
 @pytest.mark.parametrize(
@@ -112,6 +124,8 @@ def test_a_small_receive_buffer_is_a_note(monkeypatch: pytest.MonkeyPatch, limit
     expected = {
         "?": "the system's limit is not known",
         "4000000\n": "up to 4000000 bytes",
-        "3999999\n": "up to 3999999 bytes, large LCM messages get lost: sudo sysctl -w net.core.rmem_max=4000000",
+        "3999999\n": "up to 3999999 bytes",
     }
     assert row.detail == expected[limit]
+    if verdict is Verdict.NOTE:
+        is_note(row, expected[limit], "sudo sysctl -w net.core.rmem_max=4000000")

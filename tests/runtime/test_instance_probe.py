@@ -1,4 +1,4 @@
-"""``scenegate check`` distinguishes a running gateway from other programs."""
+"""``scenegate doctor`` distinguishes a running gateway from other programs."""
 
 from __future__ import annotations
 
@@ -74,13 +74,14 @@ def test_probe_has_a_time_limit(head: bytes, monkeypatch: pytest.MonkeyPatch) ->
     assert ended == [True, True]
 
 
-def test_check_names_the_gateway_at_all_its_ports() -> None:
+def test_doctor_names_the_gateway_at_all_its_ports() -> None:
     with socket.create_server(("127.0.0.1", 0)) as grpc:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
         with answering(lambda _: (200, json.dumps(health).encode())) as port:
-            ports = {"HTTP": port, "gRPC": grpc.getsockname()[1]}
+            ports = {"--http-port": ("HTTP", port), "--grpc-port": ("gRPC", grpc.getsockname()[1])}
             found = {finding.subject: finding for finding in findings("127.0.0.1", ports, 1, ())}
-    for name, number in ports.items():
+    for flag, (name, number) in ports.items():
         finding = found[f"port {number}"]
         assert finding.verdict is Verdict.NOTE
         assert finding.detail == f"{name}: taken by a running gateway, Scenegate 1.2.3, degraded"
+        assert finding.remedy == f"stop that one, or {flag} PORT"

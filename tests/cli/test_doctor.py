@@ -1,0 +1,54 @@
+"""The table of ``scenegate doctor``, and when its exit code is an error."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+import pytest
+
+from gateway.cli import doctor
+from gateway.runtime.diagnostics import Finding, Verdict
+from gateway.wiring import warmup
+
+OK = Finding("an ok row", Verdict.OK, "fine")
+NOTE = Finding("a note", Verdict.NOTE, "a [strange] thing", "Something is slow.", "do this")
+ERROR = Finding("an error", Verdict.ERROR, "broken", "Nothing works.", "do that")
+Ports = Mapping[str, tuple[str, int]]
+
+
+@pytest.mark.parametrize(
+    ("rows", "good", "summary"),
+    [
+        ((OK, NOTE), True, "0 errors, 1 notes."),
+        ((ERROR,), False, "1 errors, 0 notes."),
+        ((OK, ERROR, NOTE), False, "1 errors, 1 notes."),
+        ((), True, "0 errors, 0 notes."),
+    ],
+)
+def test_each_finding_is_shown_with_its_meaning_and_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    rows: tuple[Finding, ...],
+    good: bool,
+    summary: str,
+) -> None:
+    asked: list[tuple[str, Ports, int, Collection[str]]] = []
+
+    def findings(host: str, ports: Ports, threads: int, parts: Collection[str]) -> Iterator[Finding]:
+        asked.append((host, ports, threads, parts))
+        yield from rows
+
+    monkeypatch.setattr(doctor, "findings", findings)
+    for name, value in (("HTTP_PORT", "1"), ("GRPC_PORT", "2"), ("TCPQ_PORT", "off"), ("THREADS", "5")):
+        monkeypatch.setenv(f"SCENEGATE_{name}", value)
+    assert doctor.print_findings() == good
+    assert asked == [("127.0.0.1", {"--http-port": ("HTTP", 1), "--grpc-port": ("gRPC", 2)}, 5, warmup.PARTS)]
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines[-1] == summary
+    for row in rows:
+        at = next(number for number, line in enumerate(lines) if line.startswith(row.subject))
+        assert row.verdict.value in lines[at]
+        assert lines[at].endswith(row.detail)
+        if row.meaning:
+            assert lines[at + 1].strip() == row.meaning
+            assert lines[at + 2].strip() == f"To do: {row.remedy}"
