@@ -25,10 +25,14 @@ def check(
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
     from gateway.runtime import kernel_cache
+    from gateway.runtime.progress_bar import progress_bar
     from gateway.runtime.worker_pool import usable_cpus
 
     kernel_cache.configure()
-    report = check_dataset(folder, threads or usable_cpus())
+    with progress_bar("Checking", "samples", 1) as bar:
+        report = check_dataset(
+            folder, threads or usable_cpus(), lambda done, total: bar.update(done, done, total=total)
+        )
     for note in report.notes[:MAX_SHOWN]:
         typer.echo(f"note: {note}", err=True)
     for problem in report.problems[:MAX_SHOWN]:

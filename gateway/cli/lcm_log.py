@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
+
+from gateway.runtime.progress_bar import progress_bar
+
+SHOW_SECONDS: Final = 0.2
+"""Time between two updates of the progress bar."""
 
 LcmUrl = Annotated[
     str | None,
@@ -38,7 +44,15 @@ def record(
             loop.add_signal_handler(number, stop.set)
         if seconds:
             loop.call_later(seconds, stop.set)
-        await replay.record(out, lcm_url, channels, progress, stop, lambda: typer.echo("Recording ...", err=True))
+        begin = loop.time()
+        with progress_bar("Recording", "messages", seconds or None) as bar:
+
+            def ready() -> None:
+                if not bar.shown:
+                    typer.echo("Recording ...", err=True)
+
+            recording = replay.record(out, lcm_url, channels, progress, stop, ready)
+            await _shown(recording, lambda: bar.update(loop.time() - begin, progress.events))
 
     asyncio.run(run())
     typer.echo(f"{out}: {progress.events} messages, {progress.data_bytes} bytes", err=True)
@@ -58,10 +72,31 @@ def play(
 
     logs.configure("human", "warning")
     progress = replay.Progress()
+
+    async def run() -> None:
+        with progress_bar("Playing", "messages", log.stat().st_size) as bar:
+            playing = replay.play(log, lcm_url, speed, loop, channels, progress)
+            await _shown(playing, lambda: bar.update(progress.position, progress.events))
+
     try:
-        asyncio.run(replay.play(log, lcm_url, speed, loop, channels, progress))
+        asyncio.run(run())
     except EventLogError as error:
         raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass
     typer.echo(f"{log}: {progress.events} messages played, {progress.data_bytes} bytes", err=True)
+
+
+async def _shown(work: Coroutine[Any, Any, None], show: Callable[[], None]) -> None:
+    """Run ``work``, and call ``show`` several times a second meanwhile."""
+
+    async def show_all() -> None:
+        while True:
+            show()
+            await asyncio.sleep(SHOW_SECONDS)
+
+    task = asyncio.create_task(show_all())
+    try:
+        await work
+    finally:
+        task.cancel()

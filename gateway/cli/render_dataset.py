@@ -10,25 +10,16 @@ from pathlib import Path
 from typing import Final
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as ProgressBar
 
 from gateway.client import manifest
 from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
 from gateway.datasets.run import Progress, run
+from gateway.runtime.progress_bar import progress_bar
 
 LOG_SECONDS: Final = 10.0
 """Minimum time between two lines of progress, if stderr is not a terminal."""
-_COLUMNS: Final = (
-    TextColumn("Rendering"),
-    BarColumn(),
-    MofNCompleteColumn(),
-    TimeRemainingColumn(),
-    TextColumn("{task.fields[note]}"),
-)
 
 
 def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
@@ -55,16 +46,14 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
 
 def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
     """Run the job; show a progress bar on a terminal, else a line now and then."""
-    console = Console(stderr=True)
     logged = time.monotonic()
-    with ProgressBar(*_COLUMNS, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=job.size, note="")
+    with progress_bar("Rendering", f"of {job.size} samples", job.size) as bar:
 
         def report(progress: Progress) -> None:
             nonlocal logged
             note = f"{len(progress.failures)} failed" if progress.failures else ""
-            bar.update(task, completed=progress.finished, note=note)
-            if not console.is_terminal and time.monotonic() - logged > LOG_SECONDS:
+            bar.update(progress.finished, progress.finished, note=note)
+            if not bar.shown and time.monotonic() - logged > LOG_SECONDS:
                 logged = time.monotonic()
                 typer.echo(f"{progress.finished} of {progress.total} done {note}", err=True)
 

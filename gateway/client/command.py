@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -88,6 +88,7 @@ def stream(
     """Receive image sets of a stereo camera, Scenegate's or a real rc_visard. Default: left and disparity."""
     from gateway.client.channel import Credentials, read_token
     from gateway.client.stream import Progress, StreamOptions, receive_all
+    from gateway.runtime.progress_bar import progress_bar
 
     if out is None and (exposure or gpio or truth is not None or imu is not None):
         raise typer.BadParameter("--exposure, --gpio, --truth and --imu need -o FOLDER")
@@ -101,19 +102,17 @@ def stream(
         preview=preview, credentials=credentials, timeout=timeout or None, exposure=exposure, gpio=gpio, truth=truth,
         imu=imu, pipeline=pipeline,
     )  # fmt: skip
-    is_terminal = sys.stderr.isatty()
+    newest = Progress()
+    sets = f"of {count} sets" if count else "sets"
+    with contextlib.suppress(KeyboardInterrupt), progress_bar("Receiving", sets, count or None) as bar:
 
-    def report(progress: Progress) -> None:
-        # On a terminal, the line is replaced after each set. Otherwise, one line per second is written.
-        if is_terminal:
-            typer.echo(f"\r\x1b[K{progress.line()}", nl=False, err=True)
-        elif progress.second_passed():
-            typer.echo(progress.line(), err=True)
+        def report(progress: Progress) -> None:
+            # On a terminal there is a bar, otherwise one line per second.
+            nonlocal newest
+            newest = progress
+            bar.update(progress.sets, progress.sets, note=f"newest {progress.timestamp}")
+            if not bar.shown and progress.second_passed():
+                typer.echo(progress.line(), err=True)
 
-    try:
-        progress = receive_all(options, report)
-    except KeyboardInterrupt:
-        typer.echo(err=True)
-        raise typer.Exit(0) from None
-    line_start = "\r" if is_terminal else ""
-    typer.echo(f"{line_start}{progress.line()}", err=True)
+        newest = receive_all(options, report)
+    typer.echo(newest.line(), err=True)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -49,12 +49,13 @@ class Report:
     """Remarks about what is not an error of the dataset, such as files that the manifest does not name."""
 
 
-def check_dataset(folder: Path, threads: int) -> Report:
+def check_dataset(folder: Path, threads: int, show: Callable[[int, int], object] = lambda done, total: None) -> Report:
     """Check all files of a dataset. Errors are not raised, but are in the report.
 
     Args:
         folder: the dataset.
         threads: number of threads that read images.
+        show: called now and then with the numbers of checked and of all samples.
     """
     report = Report()
     try:
@@ -75,13 +76,24 @@ def check_dataset(folder: Path, threads: int) -> Report:
     if (folder / manifest.JOURNAL_FILE).exists():
         report.notes.append(f"{manifest.JOURNAL_FILE} is there: a run is going on, or was stopped")
     try:
-        _check_samples(folder, description, threads, report)
+        _check_samples(folder, description, threads, report, show)
     except RecordError as error:
         report.problems.append(str(error))
     return report
 
 
-def _check_samples(folder: Path, description: manifest.DatasetRecord, threads: int, report: Report) -> None:
+def _count_lines(path: Path) -> int:
+    with path.open("rb") as file:
+        return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b""))
+
+
+def _check_samples(
+    folder: Path,
+    description: manifest.DatasetRecord,
+    threads: int,
+    report: Report,
+    show: Callable[[int, int], object],
+) -> None:
     """Check the samples of the manifest.
 
     Raises:
@@ -97,9 +109,11 @@ def _check_samples(folder: Path, description: manifest.DatasetRecord, threads: i
     def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
         return list(_sample_problems(folder, sample, description, scene))
 
+    total = _count_lines(folder / manifest.MANIFEST_FILE)
     samples = manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord)
     with ThreadPoolExecutor(threads) as pool:
         while batch := list(islice(samples, BATCH_SAMPLES_PER_THREAD * threads)):
+            show(report.samples, total)
             scenes = [cached_scene(sample.scene) for sample in batch]
             for sample, problems in zip(batch, pool.map(problems_of, batch, scenes), strict=True):
                 report.problems += [f"{sample.id}: {problem}" for problem in problems]

@@ -35,6 +35,8 @@ class Progress:
     """Number of events."""
     data_bytes: int = 0
     """Bytes of data in the events."""
+    position: int = 0
+    """Bytes of the log file that were read, in its current repetition."""
 
 
 async def record(
@@ -129,6 +131,7 @@ async def _play_once(
             transport.publish(event.channel, event.data)
             progress.events += 1
             progress.data_bytes += len(event.data)
+            progress.position = file.tell()
             if progress.events % YIELD_EVENTS == 0:
                 await asyncio.sleep(0)
 

@@ -115,8 +115,9 @@ def test_a_checked_dataset(
 ) -> None:
     threads: list[int] = []
 
-    def check_dataset(_: Path, count: int) -> Any:
+    def check_dataset(_: Path, count: int, show: Callable[[int, int], None]) -> Any:
         threads.append(count)
+        show(2, 4)
         return SimpleNamespace(
             notes=[f"n{k}" for k in range(notes)],
             problems=[f"p{k}" for k in range(problems)],

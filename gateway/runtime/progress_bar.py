@@ -1,0 +1,73 @@
+"""Progress bar of commands that take longer than seconds: count, rate and remaining time."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+
+class ProgressBar:
+    """A bar on a terminal; nothing elsewhere."""
+
+    def __init__(self, unit: str, bar: Any = None, task: Any = None) -> None:
+        self._unit = unit
+        self._bar = bar
+        self._task = task
+        self._began: tuple[float, float] | None = None
+        """Time and count of the first update."""
+
+    @property
+    def shown(self) -> bool:
+        """True on a terminal."""
+        return self._bar is not None
+
+    def update(self, completed: float, count: int, *, total: float | None = None, note: str = "") -> None:
+        """Show the state.
+
+        Args:
+            completed: part of ``total`` that is done.
+            count: number of units so far; the rate is that since the first update.
+            total: value of ``completed`` at the end; None: as before.
+            note: text behind all of it.
+        """
+        if self._bar is None:
+            return
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now, count
+        seconds = now - self._began[0]
+        rate = f"{(count - self._began[1]) / seconds:.1f}/s" if seconds > 0.0 else ""
+        changes: dict[str, Any] = {"completed": completed, "count": f"{count} {self._unit}", "rate": rate, "note": note}
+        if total is not None:
+            changes["total"] = total
+        self._bar.update(self._task, **changes)
+
+
+@contextmanager
+def progress_bar(description: str, unit: str, total: float | None = None) -> Iterator[ProgressBar]:
+    """Show a bar on stderr while the block runs, if stderr is a terminal.
+
+    Args:
+        description: what is being done.
+        unit: what is counted, in the plural.
+        total: value of ``completed`` at the end; None: not known, so that no remaining time is shown.
+    """
+    if not sys.stderr.isatty():
+        yield ProgressBar(unit)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[count]}"),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn() if total is None else TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as bar:
+        yield ProgressBar(unit, bar, bar.add_task(description, total=total, count="", rate="", note=""))
