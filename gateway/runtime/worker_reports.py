@@ -62,14 +62,15 @@ class WorkerReports:
         self._pid = pid if pid is not None else os.getpid()
         self._ended = ""
         self.replaces = False
-        """True if this process replaces one that has ended."""
+        """True if this process replaces one that has ended, or that will end when this one is ready (SIGHUP)."""
 
     def join(self) -> None:
         """Take over the counters of one process that has ended, if any, and write the first report."""
-        for report in self._read():
+        reports = list(self._read())
+        self.replaces = len(reports) >= self.count
+        for report in reports:
             if report.state() == "ended" and self._take(report.pid):
                 self._ended = sum_texts((), (report.metrics, report.ended)).decode()
-                self.replaces = True
                 break
         self.write("starting", "")
 

@@ -179,3 +179,22 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     log = tmp_path / "no" / "log"
     said = scenegate("record", str(log), "--lcm-url", "memq://", "--seconds", "1")
     assert (said.returncode, said.stderr) == (1, f"scenegate: {log}: No such file or directory\n")
+
+
+@pytest.mark.parametrize(
+    ("typed", "completions"), [("d", ["dataset", "doctor"]), ("serve --worker", ["--workers"]), ("dataset ", ["check"])]
+)
+def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_path: Path) -> None:
+    script = tmp_path / "scenegate"  # the name under which the completion is installed
+    script.write_text("from gateway.cli import main\nmain()\n")
+    words = ["scenegate", *typed.split(" ")]
+    environment = {"_SCENEGATE_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
+    result = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, **environment, "COMP_CWORD": str(len(words) - 1), "PYTHONPATH": os.getcwd()},
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+    assert sorted(result.stdout.split()) == completions, result.stderr

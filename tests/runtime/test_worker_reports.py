@@ -88,7 +88,7 @@ def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) ->
     first, second = ended_process(), ended_process()
     leave(tmp_path, first, steps=5, ended=COUNTER.format(100))
     leave(tmp_path, second, steps=7)
-    reports = WorkerReports(tmp_path, 3)
+    reports = WorkerReports(tmp_path, 2)
     reports.join()
     assert reports.replaces
     assert len(list(tmp_path.iterdir())) == 2
@@ -99,7 +99,7 @@ def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) ->
 
 def test_a_starting_replacement_is_restarting(tmp_path: Path) -> None:
     leave(tmp_path, ended_process())
-    reports = WorkerReports(tmp_path, 2)
+    reports = WorkerReports(tmp_path, 1)
     reports.join()
     (file,) = tmp_path.iterdir()
     assert json.loads(file.read_text())["status"] == "restarting"
@@ -110,3 +110,11 @@ def test_the_first_process_replaces_none(tmp_path: Path) -> None:
     reports = WorkerReports(tmp_path, 2)
     reports.join()
     assert not reports.replaces
+
+
+def test_a_process_beside_all_others_will_replace_one(tmp_path: Path) -> None:
+    leave(tmp_path, os.getppid())
+    reports = WorkerReports(tmp_path, 1)
+    reports.join()
+    assert reports.replaces
+    assert reports.describe("restarting")[0] == "degraded"
