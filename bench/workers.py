@@ -3,8 +3,10 @@
     python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N] [--plot FILE.svg]
 
 All servers run at once and get the same requests in turns, so that other programs on the machine disturb all alike. The
-clients are processes on the same machine and take a part of its cores. "Busy" is the number of cores that server and
-clients used. Without SCENEGATE_CORPUS the scene is one of 1.6 MB with 40,000 triangles.
+clients are processes on the same machine and take a part of its cores: "CPU ms" is the time of server and of client per
+render, which hardly depends on other programs, and "at most" what all cores could do with it. "Busy" is the number of
+cores that server and clients used, "others" that of other programs. Without SCENEGATE_CORPUS the scene is one of 1.6 MB
+with 40,000 triangles.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from bench import posted
+from bench.concurrency import percentile
 from bench.crowd import Crowded, crowd
 from bench.gateways import Gateway, gateway
 from bench.table import heading
@@ -122,24 +125,19 @@ def main() -> None:
             servers[workers] = stack.enter_context(gateway(*flags))
             wait_until_ready(servers[workers], workers)
         print(f"{clients} clients, {usable_cpus()} cores, load {os.getloadavg()[0]:.1f}\n")
-        print(
-            heading(
-                "scene", "workers", "renders/s", "by turn", "ratio", "efficiency", "busy", "server CPU ms", "others"
-            )
-        )
+        print(heading("scene", "workers", "renders/s", "ratio", "efficiency", "CPU ms", "at most", "busy", "others"))
         for scene in scenes():
             found = measure(servers, scene, clients, options.requests, options.turns)
             name = f"{scene.name} {scene.fields['image_type']}"
             rates[name] = {workers: median(seen, lambda each: each.rate) for workers, seen in found.items()}
             for workers, seen in found.items():
                 ratio = rates[name][workers] / rates[name][counts[0]]
-                turns = " ".join(f"{each.rate:.0f}" for each in seen)
-                cpu = f"{median(seen, lambda each: each.server_ms):.1f}"
-                busy, others = (f"{median(seen, figure):.2f}" for figure in (lambda e: e.busy, lambda e: e.others))
-                efficiency = f"{ratio * counts[0] / workers:.0%}"
-                cells = (
-                    f"{rates[name][workers]:.0f} | {turns} | {ratio:.2f}× | {efficiency} | {busy} | {cpu} | {others}"
-                )
+                low, high = (percentile([each.rate for each in seen], part) for part in (0.25, 0.75))
+                server, client = median(seen, lambda each: each.server_ms), median(seen, lambda each: each.client_ms)
+                busy, others = median(seen, lambda each: each.busy), median(seen, lambda each: each.others)
+                cells = f"{rates[name][workers]:.0f} ({low:.0f} - {high:.0f}) | {ratio:.2f}× "
+                cells += f"| {ratio * counts[0] / workers:.0%} | {server:.1f} + {client:.1f} "
+                cells += f"| {1e3 * usable_cpus() / (server + client):.0f} | {busy:.2f} | {others:.2f}"
                 print(f"| {name} | {workers} | {cells} |", flush=True)
     if options.plot is not None:
         options.plot.write_text(plot(rates), "utf-8")

@@ -191,7 +191,7 @@ def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_pat
     environment = {"_SCENEGATE_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
     result = subprocess.run(
         [sys.executable, str(script)],
-        env={**os.environ, **environment, "COMP_CWORD": str(len(words) - 1), "PYTHONPATH": os.getcwd()},
+        env={**os.environ, **environment, "COMP_CWORD": str(len(words) - 1), "PYTHONPATH": str(Path.cwd())},
         capture_output=True,
         text=True,
         timeout=SECONDS,
