@@ -114,7 +114,7 @@ def writers() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
-    kernel_cache.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.FUNCTIONS)
     warmup.run()
     freeze_gc()
     cv2.setNumThreads(1)

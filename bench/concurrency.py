@@ -181,7 +181,7 @@ def overload() -> list[Row]:
 
 def main() -> None:
     tune()
-    kernel_cache.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.FUNCTIONS)
     warmup.run()
     show([*scaling(), *event_loop(), *overload()])
 

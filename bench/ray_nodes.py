@@ -110,7 +110,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
-    kernel_cache.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.FUNCTIONS)
     from ray.cluster_utils import Cluster
 
     from gateway.client.manifest import Settings

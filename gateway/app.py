@@ -25,8 +25,9 @@ from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.server import error_handlers, health, openapi
 from gateway.server.early_response import EarlyResponse
 from gateway.server.index_page import index_page
-from gateway.server.middleware import RequestContext, StartGate
+from gateway.server.middleware import RequestContext
 from gateway.server.security import Security
+from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics
@@ -140,6 +141,7 @@ def _add_middleware(context: Context) -> None:
         started=context.started,
         problem=lambda: registry.entries[KERNELS].problem,
         open_paths=health.PATHS | {"/"},
+        compiling=lambda: context.compiling,
     )
     context.security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)

@@ -47,7 +47,7 @@ def warmup() -> None:
     from renderers.compiler import cache_folder
 
     folder = kernel_cache.configure()
-    kernel_cache.ensure_cached(kernels.PARTS, on_stderr)
+    kernel_cache.ensure_cached(kernels.FUNCTIONS, on_stderr)
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 

@@ -13,7 +13,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ def are_cached(parts: Collection[str] | None = None) -> bool:
 
 
 def ensure_cached(
-    parts: Collection[str],
+    parts: Mapping[str, int],
     show: Callable[[Progress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
 ) -> None:
     """Compile the parts that are not cached; of several processes of a machine only one does it.
@@ -64,7 +64,7 @@ def ensure_cached(
     Call it before any kernel is imported, and not in a running event loop.
 
     Args:
-        parts: as for ``compile_in_children``.
+        parts: approximate number of functions of each part (``warmup.FUNCTIONS``), the scale of the progress.
         show: context manager that shows the progress.
 
     Raises:
@@ -72,7 +72,7 @@ def ensure_cached(
     """
     if are_cached(parts):
         return
-    progress = Progress(len(parts))
+    progress = Progress(parts)
     with show(progress):
         asyncio.run(compile_missing(parts, progress))
 
@@ -95,7 +95,7 @@ async def compile_missing(parts: Collection[str], progress: Progress, on_cached:
             else:
                 missing.append(part)
         if missing:
-            progress.parts = len(missing)
+            progress.expected = {part: progress.expected[part] for part in missing}
             await compile_in_children(missing, progress, on_cached)
 
 
@@ -127,7 +127,7 @@ async def compile_in_children(parts: Collection[str], progress: Progress, on_cac
 
     Args:
         parts: names in ``warmup.PARTS``; at most 255.
-        progress: updated with every part.
+        progress: updated with every compiled function.
         on_cached: awaited with each part that is compiled.
 
     Raises:
@@ -184,7 +184,7 @@ async def _compile_in_child(
                 progress.end(report["part"])
                 await on_cached(report["part"])
             else:
-                progress.begin(report["part"])
+                progress.add_function(report["part"])
         await child.wait()
     except BaseException:
         if child.returncode is None:
@@ -205,7 +205,9 @@ def compiling_refused() -> Iterator[None]:
     The cache is incomplete then, whatever its manifest says: the manifest is removed, so that the next start compiles.
     """
 
-    def refuse(kernel: str) -> None:
+    def refuse(kernel: str, depth: int) -> None:
+        if depth > 1:
+            return
         with contextlib.suppress(OSError):
             cache_folder.remove_manifest()
         raise KernelError(
@@ -220,13 +222,20 @@ def compiling_refused() -> Iterator[None]:
 @contextmanager
 def compiling_reported(report: Callable[[str], object]) -> Iterator[None]:
     """Call ``report`` with the name of every kernel that this process compiles, before it is compiled."""
-    with _watched(report):
+    with _watched(lambda function, depth: report(function) if depth == 1 else None):
         yield
 
 
 @contextmanager
-def _watched(on_compile: Callable[[str], object]) -> Iterator[None]:
-    """Call ``on_compile`` at the start of each compilation that is not part of another one."""
+def functions_reported(report: Callable[[], object]) -> Iterator[None]:
+    """Call ``report`` for every function that this process compiles, kernels and those that they call."""
+    with _watched(lambda function, depth: report()):
+        yield
+
+
+@contextmanager
+def _watched(on_compile: Callable[[str, int], object]) -> Iterator[None]:
+    """Call ``on_compile`` at the start of each compilation with the function's name and depth; 1: nothing calls it."""
     from numba.core import event
 
     depth = threading.local()
@@ -234,9 +243,8 @@ def _watched(on_compile: Callable[[str], object]) -> Iterator[None]:
     class Watch(event.Listener):
         def on_start(self, event: Any) -> None:
             depth.value = getattr(depth, "value", 0) + 1
-            if depth.value == 1:
-                function = event.data["dispatcher"].py_func
-                on_compile(f"{function.__module__}.{function.__qualname__}")
+            function = event.data["dispatcher"].py_func
+            on_compile(f"{function.__module__}.{function.__qualname__}", depth.value)
 
         def on_end(self, event: Any) -> None:
             depth.value = getattr(depth, "value", 1) - 1

@@ -1,29 +1,37 @@
-"""Progress of compiling the kernels, for ``/readyz``, the log and a terminal."""
+"""Progress of compiling the kernels, for ``/readyz``, the log, a terminal and requests that arrive meanwhile."""
 
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
+
+_STEP_PERCENT: Final = 20
+"""Progress between two lines of the log."""
+_MIN_ESTIMATE: Final = 0.1
+"""Fraction from which on the remaining time is estimated."""
+_RETRY_SECONDS: Final = 5
+"""Retry-After without an estimate."""
 
 
 @dataclass(slots=True)
 class Progress:
-    """Progress of compiling; changes on the thread that waits for the child processes."""
+    """Progress of compiling, counted in functions; changes on the thread that waits for the child processes."""
 
-    parts: int
-    """Number of parts to compile."""
-    done: int = 0
-    """Number of parts that are compiled."""
-    compiling: list[str] = field(default_factory=list)
-    """Names of the parts that are being compiled."""
+    expected: Mapping[str, int]
+    """Number of functions to compile, by part."""
+    compiled: dict[str, int] = field(default_factory=dict)
+    """Number of functions compiled so far, by part; at most the expected one."""
     waiting: bool = False
     """True while another process compiles the kernels and this one waits for it."""
     started: float = field(default_factory=time.monotonic)
+    first: float = math.nan
+    """Time of the first compiled function, as ``started``; before it, the child processes import."""
     on_change: Callable[[], object] = lambda: None
     """Called after every change."""
 
@@ -33,9 +41,22 @@ class Progress:
         return round(time.monotonic() - self.started, 1)
 
     @property
-    def part(self) -> int:
-        """Number of the part that was begun last, counted from 1."""
-        return self.done + len(self.compiling)
+    def fraction(self) -> float:
+        """Fraction of the functions that are compiled, 0 to 1."""
+        total = sum(self.expected.values())
+        return sum(self.compiled.values()) / total if total else 1.0
+
+    @property
+    def seconds_left(self) -> int | None:
+        """Estimated seconds until the end, at least 1; None while there is no estimate."""
+        if self.fraction < _MIN_ESTIMATE:
+            return None
+        return math.ceil(max(1.0, (time.monotonic() - self.first) * (1 / self.fraction - 1)))
+
+    @property
+    def retry_after(self) -> int:
+        """Seconds after which a client should try again."""
+        return self.seconds_left or _RETRY_SECONDS
 
     def set_waiting(self, waiting: bool) -> None:
         """Note whether another process compiles."""
@@ -43,28 +64,37 @@ class Progress:
             self.waiting = waiting
             self.on_change()
 
-    def begin(self, part: str) -> None:
-        """Note that a part is being compiled."""
-        self.compiling.append(part)
+    def add_function(self, part: str) -> None:
+        """Note that a function of a part is compiled."""
+        if math.isnan(self.first):
+            self.first = time.monotonic()
+        self.compiled[part] = min(self.expected[part], self.compiled.get(part, 0) + 1)
         self.on_change()
 
     def end(self, part: str) -> None:
         """Note that a part is compiled."""
-        self.compiling.remove(part)
-        self.done += 1
+        if math.isnan(self.first):
+            self.first = time.monotonic()
+        self.compiled[part] = self.expected[part]
         self.on_change()
 
     def describe(self) -> dict[str, Any]:
         """Return JSON values for ``/healthz`` and ``/readyz``."""
         if self.waiting:
             return {"waiting": "another process compiles the kernels", "seconds": self.seconds}
-        counts = {"part": self.part, "of": self.parts, "done": self.done, "now": list(self.compiling)}
-        return {"compiling": {**counts, "seconds": self.seconds}}
+        values = {"percent": int(100 * self.fraction), "seconds": self.seconds, "seconds_left": self.seconds_left}
+        return {"compiling": values}
+
+    def __str__(self) -> str:
+        if self.waiting:
+            return "waiting for another process that compiles the rendering kernels"
+        left = f", about {self.seconds_left} s left" if self.seconds_left else ""
+        return f"compiling the rendering kernels, once: {int(100 * self.fraction)} %{left}"
 
 
 @contextmanager
 def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
-    """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each part.
+    """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each fifth.
 
     Args:
         log: called as ``log(event, **fields)``.
@@ -74,16 +104,16 @@ def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -
         with _bar(progress):
             yield
         return
-    logged = 0  # number of the part in the last line
+    logged = 0  # percent of the last line
 
     def log_line() -> None:
         nonlocal logged
+        percent = int(100 * progress.fraction) // _STEP_PERCENT * _STEP_PERCENT
         if progress.waiting:
             log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
-        elif progress.part > logged:
-            logged = progress.part
-            fields = {"part": logged, "of": progress.parts, "name": progress.compiling[-1], "seconds": progress.seconds}
-            log("Compiling the rendering kernels", **fields)
+        elif percent > logged:
+            logged = percent
+            log("Compiling the rendering kernels", percent=percent, seconds=progress.seconds)
 
     progress.on_change = log_line
     yield
@@ -93,8 +123,8 @@ def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -
 def on_stderr(progress: Progress) -> Iterator[None]:
     """``shown`` with lines on stderr, for commands."""
 
-    def write(event: str, *, seconds: float, part: int = 0, of: int = 0, name: str = "") -> None:
-        position = f", part {part} of {of} ({name})" if part else ""
+    def write(event: str, *, seconds: float, percent: int | None = None) -> None:
+        position = "" if percent is None else f", {percent} %"
         sys.stderr.write(f"{event}{position}, {seconds:.0f} s\n")
 
     with shown(progress, write):
@@ -109,17 +139,17 @@ def _bar(progress: Progress) -> Iterator[None]:
     columns = (
         rich_progress.TextColumn("{task.description}"),
         rich_progress.BarColumn(),
-        rich_progress.MofNCompleteColumn(),
+        rich_progress.TaskProgressColumn(),
         rich_progress.TimeElapsedColumn(),
-        rich_progress.TextColumn("{task.fields[now]}"),
+        rich_progress.TextColumn("{task.fields[left]}"),
     )
     terminal = sys.stderr
     with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("Compiling the rendering kernels", total=progress.parts, now="")
+        task = bar.add_task("Compiling the rendering kernels, once", total=1.0, left="")
 
         def show() -> None:
-            now = "another process compiles" if progress.waiting else ", ".join(progress.compiling)
-            bar.update(task, completed=progress.done, now=now)
+            left = f"about {progress.seconds_left} s left" if progress.seconds_left else ""
+            bar.update(task, completed=progress.fraction, left="another process compiles" if progress.waiting else left)
 
         progress.on_change = show
         # While the bar is shown, rich replaces sys.stderr by one that writes lines above the bar.

@@ -1,12 +1,11 @@
-"""ASGI middleware for every HTTP request: ids, log lines, metrics, a limit on URLs, and waiting for the start."""
+"""ASGI middleware for every HTTP request: ids, log lines, metrics, and a limit on URLs."""
 
 from __future__ import annotations
 
-import asyncio
 import random
 import re
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import Final
 
 import structlog
@@ -84,27 +83,3 @@ class TargetLimit:
             await PlainTextResponse(text, status_code=414)(scope, receive, send)
         else:
             await self._app(scope, receive, send)
-
-
-class StartGate:
-    """Hold requests until the interfaces have started, except for ``open_paths``; 503 if the start failed."""
-
-    def __init__(
-        self, app: ASGIApp, *, started: asyncio.Event, problem: Callable[[], str], open_paths: Collection[str]
-    ) -> None:
-        """``problem``: returns why the gateway failed to start, or an empty string."""
-        self._app = app
-        self._started = started
-        self._problem = problem
-        self._open_paths = open_paths
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan" or scope["path"] in self._open_paths:
-            await self._app(scope, receive, send)
-            return
-        if not self._started.is_set():
-            await self._started.wait()
-        if scope["type"] == "http" and (problem := self._problem()):
-            await PlainTextResponse(f"The gateway did not start: {problem}\n", status_code=503)(scope, receive, send)
-            return
-        await self._app(scope, receive, send)

@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
+from gateway.runtime.kernel_progress import Progress
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
@@ -76,6 +77,8 @@ class Context:
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Called after each request of the render endpoint."""
 
+    compiling: Progress | None = None
+    """Progress of compiling the kernels that the start needs; None if they are compiled."""
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are let in, or when the start has failed."""
     startup: asyncio.Task[None] | None = None

@@ -60,27 +60,28 @@ async def _load_kernels(context: Context) -> None:
 
 
 async def _compile_kernels(context: Context) -> None:
-    """Compile the kernels; the log, ``/readyz`` and a terminal show the progress."""
-    progress = Progress(len(warmup.NEEDED))
+    """Compile the kernels; the log or a terminal, ``/readyz`` and responses to requests show the progress."""
+    progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.NEEDED})
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
-    folder = str(kernel_cache.configure())
-    _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
+    context.compiling = progress
+    _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernel_cache.configure()))
     with shown(progress, _log.info, bar=context.reports is None):
         await kernel_cache.compile_missing(warmup.NEEDED, progress)
+    context.compiling = None
     entry.progress = None
     _log.info("The rendering kernels are compiled", seconds=progress.seconds)
 
 
 async def _load_background_kernels() -> None:
     """Load the other kernels, compiled first if need be; calls that need them wait (``renderers.compiler.pending``)."""
-    progress = Progress(len(warmup.BACKGROUND))
+    progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.BACKGROUND})
     try:
         if await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
             for part in warmup.BACKGROUND:
                 await _load_background_part(part)
         else:
-            _log.info("Compiling further kernels in the background; requests for them wait", parts=progress.parts)
+            _log.info("Compiling further kernels in the background; requests for them wait")
             await kernel_cache.compile_missing(warmup.BACKGROUND, progress, _load_background_part)
             _log.info("The further kernels are compiled", seconds=progress.seconds)
     except Exception as error:  # noqa: BLE001 - requests for these kernels get the reason

@@ -12,6 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -89,6 +90,17 @@ BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
 }
 """Parts that are compiled after the server is ready."""
 PARTS: Final[Mapping[str, Callable[[], None]]] = {**NEEDED, **BACKGROUND}
+FUNCTIONS: Final[Mapping[str, int]] = {
+    "shading": 115,
+    "raster": 85,
+    "setup": 30,
+    "stereo": 105,
+    "normals": 30,
+    "formats": 45,
+    "antialiasing": 40,
+    "studio": 60,
+}
+"""Approximate number of functions that Numba compiles for each part: the scale of the progress bar."""
 
 
 def run() -> None:
@@ -120,7 +132,7 @@ def run_background(part: str) -> None:
 
 
 def compile_parts(queue: int, names: tuple[str, ...]) -> None:
-    """Compile parts until none is left; report on stdout each part that begins, and its kernels when it ends.
+    """Compile parts until none is left; report on stdout each compiled function, and the kernels of each part.
 
     Args:
         queue: file descriptor with one byte for each part to compile, its index in ``names``. Other processes read
@@ -137,8 +149,8 @@ def compile_parts(queue: int, names: tuple[str, ...]) -> None:
     reported: set[int] = set()
     while index := os.read(queue, 1):
         part = names[index[0]]
-        _report(part=part)
-        PARTS[part]()
+        with kernel_cache.functions_reported(partial(_report, part=part)):
+            PARTS[part]()
         _report(part=part, kernels=_take_new_folders(reported))
 
 

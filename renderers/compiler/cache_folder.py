@@ -111,19 +111,20 @@ def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
 
 
 def platform_digest() -> str:
-    """Return the digest of the CPU that kernels are compiled for and of the compiler's versions."""
-    # With these settings, Numba compiles for another CPU.
-    return _platform_digest(
-        *(os.environ.get(f"NUMBA_{name}", "") for name in ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX"))
-    )
+    """Return the digest of the CPU that kernels are compiled for and of the compiler's versions.
+
+    With Numba's settings NUMBA_CPU_NAME and NUMBA_CPU_FEATURES it is that CPU, and not this machine's.
+    """
+    return _platform_digest(*(os.environ.get(f"NUMBA_{name}") for name in ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))
 
 
 @cache  # called for every kernel; reading the versions opens files
-def _platform_digest(*settings: str) -> str:
+def _platform_digest(cpu: str | None, features: str | None, avx: str | None) -> str:
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    cpu = (get_host_cpu_name(), get_host_cpu_features().flatten())
-    key = (*settings, *cpu, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
+    cpu = get_host_cpu_name() if cpu is None else cpu
+    features = get_host_cpu_features().flatten() if features is None else features
+    key = (cpu, features, avx or "", *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
     return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
 
 

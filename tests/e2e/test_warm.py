@@ -23,7 +23,7 @@ from gateway.wiring import warmup
 from renderers.compiler import pending
 from gateway.runtime import kernel_cache as kernels
 
-kernels.ensure_cached(warmup.PARTS)
+kernels.ensure_cached(warmup.FUNCTIONS)
 from numba.core import event
 
 compiled = []
@@ -133,7 +133,7 @@ from gateway.wiring import warmup
 from gateway.runtime import kernel_cache as kernels
 from renderers.compiler import cache_folder as kernel_cache
 
-kernels.ensure_cached(warmup.PARTS)
+kernels.ensure_cached(warmup.FUNCTIONS)
 here = kernel_cache.folder()
 copy = Path(sys.argv[1])
 shutil.copytree(here, copy / here.name)

@@ -112,6 +112,18 @@ def test_complete_for_one_kind_of_cpu(cache: Path, monkeypatch: pytest.MonkeyPat
     assert not kernels.are_cached()
 
 
+def test_complete_for_all_cpus_that_have_the_features_of_numbas_settings(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v3")
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
+    write_kernel()
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "haswell")
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", dict)
+    clear_memory()
+    assert kernels.are_cached()
+
+
 @pytest.mark.parametrize("package", ["numba", "llvmlite", "numpy"])
 def test_complete_for_one_version_of_the_compiler(cache: Path, monkeypatch: pytest.MonkeyPatch, package: str) -> None:
     write_kernel()
@@ -200,13 +212,13 @@ def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, mo
 async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels in /proc/kernels/.* cannot be written: "):
-        await kernels.compile_missing(["shading"], Progress(1))
+        await kernels.compile_missing(["shading"], Progress({"shading": 1}))
 
 
 async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONHOME", str(cache))  # no interpreter starts with that
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
-        await kernels.compile_in_children(["shading"], Progress(1))
+        await kernels.compile_in_children(["shading"], Progress({"shading": 1}))
     assert not kernels.are_cached()
 
 
@@ -226,7 +238,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
 
     cached: list[str] = []
     monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
-    first, second = Progress(1), Progress(1)
+    first, second = Progress({"rest": 1}), Progress({"rest": 1})
     task = asyncio.create_task(kernels.compile_missing(["rest"], first, note))
     await until(lambda: compiled)
     await asyncio.gather(task, kernels.compile_missing(["rest"], second, note))
@@ -238,7 +250,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
 async def test_cancelled_while_waiting_for_another_process(cache: Path) -> None:
     folder = kernels.configure()
     folder.mkdir(parents=True)
-    progress = Progress(1)
+    progress = Progress({"rest": 1})
     with (folder / "lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         task = asyncio.create_task(kernels.compile_missing(["rest"], progress))

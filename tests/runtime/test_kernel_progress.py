@@ -17,44 +17,54 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_has_part_count_and_seconds() -> None:
-    progress = Progress(3)
-    progress.begin("shading")
-    progress.begin("setup")
-    progress.end("shading")
+def test_progress_counts_functions() -> None:
+    progress = Progress({"shading": 30, "setup": 10})
+    assert (progress.fraction, progress.seconds_left) == (0.0, None)
+    for _ in range(40):  # more than expected
+        progress.add_function("setup")
+    assert progress.fraction == 0.25
     described = progress.describe()["compiling"]
     assert described.pop("seconds") >= 0.0
-    assert described == {"part": 2, "of": 3, "done": 1, "now": ["setup"]}
+    assert described == {"percent": 25, "seconds_left": 1}
+    progress.end("shading")
+    assert progress.fraction == 1.0
     progress.set_waiting(True)
     assert progress.describe()["waiting"] == "another process compiles the kernels"
 
 
-def test_one_line_per_part_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_remaining_time_follows_from_the_time_since_the_first_function(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("gateway.runtime.kernel_progress.time.monotonic", lambda: now)
+    progress = Progress({"shading": 4})
+    now = 110.0
+    progress.add_function("shading")
+    now = 112.0
+    assert progress.seconds_left == progress.retry_after == 6
+    assert str(progress) == "compiling the rendering kernels, once: 25 %, about 6 s left"
+
+
+def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     lines: list[tuple[str, dict[str, Any]]] = []
-    progress = Progress(2)
+    progress = Progress({"shading": 10})
     with shown(progress, lambda event, **fields: lines.append((event, fields))):
         progress.set_waiting(True)
         progress.set_waiting(False)
-        progress.begin("shading")
+        for _ in range(5):
+            progress.add_function("shading")
         progress.end("shading")
-        progress.begin("rest")
-        progress.end("rest")
     assert [event for event, _ in lines] == [
         "Waiting for another process that compiles the rendering kernels",
-        *["Compiling the rendering kernels"] * 2,
+        *["Compiling the rendering kernels"] * 3,
     ]
-    assert [(fields["part"], fields["of"], fields["name"]) for _, fields in lines[1:]] == [
-        (1, 2, "shading"),
-        (2, 2, "rest"),
-    ]
+    assert [fields["percent"] for _, fields in lines[1:]] == [20, 40, 100]
 
 
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    progress = Progress(2)
+    progress = Progress({"shading": 2})
     with on_stderr(progress):
-        progress.begin("shading")
-    assert capsys.readouterr().err.startswith("Compiling the rendering kernels, part 1 of 2 (shading), ")
+        progress.add_function("shading")
+    assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
 
 def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,15 +75,13 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     handler = logging.StreamHandler(terminal)
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [handler])
-    progress = Progress(7)
+    progress = Progress({"shading": 1, "setup": 3})
     with shown(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
-        progress.begin("shading")
         progress.end("shading")
-        progress.begin("setup")
         logging.getLogger("gateway").warning("something else")
         assert handler.stream is not terminal
     assert handler.stream is terminal
     written = terminal.getvalue()
-    assert "1/7" in written
-    assert "setup" in written
+    assert "25%" in written
+    assert "about 1 s left" in written
     assert "something else\n" in written

@@ -1,8 +1,7 @@
-"""Middleware of every HTTP request: ids, log lines, metrics, the URL limit, and waiting for the start."""
+"""Middleware of every HTTP request: ids, log lines, metrics, and the URL limit."""
 
 from __future__ import annotations
 
-import asyncio
 import re
 
 import httpx2
@@ -15,7 +14,7 @@ from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server.access import TrustedHosts
-from gateway.server.middleware import MAX_TARGET_BYTES, RequestContext, StartGate, TargetLimit
+from gateway.server.middleware import MAX_TARGET_BYTES, RequestContext, TargetLimit
 
 
 def make(metrics: Metrics) -> FastAPI:
@@ -80,28 +79,6 @@ async def test_unhandled_error_is_500_with_the_id_and_a_logged_traceback() -> No
     assert answer.headers["x-request-id"] == "r1"
     assert [line["event"] for line in lines] == ["unhandled", "request"]
     assert lines[0]["exc_info"]
-
-
-async def test_requests_wait_for_the_start_except_open_paths() -> None:
-    started = asyncio.Event()
-    gate = StartGate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
-    async with client(gate) as http:
-        assert (await http.get("/things/open")).text == "open"
-        waiting = asyncio.create_task(http.get("/things/a"))
-        for _ in range(10):
-            await http.get("/things/open")
-        assert not waiting.done()
-        started.set()
-        assert (await waiting).text == "a"
-
-
-async def test_failed_start_is_503_with_the_reason() -> None:
-    started = asyncio.Event()
-    started.set()
-    gate = StartGate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
-    async with client(gate) as http:
-        answer = await http.get("/things/a")
-    assert (answer.status_code, answer.text) == (503, "The gateway did not start: no kernels\n")
 
 
 @pytest.mark.parametrize(("host", "status"), [("localhost", 413), ("rebound.example", 421)])

@@ -13,8 +13,9 @@ from structlog.testing import capture_logs
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server import openapi
 from gateway.server.access import Access, CsrfProtection, SecurityHeaders, TrustedHosts
-from gateway.server.middleware import RequestContext, StartGate, TargetLimit
+from gateway.server.middleware import RequestContext, TargetLimit
 from gateway.server.security import Security
+from gateway.server.start_gate import StartGate
 from gateway.server.tokens import Tokens, read_tokens
 from gateway.settings import Settings
 
@@ -51,18 +52,6 @@ async def test_lifespans_pass_all_middleware(tokens: Tokens) -> None:
     for layer in layers:
         await layer({"type": "lifespan", "path": ""}, never, never)
     assert app.scopes == ["lifespan"] * len(layers)
-
-
-async def test_requests_wait_for_the_start() -> None:
-    app, started = App(), asyncio.Event()
-    gate: Any = StartGate(app, started=started, problem=lambda: "", open_paths=frozenset({"/open"}))
-    waiting = asyncio.create_task(gate({"type": "http", "path": "/render"}, None, None))
-    await gate({"type": "http", "path": "/open"}, None, None)
-    await asyncio.sleep(0)
-    assert (app.scopes, waiting.done()) == (["http"], False)
-    started.set()
-    await waiting
-    assert app.scopes == ["http", "http"]
 
 
 def log_of(**settings: Any) -> list[tuple[str, str]]:
