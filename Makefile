@@ -6,6 +6,7 @@
 #   make test-all                 the slow tests, too
 
 VENV ?= .venv
+SITE_VENV ?= .venv-site
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
 COSMIC_RAY := 8.7.0
@@ -18,7 +19,7 @@ UV := $(BIN)/uv
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench mutants clean
+.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -52,6 +53,12 @@ docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md f
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md
 	$(BIN)/python -m gateway.cli.limits docs/limits.md
 
+docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; warnings are errors
+	$(SITE_VENV)/bin/zensical build --strict --clean
+
+docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
+	$(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
+
 generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
 	$(BIN)/python protos/generate.py
 
@@ -66,6 +73,8 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 	$(COMPILE) $(ARGS) --group dev -c requirements.lock -o requirements-dev.lock
 	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 		--group tools -c requirements-dev.lock -o requirements-tools.lock
+	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
 	rm -rf $(VENV) .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
@@ -91,4 +100,9 @@ $(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.tools
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
 	@$(call install,--require-hashes -r requirements-dev.lock)
+	@touch $@
+
+$(SITE_VENV)/.installed: requirements-site.lock | $(VENV)/.tools
+	@$(UV) venv --quiet --clear --python $(BIN)/python $(SITE_VENV)
+	@$(UV) pip install --quiet --python $(SITE_VENV)/bin/python --require-hashes -r requirements-site.lock
 	@touch $@

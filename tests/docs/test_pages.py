@@ -104,9 +104,10 @@ def test_variables_exist(page: Path) -> None:
     assert set(re.findall(r"\bSCENEGATE_[A-Z_]+[A-Z]\b", text)) <= allowed
 
 
-def test_the_index_has_every_page() -> None:
-    listed = set(links(ROOT / "docs" / "README.md"))
-    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} <= listed
+@pytest.mark.parametrize("folder", ["docs", "docs/decisions"])
+def test_the_index_of_a_folder_has_every_page(folder: str) -> None:
+    listed = set(links(ROOT / folder / "README.md"))
+    assert {page.name for page in (ROOT / folder).glob("*.md")} - {"README.md"} <= listed
 
 
 def test_the_tools_of_this_test_find_something() -> None:
