@@ -18,6 +18,10 @@ UV := $(BIN)/uv
 # The same arguments for uv (seconds) and, where uv has no wheel or cannot reach the index, for pip.
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
+# Pages have an edit link if the repository has an address: that of pyproject.toml, or of the environment.
+SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
+SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
+
 .DEFAULT_GOAL := help
 .PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
 
@@ -49,15 +53,16 @@ mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notic
 	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
 		--with cosmic-ray==$(COSMIC_RAY) python bench/mutants.py $(ARGS)
 
-docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md from the source
-	$(BIN)/python -m gateway.cli.reference docs/configuration.md
-	$(BIN)/python -m gateway.cli.limits docs/limits.md
+docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source
+	$(BIN)/python -m gateway.cli.reference docs
 
 docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; warnings are errors
-	$(SITE_VENV)/bin/zensical build --strict --clean
+	@mkdir -p out
+	@$(SITE_ENV) $(SITE_VENV)/bin/zensical build --strict --clean >out/site.log 2>&1; code=$$?; cat out/site.log; \
+		test $$code -eq 0 && ! grep -q '^griffe: ' out/site.log  # docstrings: zensical does not count these warnings
 
 docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
-	$(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
+	$(SITE_ENV) $(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
 
 generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
 	$(BIN)/python protos/generate.py
