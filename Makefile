@@ -6,6 +6,7 @@
 #   make test-all                 the slow tests, too
 
 VENV ?= .venv
+SITE_VENV ?= .venv-site
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
 COSMIC_RAY := 8.7.0
@@ -17,8 +18,12 @@ UV := $(BIN)/uv
 # The same arguments for uv (seconds) and, where uv has no wheel or cannot reach the index, for pip.
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
+# Pages have an edit link if the repository has an address: that of pyproject.toml, or of the environment.
+SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
+SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
+
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench mutants clean
+.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -48,9 +53,16 @@ mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notic
 	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
 		--with cosmic-ray==$(COSMIC_RAY) python bench/mutants.py $(ARGS)
 
-docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md from the source
-	$(BIN)/python -m gateway.cli.reference docs/configuration.md
-	$(BIN)/python -m gateway.cli.limits docs/limits.md
+docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source
+	$(BIN)/python -m gateway.cli.reference docs
+
+docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; warnings are errors
+	@mkdir -p out
+	@$(SITE_ENV) $(SITE_VENV)/bin/zensical build --strict --clean >out/site.log 2>&1; code=$$?; cat out/site.log; \
+		test $$code -eq 0 && ! grep -q '^griffe: ' out/site.log  # docstrings: zensical does not count these warnings
+
+docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
+	$(SITE_ENV) $(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
 
 generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
 	$(BIN)/python protos/generate.py
@@ -66,6 +78,8 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 	$(COMPILE) $(ARGS) --group dev -c requirements.lock -o requirements-dev.lock
 	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 		--group tools -c requirements-dev.lock -o requirements-tools.lock
+	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
 	rm -rf $(VENV) .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
@@ -91,4 +105,9 @@ $(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.tools
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
 	@$(call install,--require-hashes -r requirements-dev.lock)
+	@touch $@
+
+$(SITE_VENV)/.installed: requirements-site.lock | $(VENV)/.tools
+	@$(UV) venv --quiet --clear --python $(BIN)/python $(SITE_VENV)
+	@$(UV) pip install --quiet --python $(SITE_VENV)/bin/python --require-hashes -r requirements-site.lock
 	@touch $@

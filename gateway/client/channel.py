@@ -45,6 +45,7 @@ class Credentials:
         Args:
             target: ``HOST:PORT``.
             options: gRPC channel arguments.
+
         Raises:
             OSError: a file cannot be read.
         """

@@ -20,10 +20,12 @@ from tests.docs.pages import PAGES, Block, blocks, commands
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
 
-PYTHON = [block for page in PAGES for block in blocks(page) if block.language == "python"]
+ONE_BY_ONE = [page for page in PAGES if page.parent.name != "tutorial"]
+"""Pages whose blocks do not build on each other; ``test_tutorial`` runs the others."""
+PYTHON = [block for page in ONE_BY_ONE for block in blocks(page) if block.language == "python"]
 CURL = {
     block: [line for line in commands(block) if line.startswith("curl ")]
-    for page in PAGES
+    for page in ONE_BY_ONE
     for block in blocks(page)
     if "notest" not in block.options and any(line.startswith("curl ") for line in commands(block))
 }

@@ -104,9 +104,14 @@ def test_variables_exist(page: Path) -> None:
     assert set(re.findall(r"\bSCENEGATE_[A-Z_]+[A-Z]\b", text)) <= allowed
 
 
-def test_the_index_has_every_page() -> None:
-    listed = set(links(ROOT / "docs" / "README.md"))
-    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} <= listed
+def test_index_and_site_have_every_page() -> None:
+    docs = ROOT / "docs"
+    pages = set(docs.rglob("*.md"))
+    indices = [page for page in pages if page.name == "README.md"]
+    listed = {(index.parent / link).resolve() for index in indices for link in links(index)}
+    assert pages - {docs / "README.md"} <= listed
+    navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert [page for page in pages if f" {page.relative_to(docs)}\n" not in navigation] == []
 
 
 def test_the_tools_of_this_test_find_something() -> None:

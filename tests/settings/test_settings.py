@@ -8,11 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway import settings
-from gateway.cli import limits
-from gateway.cli.reference import reference
 from gateway.settings import Settings, SettingsError, load, option
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
@@ -20,10 +16,6 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in list(os.environ):
         if name.startswith("SCENEGATE_"):
             monkeypatch.delenv(name)
-
-
-def test_the_page_of_limits_is_up_to_date() -> None:
-    assert (ROOT / "docs" / "limits.md").read_text("utf-8") == limits.reference(), "make docs writes it anew"
 
 
 def toml(folder: Path, text: str) -> Path:
@@ -122,11 +114,6 @@ def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -
         assert option.group_of(field), name
     defaults = {name: field.default for name, field in Settings.model_fields.items()}
     assert Settings.model_validate(defaults) == load()
-
-
-def test_the_reference_is_up_to_date() -> None:
-    written = (ROOT / "docs" / "configuration.md").read_text("utf-8")
-    assert written == reference(), "run `make docs`"
 
 
 def test_pairs_and_a_scene_file_exclude_each_other(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ def rgba(value: ArrayLike) -> list[float]:
     Args:
         value: three or four numbers from 0 to 1; three or four integers from 0 to 255, of which one is above 1; a uint8
             array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
+
     Raises:
         ValueError: the value is none of these.
     """
@@ -57,6 +58,7 @@ def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
         name: name of the field, for the error text.
         values: an array whose last axis has 3 or 4 numbers; rows of a grid follow each other.
         count: number of vertices.
+
     Raises:
         ValueError: wrong shape, or a float outside of 0 to 1.
     """
@@ -75,6 +77,7 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     Args:
         value: an encoded PNG or JPEG file, the path of one, or pixels: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
             from 0 to 1, top row first. A Pillow image counts as its pixels.
+
     Raises:
         ValueError: wrong shape, or a float outside of 0 to 1.
         OSError: the file cannot be read.
@@ -102,6 +105,7 @@ def check_range(name: str, values: NDArray[Any]) -> None:
     Args:
         name: name of the field, for the error text.
         values: array of any shape.
+
     Raises:
         ValueError: a float is outside of 0 to 1.
     """

@@ -48,6 +48,7 @@ class LcmConnection:
             url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else liblcm's default.
             handlers: callback for each channel. The receiving thread calls it with the message.
             timeout: seconds to wait for a hub.
+
         Raises:
             ConnectionError: no hub listens, or there is no route.
             ImportError: the package lcm cannot be loaded.

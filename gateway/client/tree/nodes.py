@@ -98,6 +98,7 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
     Args:
         paths: N indices of nodes, as in ``viewer[...]``.
         poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
+
     Raises:
         ValueError: the shapes differ, or a number is not finite.
     """

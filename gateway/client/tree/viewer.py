@@ -57,6 +57,7 @@ class TreeViewer:
                 else LCM's default.
             timeout: seconds to wait for a response, or for a hub.
             binary: format of requests. True: MessagePack; False: JSON; None: MessagePack if the viewer supports it.
+
         Raises:
             ConnectionError: no hub listens, or there is no route for multicast.
             ImportError: the package lcm cannot be loaded.
@@ -105,6 +106,7 @@ class TreeViewer:
         Args:
             paths: N indices of nodes, as in ``viewer[...]``.
             poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
+
         Raises:
             ValueError: the shapes differ, or a number is not finite.
         """
@@ -147,6 +149,7 @@ class TreeViewer:
 
         Returns:
             Function that ends the calls.
+
         Raises:
             TreeViewerError: the viewer sends no clicks, or a limit is reached.
         """
@@ -206,6 +209,7 @@ class TreeViewer:
             joints: Values in radians or metres, by joint name. The others are as in the file.
             roots: Folders with the packages of ``package://`` names.
             geometry: Geometry of the links to publish.
+
         Raises:
             ValueError: the file cannot be used, or a joint or its value is invalid.
             ImportError: a package that is needed to read the file is not installed.

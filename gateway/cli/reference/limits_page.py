@@ -1,4 +1,4 @@
-"""``python -m gateway.cli.limits FILE``: write docs/limits.md from the configuration classes and constants.
+"""docs/limits.md, from the configuration classes and constants.
 
 The reason for each limit is the docstring of its field or constant, read from the source.
 """
@@ -8,11 +8,9 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
-import sys
 from collections.abc import Iterator
 from dataclasses import fields
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, Final
 
 from gateway.settings import Settings
@@ -121,7 +119,7 @@ _NOT_LIMITS: Final = frozenset(
 """Numeric fields of these classes that are not limits."""
 
 
-def reference() -> str:
+def page() -> str:
     """Return the page as Markdown."""
     parts = [_HEAD, "\n## By flag\n\n| flag | default | |\n| --- | --- | --- |"]
     for name, field in Settings.model_fields.items():
@@ -175,7 +173,3 @@ def _number(value: float) -> str:
                 return f"{value // size} {unit}"
         return f"{value:,}"
     return f"{value:g}"
-
-
-if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(reference(), "utf-8")

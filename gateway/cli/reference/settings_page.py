@@ -1,10 +1,8 @@
-"""``python -m gateway.cli.reference FILE``: write docs/configuration.md from the settings."""
+"""docs/configuration.md, from the settings."""
 
 from __future__ import annotations
 
-import sys
 from itertools import groupby
-from pathlib import Path
 
 from gateway.settings import Settings
 from gateway.settings.option import default_of, env_of, flag_of, group_of, metavar_of, second_flag_of
@@ -28,7 +26,7 @@ variables are read: `SCENEGATE_CACHE_DIR`, the folder of the compiled kernels (d
 """
 
 
-def reference() -> str:
+def page() -> str:
     """Return the page as Markdown."""
     parts = [_HEAD]
     for group, members in groupby(Settings.model_fields.items(), key=lambda item: group_of(item[1])):
@@ -54,7 +52,3 @@ def _limits(metadata: list[object]) -> str:
         if (value := getattr(item, attribute, None)) is not None
     ]
     return f" Limits: {', '.join(limits)}." if limits else ""
-
-
-if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(reference(), "utf-8")

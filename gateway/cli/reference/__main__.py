@@ -1,0 +1,21 @@
+"""``python -m gateway.cli.reference FOLDER``: write the generated pages into FOLDER, which is docs/."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from gateway.cli.reference import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
+
+if __name__ == "__main__":
+    docs = Path(sys.argv[1])
+    (docs / "reference").mkdir(exist_ok=True)
+    for name, text in (
+        ("configuration.md", settings_page.page()),
+        ("limits.md", limits_page.page()),
+        ("reference/commands.md", commands_page.page()),
+        ("reference/http.md", http_page.page(http_page.description())),
+        ("reference/grpc.md", grpc_page.page()),
+        ("reference/lcm.md", lcm_page.page()),
+    ):
+        (docs / name).write_text(text, "utf-8")

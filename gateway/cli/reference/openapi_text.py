@@ -1,0 +1,133 @@
+"""Parts of an OpenAPI description as text: types, tables of fields, example requests."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+from urllib.parse import quote
+
+URL: Final = "http://127.0.0.1:8000"
+_MAX_EXTRA_PARAMETERS: Final = 3
+"""Optional query parameters in an example request; all of them would hide the route."""
+_MAX_COLUMNS: Final = 60
+"""Longest line of an example request; the site shows it in half of the page."""
+_SUFFIXES: Final[Mapping[str, str]] = {
+    "image/png": "png",
+    "image/jpeg": "jpg",
+    "application/zip": "npz",
+    "model/gltf-binary": "glb",
+}
+"""File suffixes of media types that are no text."""
+ENDLESS: Final = frozenset({"application/x-ndjson", "multipart/x-mixed-replace"})
+"""Media types of responses that do not end by themselves."""
+
+
+def type_text(schema: Mapping[str, Any]) -> str:
+    """Return a schema's type, values and limits in words: ``integer, 1 to 16384``."""
+    if "enum" in schema:
+        return ", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in schema["enum"])
+    kind = schema.get("type", "any")
+    text = " or ".join(kind) if isinstance(kind, list) else kind
+    if kind == "array":
+        return f"array of: {type_text(schema['items'])}"
+    if schema.get("format") == "binary":
+        return "file"
+    low, high = schema.get("minimum"), schema.get("maximum")
+    if low is not None and high is not None:
+        return f"{text}, {low:.12g} to {high:.12g}"
+    limits = [
+        f"{word} {schema[key]:.12g}"
+        for key, word in (
+            ("minimum", "at least"),
+            ("exclusiveMinimum", "more than"),
+            ("maximum", "at most"),
+            ("exclusiveMaximum", "less than"),
+        )
+        if key in schema
+    ]
+    return ", ".join([text, *limits])
+
+
+def field_rows(schema: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a table row for each field of an object, or for each named item of an array (the camera's parameters)."""
+    if schema.get("type") == "array" and "anyOf" in schema["items"]:
+        for item in schema["items"]["anyOf"]:
+            yield row(item["title"], type_text(item["properties"]["value"]), item.get("description", ""))
+    required = schema.get("required", ())
+    for name, field in schema.get("properties", {}).items():
+        text = field.get("description", "")
+        yield row(name, type_text(field), f"Required. {text}" if name in required else text)
+
+
+def row(name: str, kind: str, text: str) -> str:
+    """Return a row of three cells."""
+    cells = (f"`{name}`", kind, " ".join(text.split()))
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def example_of(holder: Mapping[str, Any]) -> Any:
+    """Return the first example of a parameter or media type, None without one."""
+    if "example" in holder:
+        return holder["example"]
+    return next((entry["value"] for entry in holder.get("examples", {}).values()), None)
+
+
+def curl(method: str, path: str, operation: Mapping[str, Any]) -> str:
+    """Return a command line for an operation, with its example values."""
+    parameters = operation.get("parameters", ())
+    for parameter in parameters:
+        if parameter["in"] == "path":
+            path = path.replace(f"{{{parameter['name']}}}", str(example_of(parameter)))
+    ((media_type, _), *_) = operation["responses"]["200"].get("content", {"": None}).items()
+    words = ["curl"]
+    if media_type in ENDLESS:
+        words.append("-N")
+    if media_type in _SUFFIXES:
+        words.append(f"-o {path.rpartition('/')[2].partition('.')[0]}.{_SUFFIXES[media_type]}")
+    if method != "GET":
+        words.append(f"-X {method}")
+    words += _body_words(operation.get("requestBody", {}))
+    return wrapped([*words, shlex.quote(f"{URL}{path}{_query(parameters)}")])
+
+
+def wrapped(words: list[str]) -> str:
+    """Return a command line, continued on the next line where a word would be beyond the last column."""
+    lines = [words[0]]
+    for word in words[1:]:
+        if len(lines[-1]) + len(word) < _MAX_COLUMNS:
+            lines[-1] += f" {word}"
+        else:
+            lines.append(f"  {word}")
+    return " \\\n".join(lines)
+
+
+def _query(parameters: Any) -> str:
+    """Return the query of an example: what is required, and the first optional values that are not the default."""
+    chosen, extra = [], 0
+    for parameter in parameters:
+        value = example_of(parameter)
+        if parameter["in"] != "query" or value in (None, "", parameter["schema"].get("default")):
+            continue
+        if not parameter["required"]:
+            extra += 1
+            if extra > _MAX_EXTRA_PARAMETERS:
+                continue
+        values = value if isinstance(value, list) else [value]
+        chosen += [f"{parameter['name']}={quote(str(item), safe=',;=')}" for item in values]
+    return f"?{'&'.join(chosen)}" if chosen else ""
+
+
+def _body_words(body: Mapping[str, Any]) -> list[str]:
+    for media_type, content in body.get("content", {}).items():
+        value = example_of(content)
+        if media_type == "application/json" and value is not None:
+            return ["-H 'Content-Type: application/json'", f"-d {shlex.quote(json.dumps(value))}"]
+        if media_type == "multipart/form-data" and value is not None:
+            fields = content["schema"]["properties"]
+            return [
+                f"-F {name}=@{name}.glb" if fields[name].get("format") == "binary" else f"-F {name}={item}"
+                for name, item in value.items()
+            ]
+    return []

@@ -1,0 +1,83 @@
+"""The generated pages in docs/ are those of the source, and their parts say what they should."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gateway.cli.reference import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
+from gateway.cli.reference.openapi_text import curl, field_rows, type_text, wrapped
+from tests.conftest import DemoGateway
+from tests.support import clients
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [
+        ("configuration.md", settings_page.page),
+        ("limits.md", limits_page.page),
+        ("reference/commands.md", commands_page.page),
+        ("reference/grpc.md", grpc_page.page),
+        ("reference/lcm.md", lcm_page.page),
+    ],
+)
+def test_page_is_up_to_date(name: str, page: Callable[[], str]) -> None:
+    if page is grpc_page.page:
+        pytest.importorskip("grpc_tools", reason="grpcio-tools is not installed")
+    assert (DOCS / name).read_text("utf-8") == page(), "make docs writes it anew"
+
+
+def test_http_page_is_up_to_date(demo_gateway: DemoGateway) -> None:
+    schema = clients.get(f"{demo_gateway.url}/openapi.json").json()
+    assert (DOCS / "reference" / "http.md").read_text("utf-8") == http_page.page(schema), "make docs writes it anew"
+
+
+@pytest.mark.parametrize(
+    ("schema", "text"),
+    [
+        ({"type": "integer", "minimum": 1, "maximum": 16384}, "integer, 1 to 16384"),
+        ({"type": "number", "exclusiveMinimum": 0.0}, "number, more than 0"),
+        ({"type": ["number", "string"]}, "number or string"),
+        ({"type": "array", "items": {"enum": ["a", "b"]}}, "array of: `a`, `b`"),
+        ({"enum": [1, 4]}, "`1`, `4`"),
+        ({"type": "string", "format": "binary"}, "file"),
+    ],
+)
+def test_types_as_text(schema: dict[str, Any], text: str) -> None:
+    assert type_text(schema) == text
+
+
+def test_fields_of_a_body() -> None:
+    schema = {"required": ["a"], "properties": {"a": {"type": "string", "description": "One | two."}, "b": {}}}
+    assert list(field_rows(schema)) == ["| `a` | string | Required. One \\| two. |", "| `b` | any |  |"]
+
+
+def test_request_has_the_examples_that_are_not_defaults() -> None:
+    def parameter(name: str, place: str, value: Any, **schema: Any) -> dict[str, Any]:
+        example = {"example": {"value": value}}
+        return {"name": name, "in": place, "required": place == "path", "schema": schema, "examples": example}
+
+    operation = {
+        "parameters": [
+            parameter("name", "path", "left"),
+            parameter("width", "query", 320),
+            parameter("look", "query", "plain", default="plain"),
+            parameter("camera", "query", "a b"),
+        ],
+        "responses": {"200": {"content": {"image/jpeg": {}}}},
+    }
+    command = curl("GET", "/view/{name}.jpg", operation)
+    assert command == "curl -o left.jpg \\\n  'http://127.0.0.1:8000/view/left.jpg?width=320&camera=a%20b'"
+    body = {"content": {"application/json": {"example": {"value": True}}}}
+    operation = {"requestBody": body, "responses": {"200": {}}}
+    assert "-X PUT -H 'Content-Type: application/json'" in curl("PUT", "/x", operation)
+    assert """-d '{"value": true}'""" in curl("PUT", "/x", operation)
+
+
+def test_long_commands_are_continued() -> None:
+    assert wrapped(["curl", "a" * 50, "b" * 50]) == f"curl {'a' * 50} \\\n  {'b' * 50}"
