@@ -1,11 +1,14 @@
 # Two stages: a virtual environment with the pinned dependencies, then a slim image with it and the compiled kernels.
 #
-#   docker build -t scenegate .
+#   make image                    or: docker build -t scenegate .
 #   docker build -t scenegate --secret id=ca,src=/etc/ssl/certs/ca-certificates.crt .   # behind a proxy with its own CA
 #
 # Needs BuildKit (Docker 23 and newer have it on; before that DOCKER_BUILDKIT=1) or Podman.
 
-FROM python:3.11-slim-bookworm AS build
+# By digest (an index of amd64, arm64 and others), which Dependabot renews.
+FROM python:3.11-slim-bookworm@sha256:0bee7276f83efd4a1ee05bbbf4281d95ed28e079220a9457f25a93e3f1e3c31b AS base
+
+FROM base AS build
 
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 UV_NO_CACHE=1 UV_LINK_MODE=copy
 WORKDIR /src
@@ -19,14 +22,14 @@ RUN --mount=type=secret,id=ca \
  && /opt/tools/bin/uv pip install --quiet --python /opt/scenegate/bin/python --require-hashes -r requirements.lock \
  && find /opt/scenegate/lib -type d -name tests -prune -exec rm -rf {} + \
  && python -m compileall -q -j 0 /opt/scenegate/lib
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml hatch_build.py README.md LICENSE ./
 COPY gateway gateway
 COPY renderers renderers
 RUN /opt/tools/bin/python -m hatchling build -t wheel -d dist \
  && /opt/tools/bin/uv pip install --quiet --python /opt/scenegate/bin/python --no-deps --offline --compile-bytecode \
     dist/*.whl
 
-FROM python:3.11-slim-bookworm
+FROM base
 
 # LCM's library needs glib.
 RUN apt-get update \
@@ -41,7 +44,8 @@ ENV PATH=/opt/scenegate/bin:$PATH \
     SCENEGATE_CACHE_DIR=/var/cache/scenegate \
     SCENEGATE_HOST=0.0.0.0
 USER scenegate
-# Kernels for the CPU of the building machine; on another kind of CPU the first start compiles them once more.
+# Kernels for the CPU of the building machine. On another kind of CPU the first start compiles them once more, into /tmp if
+# this folder is read-only.
 RUN scenegate warmup
 EXPOSE 8000 7700 50051
 STOPSIGNAL SIGTERM

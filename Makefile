@@ -10,10 +10,19 @@ SITE_VENV ?= .venv-site
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
 COSMIC_RAY := 8.7.0
+KUBERNETES_VALIDATE := 1.37.0
+ZIZMOR := 1.32.0
+
+# Of the image recipes.
+ENGINE ?= docker
+IMAGE ?= scenegate
+TAG ?= latest
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 UV := $(BIN)/uv
+UVX := $(UV) tool run --quiet --python $(BIN)/python
+comma := ,
 
 # The same arguments for uv (seconds) and, where uv has no wheel or cannot reach the index, for pip.
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
@@ -23,10 +32,11 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
+.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean \
+	check-deploy dist dist-test publish image image-test image-push image-index release
 
 help: ## this list
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
 
 run: $(VENV)/.installed ## set up and serve on http://127.0.0.1:8000 with the demo scene
 	@exec $(BIN)/scenegate serve --demo $(ARGS)
@@ -41,10 +51,55 @@ lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-check: lint ## lint, format, types, import contracts, compose file
+check: lint ## lint, format, types, import contracts, compose file, files for GitHub
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.dependabot .github/dependabot.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/[!c]*.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+
+check-deploy: $(VENV)/.tools ## Kubernetes objects and workflows, by programs that uv fetches; actionlint where it is installed
+	$(UVX) --from kubernetes-validate==$(KUBERNETES_VALIDATE) kubernetes-validate --strict --quiet \
+		$(filter-out %/kustomization.yaml %/service-monitor.yaml,$(wildcard deploy/kubernetes/*.yaml))
+	$(UVX) zizmor@$(ZIZMOR) --quiet --offline .github
+	if command -v actionlint >/dev/null; then actionlint; fi
+
+dist: $(VENV)/.tools ## build sdist and, from it, wheel into dist/
+	$(UV) build --quiet --clear --no-build-isolation --python $(BIN)/python -o dist .
+
+dist-test: $(VENV)/.installed-dev dist ## install the wheel of dist/ in an empty environment, serve the demo from it
+	SCENEGATE_DIST=dist $(BIN)/python -m pytest tests/packaging $(ARGS)
+
+publish: $(VENV)/.tools ## upload dist/ to the package index (ARGS=--dry-run: check only)
+	@grep -q '^Repository = ' pyproject.toml || { echo "Set Repository in pyproject.toml: see [project.urls] there."; exit 1; }
+	$(UV) publish $(ARGS) dist/*
+
+image: ## build the container image (ENGINE=podman, IMAGE=name, TAG=latest)
+	DOCKER_BUILDKIT=1 $(ENGINE) build -t $(IMAGE):$(TAG) $(if $(CA),--secret id=ca$(comma)src=$(CA)) .
+
+image-test: $(VENV)/.installed-dev ## build the images and run every profile of docker-compose.yml with ENGINE
+	$(BIN)/python -m pytest tests/compose/test_containers.py -k $(ENGINE) $(ARGS)
+
+# The default builder cannot attach an SBOM and provenance.
+image-push: ## build and push the image of this machine's architecture, with SBOM and provenance
+	docker buildx inspect scenegate >/dev/null 2>&1 || docker buildx create --name scenegate --driver docker-container
+	docker buildx build --builder scenegate --push --sbom=true --provenance=mode=max -t $(IMAGE):$(TAG) .
+
+image-index: ## join the pushed TAG-amd64 and TAG-arm64 as TAG and latest
+	docker buildx imagetools create -t $(IMAGE):$(TAG) -t $(IMAGE):latest $(IMAGE):$(TAG)-amd64 $(IMAGE):$(TAG)-arm64
+
+release: $(VENV)/.tools ## set VERSION=1.2.3 where it is named, commit, tag; pushing the tag publishes
+	@echo "$(VERSION)" | grep -Eq '^[0-9]+\.[0-9]+\.[0-9]+$$' || { echo "make release VERSION=1.2.3"; exit 1; }
+	@git diff --quiet HEAD || { echo "There are changes that are not committed."; exit 1; }
+	$(BIN)/python -m hatchling version $(VERSION)
+	sed -i 's/^version: .*/version: $(VERSION)/; s/^date-released: .*/date-released: "'$$(date +%F)'"/' CITATION.cff
+	sed -i 's/^## \[Unreleased\].*/&\n\n## [$(VERSION)] - '$$(date +%F)'/' CHANGELOG.md
+	git commit --quiet --all -m "Release $(VERSION)"
+	git tag --annotate v$(VERSION) -m "Scenegate $(VERSION)"
+	@echo "Now: git push origin HEAD v$(VERSION)"
 
 bench: $(VENV)/.installed-dev ## measure against real peers, write docs/performance.md (BENCH=stream: that one only)
 	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write docs/performance.md) $(ARGS)

@@ -30,16 +30,18 @@ Value = TypeVar("Value")
 
 
 @pytest.fixture(scope="module", params=["docker", "podman"])
-def engine(request: pytest.FixtureRequest) -> Engine:
-    """An engine with both images built from this working tree."""
+def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Engine:
+    """An engine with both images built from this working tree, on the pinned base or one of its name."""
     if os.environ.get("SCENEGATE_URL"):
         pytest.skip("SCENEGATE_URL names a gateway: these may be the tests in the container")
     found, missing = engines()
     if request.param in missing:
         pytest.skip(missing[request.param])
     chosen = found[request.param]
-    if not chosen.has(BASE):
-        pytest.skip(f"{chosen.name} cannot pull the base image {BASE}")
+    if not chosen.has_base():
+        chosen = chosen.by_tags(tmp_path_factory.mktemp("files"))
+        if not chosen.has_base():
+            pytest.skip(f"{chosen.name} cannot pull the base image {BASE}")
     for tag, dockerfile in IMAGES.items():
         built = chosen.build(tag, dockerfile)
         assert built.returncode == 0, built.stderr[-4000:]
@@ -98,6 +100,10 @@ def test_the_gateway_is_soon_ready(engine: Engine, tell: Callable[[str], None]) 
         who = engine.run("exec", container, "id", "-u").strip()
         tell(f"user {who}; the health check's command: {probe.strip() or 'ready'}")
         assert who == "10001"
+        written = (
+            "for f in /opt/x /var/lib/scenegate/x /var/cache/scenegate/x /tmp/x; do touch $f && echo $f; done; true"
+        )
+        assert engine.run("exec", container, "sh", "-c", written).split() == ["/tmp"], "the root is read-only"
 
 
 def test_the_tests_pass_in_a_container(engine: Engine, tell: Callable[[str], None]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,6 +13,7 @@ from ruamel.yaml import YAML
 from tests.support.waiting import SECONDS
 
 ROOT = Path(__file__).parents[2]
+DIGEST = re.compile(r"@sha256:[0-9a-f]{64}$")
 PROFILES = ("demo", "test", "scale", "observe")
 SERVICES = {"gateway", "publisher", "recorder", "test", "render", "haproxy", "prometheus"}
 
@@ -42,6 +44,24 @@ def test_only_services_that_serve_have_the_image_s_health_check() -> None:
             assert check.get("disable") is True or "test" in check, f"{name} has no gateway to be asked for its health"
         else:
             assert not check.get("disable"), name
+
+
+def test_services_cannot_change_their_image() -> None:
+    for name, service in YAML(typ="safe").load(ROOT / "docker-compose.yml")["services"].items():
+        if name == "test":  # Chromium writes to its home
+            continue
+        assert service["read_only"] is True, name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+
+
+def test_images_of_others_are_named_by_digest() -> None:
+    services = YAML(typ="safe").load(ROOT / "docker-compose.yml")["services"].values()
+    pinned = [service["image"] for service in services if not service["image"].startswith("scenegate")]
+    files = (ROOT / "Dockerfile", ROOT / "tests/compose/Dockerfile")
+    bases = [base for file in files for base in re.findall(r"^FROM (\S+:\S+)", file.read_text(), re.MULTILINE)]
+    assert len(set(bases)) == 1, "both of our images have one base"
+    assert [image for image in (*pinned, *bases) if not DIGEST.search(image)] == []
 
 
 def test_haproxy_reads_its_configuration() -> None:

@@ -10,14 +10,18 @@ import sys
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tests.support.ports import free_ports
 
 ROOT = Path(__file__).parents[2]
 BASE = "python:3.11-slim-bookworm"
-"""Base image of both of our images."""
+"""Base image of both of our images, without its digest."""
+DOCKERFILES = ("Dockerfile", "tests/compose/Dockerfile")
+COMPOSE = "docker-compose.yml"
+MOUNTED = ("deploy", "examples")
+"""Folders that docker-compose.yml mounts."""
 BUILD_SECONDS = 1800.0
 PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT", "SCALE_PORT", "PROMETHEUS_PORT")
 """Port variables of docker-compose.yml."""
@@ -31,10 +35,28 @@ class Engine:
     """``docker`` or ``podman``."""
     compose: tuple[str, ...]
     """Command that reads docker-compose.yml."""
+    files: Path = ROOT
+    """Folder of the files that name images: docker-compose.yml and the Dockerfiles."""
+
+    def by_tags(self, folder: Path) -> Engine:
+        """Return this engine with copies of the files that name images by their tags, without digests.
+
+        For machines without a registry, where images of one's own have the names of the official ones.
+
+        Args:
+            folder: an empty folder, which gets the copies.
+        """
+        for name in (COMPOSE, *DOCKERFILES):
+            copy = folder / name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(re.sub(r"@sha256:[0-9a-f]{64}", "", (self.files / name).read_text()))
+        for name in MOUNTED:
+            (folder / name).symlink_to(ROOT / name)
+        return replace(self, files=folder)
 
     def build(self, tag: str, dockerfile: str) -> subprocess.CompletedProcess[str]:
         """Builds an image of this repository. SSL_CERT_FILE, where it is set, is what a build trusts, too."""
-        command = [self.name, "build", "-t", tag, "-f", dockerfile]
+        command = [self.name, "build", "-t", tag, "-f", str(self.files / dockerfile)]
         authority = os.environ.get("SSL_CERT_FILE")
         if authority:
             command += ["--secret", f"id=ca,src={authority}"]
@@ -48,9 +70,15 @@ class Engine:
 
     def has_for(self, service: str) -> bool:
         """Return True if the service's image in docker-compose.yml is present or can be pulled."""
-        text = (ROOT / "docker-compose.yml").read_text()
+        text = (self.files / COMPOSE).read_text()
         named = re.search(rf"^  {service}:\n(?:    .*\n)*?    image: (\S+)$", text, re.MULTILINE)
         assert named is not None, f"docker-compose.yml names no image for {service}"
+        return self.has(named[1])
+
+    def has_base(self) -> bool:
+        """Return True if the base image of the Dockerfile is present or can be pulled."""
+        named = re.search(r"^FROM (\S+)", (self.files / "Dockerfile").read_text(), re.MULTILINE)
+        assert named is not None
         return self.has(named[1])
 
     def megabytes(self, image: str) -> float:
@@ -93,7 +121,16 @@ class Project:
     def compose(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """The compose command with these arguments, to its end."""
         env = {name: str(port) for name, port in self.ports.items()}
-        return _run(*self.engine.compose, "-p", self.name, *arguments, env=env, seconds=BUILD_SECONDS)
+        return _run(
+            *self.engine.compose,
+            "-f",
+            str(self.engine.files / COMPOSE),
+            "-p",
+            self.name,
+            *arguments,
+            env=env,
+            seconds=BUILD_SECONDS,
+        )
 
     def up(self, profile: str, *arguments: str) -> None:
         """Starts a profile (empty: what has none) in the background, of images that are there."""

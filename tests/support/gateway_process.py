@@ -8,22 +8,34 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from tests.support.waiting import SECONDS
 
 
 class GatewayProcess:
-    """A running process and its log."""
+    """A running process and its log.
 
-    def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
+    Args:
+        flags: of ``scenegate serve``.
+        env: environment variables to add.
+        command: the command ``scenegate``; by default that of this interpreter.
+    """
+
+    def __init__(
+        self,
+        *flags: str,
+        env: dict[str, str] | None = None,
+        command: Sequence[str | Path] = (sys.executable, "-m", "gateway.cli"),
+    ) -> None:
         # Here, since tests/compose/Dockerfile has this module without the package.
         from gateway.testing.gateway import clean_environment
 
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.cli", "serve", *flags],
+            [*command, "serve", *flags],
             env={**clean_environment(), "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
             stderr=subprocess.PIPE,
             text=True,
@@ -93,9 +105,13 @@ def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[d
 
 
 @contextmanager
-def gateway_process(*flags: str, env: dict[str, str] | None = None) -> Iterator[tuple[GatewayProcess, str]]:
+def gateway_process(
+    *flags: str,
+    env: dict[str, str] | None = None,
+    command: Sequence[str | Path] = (sys.executable, "-m", "gateway.cli"),
+) -> Iterator[tuple[GatewayProcess, str]]:
     """Start a gateway on a free port; yield it with its URL."""
-    gateway = GatewayProcess("--http-port", "0", *flags, env=env)
+    gateway = GatewayProcess("--http-port", "0", *flags, env=env, command=command)
     try:
         url = gateway.wait_for("Scenegate listens")["url"]
         gateway.wait_for("Scenegate has started")
