@@ -94,7 +94,7 @@ def test_the_texture_of_a_material(tmp_path: Path) -> None:
     material = part_of(tmp_path, with_uv, "m.obj", material=texture).material
     assert material.base_color_texture is not None
     np.testing.assert_array_equal(material.base_color_texture.image.decode()[..., :3], pixels)
-    assert material.base_color == (1, 1, 1, 1)
+    assert material.base_color == pytest.approx((1.0, 1.0, 1.0, 1.0))
     mean = (linear_from_srgb(0.5), 0, linear_from_srgb(0.5), 1)
     plain = part_of(tmp_path, TRIANGLE, "m.obj", material=texture).material
     assert plain.base_color_texture is None
