@@ -234,7 +234,7 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     """Return texture coordinates (vertex_count, 2) and the material.
 
     The texture coordinates start at the image's top left corner, as in glTF; those in the files at its bottom left.
-    None if the material has no texture.
+    None if the file has none, or a material without a texture.
     """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
@@ -247,6 +247,8 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     if coordinates is not None and np.shape(coordinates) == (vertex_count, 2) and np.isfinite(coordinates).all():
         uv = np.array(coordinates, dtype=np.float32)
         uv[:, 1] = 1.0 - uv[:, 1]
+    if _is_default(file_material):
+        return uv, PLAIN_MATERIAL
     texture = getattr(file_material, "baseColorTexture", None) or getattr(file_material, "image", None)
     image = _image_of(texture, limits) if uv is not None and texture is not None else None
     diffuse = getattr(file_material, "baseColorFactor", None)
@@ -255,6 +257,18 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     color = np.append(color, 1.0)[:4]
     color[3] *= _mtl_opacity(getattr(file_material, "kwargs", None) or {})
     return uv if image is not None else None, diffuse_material(color, image)
+
+
+def _is_default(file_material: Any) -> bool:
+    """Return True for the grey material that trimesh gives OBJ files with texture coordinates but without an MTL file.
+
+    A material of an MTL file has its statements in ``kwargs``; the image of the grey material has no file.
+    """
+    from trimesh.visual.material import SimpleMaterial
+
+    if not isinstance(file_material, SimpleMaterial) or file_material.kwargs:
+        return False
+    return not isinstance(getattr(file_material.image, "fp", None), io.BytesIO)
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:

@@ -37,6 +37,9 @@ def publish(
     collision: Annotated[
         bool, typer.Option("--collision", help="Publish a robot's collision geometry, not its visual geometry.")
     ] = False,
+    textures: Annotated[
+        bool, typer.Option(help="Publish textures and colours of vertices; other viewers refuse them.")
+    ] = True,
     lcm_url: LcmUrl = None,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the viewer.")] = 10.0,
 ) -> None:
@@ -48,7 +51,7 @@ def publish(
     top = path_of(path)
     if source.suffix.lower() in SUFFIXES:
         with TreeViewer(lcm_url, timeout=timeout) as viewer:
-            _print(_publish_robot(viewer, source, top or (source.stem,), joint or [], root or [], collision))
+            _print(_publish_robot(viewer, source, top or (source.stem,), joint or [], root or [], collision, textures))
         return
     if joint or root or collision:
         raise ValueError(f"{source}: --joint, --root and --collision are for robot files ({', '.join(SUFFIXES)})")
@@ -58,7 +61,7 @@ def publish(
     else:
         top = top or (source.stem,)
         changes.delete(top)
-        changes.set(top, [geometry.body() for geometry in _read_mesh(source)])
+        changes.set(top, [geometry.body() for geometry in _read_mesh(source, textures)])
     with TreeViewer(lcm_url, timeout=timeout) as viewer:
         answer = viewer.send(changes)
     _print(answer)
@@ -92,26 +95,37 @@ def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tupl
         yield path_of(path) if isinstance(path, str) else tuple(path), command
 
 
-def _read_mesh(source: Path) -> Iterator[Geometry]:
-    """Yield a mesh file's triangles and points in the colours of their materials."""
+def _read_mesh(source: Path, textures: bool) -> Iterator[Geometry]:
+    """Yield a mesh file's triangles and points with their materials."""
     from gateway.assets.mesh_files import MeshFiles
-    from gateway.client.tree.parts import geometries_of, has_textures
+    from gateway.client.tree.part_images import PartImages
+    from gateway.client.tree.parts import geometries_of
 
     parts = MeshFiles([source.parent]).load(str(source.resolve()))
-    if any(map(has_textures, parts)):
-        typer.echo(f"{source}: textures and vertex colours are not published; mesh_file shows them", err=True)
+    images = PartImages() if textures else None
     for part in parts:
-        yield from geometries_of(part)
+        yield from geometries_of(part, images)
 
 
 def _publish_robot(
-    viewer: TreeViewer, source: Path, root: NodePath, joints: list[str], roots: list[Path], collision: bool
+    viewer: TreeViewer,
+    source: Path,
+    root: NodePath,
+    joints: list[str],
+    roots: list[Path],
+    collision: bool,
+    textures: bool,
 ) -> Answer:
     """Publish a robot file with a path for each link."""
     from gateway.robots.joint_text import parse_joints
 
     robot = viewer.robot(
-        root, source, joints=parse_joints(joints), roots=roots, geometry="collision" if collision else "visual"
+        root,
+        source,
+        joints=parse_joints(joints),
+        roots=roots,
+        geometry="collision" if collision else "visual",
+        textures=textures,
     )
     for warning in robot.warnings:
         typer.echo(f"{source}: {warning}", err=True)

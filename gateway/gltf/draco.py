@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import subprocess
-import sys
-import threading
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -21,10 +17,11 @@ from gateway.gltf.draco_child import DecodedMesh
 from gateway.gltf.errors import GltfError
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json
-from renderers.stop import check_stop
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
 
 EXTENSION: Final = "KHR_draco_mesh_compression"
-_SECONDS_BETWEEN_STOP_CHECKS: Final = 0.05
+_DECODER_SECONDS: Final = 60
+"""Maximum time of the decoder for the meshes of a document: 10 million vertices take some seconds."""
 
 _output_decoder: Final = msgspec.msgpack.Decoder(list[DecodedMesh | str])
 
@@ -103,29 +100,17 @@ class DracoMeshes:
 
 def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
     """Run ``draco_child`` for some meshes; return a mesh or the reason of a failure for each."""
-    command = [sys.executable, "-P", draco_child.__file__, str(limits.max_draco_bytes), str(limits.max_mesh_bytes)]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # its threads reserve gigabytes of address space
-    pipe = subprocess.PIPE
-    with subprocess.Popen(  # noqa: S603 - our own program
-        command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment
-    ) as process:
-        outputs: list[bytes] = []
-        stdin = msgspec.msgpack.encode(meshes)
-        # With a timeout, Process.communicate would not pass the rest of a long input after it.
-        communication = threading.Thread(target=lambda: outputs.append(process.communicate(stdin)[0]), daemon=True)
-        communication.start()
-        try:
-            while communication.is_alive():
-                communication.join(_SECONDS_BETWEEN_STOP_CHECKS)
-                check_stop()
-        finally:
-            if communication.is_alive():
-                process.kill()
-                communication.join()
-    if process.returncode != 0:
-        reason = f"Draco's decoder failed, or needs more than max_draco_bytes = {limits.max_draco_bytes} of memory"
+    arguments = [str(limits.max_mesh_bytes)]
+    process_limits = ProcessLimits(limits.max_draco_bytes, _DECODER_SECONDS)
+    try:
+        output = run_limited(draco_child.__file__, arguments, msgspec.msgpack.encode(meshes), process_limits)
+    except ProcessFailed as error:
+        if error.timed_out:
+            reason = f"Draco's decoder took longer than {_DECODER_SECONDS} s"
+        else:
+            reason = f"Draco's decoder failed, or needs more than max_draco_bytes = {limits.max_draco_bytes} of memory"
         return [reason] * len(meshes)
-    return _output_decoder.decode(outputs[0])
+    return _output_decoder.decode(output)
 
 
 def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:

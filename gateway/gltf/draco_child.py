@@ -1,6 +1,6 @@
-"""Program that ``draco`` runs in a process of its own: decompresses Draco meshes within a limit on its memory.
+"""Program that ``draco`` runs in a process with limits: decompresses Draco meshes.
 
-    python draco_child.py MEMORY_BYTES OUTPUT_BYTES
+    python draco_child.py OUTPUT_BYTES
 
 Reads a msgpack list of meshes from stdin, and writes a list of ``DecodedMesh`` or errors (strings) to stdout. Damaged
 data can make Draco allocate gigabytes or crash; only this process then ends.
@@ -11,8 +11,6 @@ from __future__ import annotations
 import sys
 
 import msgspec
-
-_CPU_SECONDS = 60
 
 
 class DecodedAttribute(msgspec.Struct):
@@ -51,9 +49,8 @@ def decode(data: bytes) -> DecodedMesh | str:
 
 
 def main() -> None:
-    memory_bytes, output_bytes = map(int, sys.argv[1:])
+    output_bytes = int(sys.argv[1])
     meshes = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=list[bytes])
-    _limit_memory(memory_bytes)
     results: list[DecodedMesh | str] = []
     for data in meshes:
         result = decode(data)
@@ -63,16 +60,6 @@ def main() -> None:
                 result = "the meshes of the document are larger than max_mesh_bytes"
         results.append(result)
     sys.stdout.buffer.write(msgspec.msgpack.encode(results))
-
-
-def _limit_memory(memory_bytes: int) -> None:
-    """Limit the memory and the time of this process, where the system can."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CPU, (_CPU_SECONDS, _CPU_SECONDS))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +12,12 @@ from numpy.typing import NDArray
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
+from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
 from gateway.robots.robot import GeometryUse, Joint, JointKind, Mimic, Robot
 from gateway.robots.xml_text import Element
 
-_handler_lock: Final = threading.Lock()
-"""Held while MuJoCo's warning handler, which is global, is replaced."""
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
@@ -37,10 +35,9 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
     mujoco = _mujoco()
     mentioned_files = MjcfFiles(root, files)
     try:
-        model, compiler_warnings = _compile(mujoco, files.path)
-    except (ValueError, RuntimeError) as error:  # RuntimeError: out of memory
-        reason = " ".join(str(error).removeprefix("Error: ").split())
-        raise RobotFileError(f"{mentioned_files.link_using(reason)}MuJoCo cannot compile it: {reason}") from None
+        model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
+    except RobotFileError as error:
+        raise RobotFileError(f"{mentioned_files.link_using(str(error))}{error}") from None
     for count, limit, what in (
         (model.nbody, limits.max_links, "bodies"),
         (model.njnt, limits.max_links, "joints"),
@@ -75,21 +72,6 @@ def _mujoco() -> Any:
             f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
         ) from None
     return mujoco
-
-
-def _compile(mujoco: Any, path: Path) -> tuple[Any, tuple[str, ...]]:
-    """Return the model of a file, and the compiler's warnings; raises ValueError.
-
-    MuJoCo's default handler prints warnings and writes them to a file in the working directory.
-    """
-    texts: dict[str, None] = {}
-    with _handler_lock:
-        handler = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda text: texts.setdefault(f"MuJoCo: {' '.join(text.split())}"))
-        try:
-            return mujoco.MjModel.from_xml_path(str(path)), tuple(texts)
-        finally:
-            mujoco.set_mju_user_warning(handler)
 
 
 class _Kinematics:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.materials import mean_color
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Texture
 
@@ -53,7 +54,7 @@ class MjcfMaterials:
             if texture_index is not None and has_uv and int(model.tex_type[texture_index]) == self._texture_2d:
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
-                color = color * self._mean_color(texture_index)
+                color = color * mean_color(self._image(texture_index))
         red, green, blue = color.tolist()
         return Material(
             base_color=(red, green, blue, alpha),
@@ -101,11 +102,6 @@ class MjcfMaterials:
             pixels = self._pixels(texture)
             self._images[texture] = Image(hashlib.sha256(pixels.tobytes()).digest(), lambda: pixels)
         return self._images[texture]
-
-    def _mean_color(self, texture: int) -> NDArray[np.float64]:
-        """Return the mean colour of a texture, (3,) linear."""
-        mean = self._pixels(texture)[..., :3].reshape(-1, 3).mean(axis=0) / 255.0
-        return np.array([linear_from_srgb(channel) for channel in mean.tolist()])
 
 
 def _roughness(shininess: float) -> float:

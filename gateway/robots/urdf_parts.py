@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +23,10 @@ from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh
 from gateway.scene.geometry import Part, Surface
+from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling
+from renderers.drawlist import ImageError, Material
+from renderers.images import image_from_bytes
 
 DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
 """Colour of geometry without a material, as in Drake."""
@@ -52,12 +56,10 @@ class UrdfParts:
         return tuple(part for geometry in geometries for part in self._parts(link, geometry))
 
     def _parts(self, link: str, geometry: UrdfGeometry) -> list[Part]:
-        material, shape = geometry.material, geometry.shape
-        if material is not None and material.texture is not None:
-            self.warnings[f"link {link!r}: the texture {material.texture} of its material is not shown"] = None
-        X = geometry.X_link_geometry
+        shape, X = geometry.shape, geometry.X_link_geometry
+        material, textured = self._materials(link, geometry.material)
         if not isinstance(shape, UrdfMesh):
-            return [Part(shape, diffuse_material(_rgba(material), None), X)]
+            return [Part(shape, material, X)]
         try:
             parts = self._mesh(shape.filename)
         except EmptyMeshError as error:
@@ -73,10 +75,32 @@ class UrdfParts:
             msgspec.structs.replace(
                 part,
                 X_node_part=X @ part.X_node_part,
-                material=diffuse_material(_rgba(material), None) if _has_no_material(part) else part.material,
+                material=part.material if _has_material(part) else textured if _has_uv(part) else material,
             )
             for part in parts
         ]
+
+    def _materials(self, link: str, material: UrdfMaterial | None) -> tuple[Material, Material]:
+        """Return the materials for geometry without texture coordinates, and for geometry with them.
+
+        A texture is replaced by its mean colour in the first. A texture that cannot be read is a warning.
+        """
+        rgba = np.array(DEFAULT_RGBA if material is None or material.rgba is None else material.rgba)
+        plain = diffuse_material(rgba, None)
+        if material is None or material.texture is None:
+            return plain, plain
+        name = material.texture
+        try:
+            image = image_from_bytes(
+                self._files.read(self._files.find(name)), max_pixels=self._limits.mesh.max_image_pixels
+            )
+            image.decode()
+        except (OSError, RobotFileError, ImageError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            self.warnings[f"link {link!r}: the texture {name} of its material is not shown: {reason}"] = None
+            return plain, plain
+        textured = diffuse_material(rgba, image)
+        return replace(textured, base_color=(*mean_color(image), rgba[3]), base_color_texture=None), textured
 
     def _mesh(self, name: str) -> tuple[Part, ...]:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
@@ -98,12 +122,11 @@ class UrdfParts:
         return self._meshes[path]
 
 
-def _has_no_material(part: Part) -> bool:
-    """Return True for parts of a mesh file without colours. They get the colour of the robot file, as in RViz."""
+def _has_material(part: Part) -> bool:
+    """Return False for parts of a mesh file without colours. They get the material of the robot file, as in RViz."""
     colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
-    return part.material == PLAIN_MATERIAL and not colored
+    return part.material != PLAIN_MATERIAL or colored
 
 
-def _rgba(material: UrdfMaterial | None) -> np.ndarray:
-    """Return the colour of a material or the default one, (4,) sRGB and opacity."""
-    return np.array(DEFAULT_RGBA if material is None or material.rgba is None else material.rgba)
+def _has_uv(part: Part) -> bool:
+    return isinstance(part.shape, Surface) and part.shape.mesh.uv0 is not None

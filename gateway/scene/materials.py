@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Final
 
 from renderers.color import linear_from_srgb
-from renderers.drawlist import AlphaMode, Image, Material, Sampler, Texture, Wrap
+from renderers.drawlist import AlphaMode, Image, ImageError, Material, Sampler, Texture, Wrap
 
 Color = tuple[float, float, float, float]
 """Red, green, blue (sRGB) and alpha from 0 to 1."""
@@ -15,6 +15,16 @@ WHITE: Final[Color] = (1.0, 1.0, 1.0, 1.0)
 POINT_SIZE: Final = 2.0
 """Width of points in pixels, as in Director."""
 _CLAMPED: Final = Sampler(wrap_s=Wrap.CLAMP_TO_EDGE, wrap_t=Wrap.CLAMP_TO_EDGE)
+
+
+def mean_color(image: Image) -> tuple[float, float, float]:
+    """Return the mean colour of an image, linear; white if it cannot be decoded."""
+    try:
+        mean = image.decode()[..., :3].reshape(-1, 3).mean(axis=0) / 255.0
+    except ImageError:
+        return 1.0, 1.0, 1.0
+    red, green, blue = map(linear_from_srgb, mean.tolist())
+    return red, green, blue
 
 
 @lru_cache(maxsize=4096)

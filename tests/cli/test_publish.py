@@ -8,19 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from gateway.cli.main import app
 from gateway.cli.publish import _read_request
 from gateway.client.tree.geometry import Mesh as Triangles
 from gateway.client.tree.geometry import PointCloud, Transform
+from gateway.client.tree.part_images import MAX_IMAGE_SIDE, PartImages
 from gateway.client.tree.parts import geometries_of
 from gateway.client.tree.published import Changes, Entry
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
 from gateway.scene.geometry import PointCloud as Points
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import from_pose, scaling, translation
-from renderers.drawlist import Image, Material, Mesh, Texture
+from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
+from renderers.images import decode_image
 from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
@@ -75,7 +78,7 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
     ((box, _, X_part_box),) = meshes_of(Box((2.0, 4.0, 6.0)), material)
     surface = Surface(Mesh(box.positions @ X_part_box[:3, :3].T.astype(np.float32), box.elements))
     for X in (translation(10.0, 0.0, 0.0), translation(10.0, 0.0, 0.0) @ mirror):
-        (mesh,) = geometries_of(Part(surface, material, X))
+        (mesh,) = geometries_of(Part(surface, material, X), None)
         assert isinstance(mesh, Triangles)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         assert vertices.min(0) == pytest.approx((9, -2, -3))
@@ -89,17 +92,68 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
 def test_points_are_moved_and_keep_their_colours() -> None:
     rgb = np.array([(1, 0, 0), (0, 1, 0)], np.float32)
     shape = Points(np.array([(0, 0, 0), (1, 2, 3)], np.float32), {"rgb": rgb})
-    (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)))
+    (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)), None)
     assert isinstance(points, PointCloud)
     np.testing.assert_array_equal(points.points, [(0, 0, 3), (1, 2, 6)])
     np.testing.assert_array_equal(points.rgb, rgb)
 
 
-def test_a_texture_gives_its_mean_colour() -> None:
+def test_the_texture_of_a_shape_gives_its_mean_colour() -> None:
     pixels = np.full((2, 2, 4), (0, 255, 0, 255), np.uint8)
     material = Material(base_color_texture=Texture(Image(b"green", lambda: pixels)))
-    (box,) = geometries_of(Part(Box((1.0, 1.0, 1.0)), material))
+    (box,) = geometries_of(Part(Box((1.0, 1.0, 1.0)), material), PartImages())
     assert box.color == pytest.approx([0.0, 1.0, 0.0, 1.0])
+
+
+def triangle(**fields: Any) -> Surface:
+    return Surface(Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), **fields))
+
+
+def test_meshes_keep_textures_and_vertex_colours() -> None:
+    pixels = np.arange(48, dtype=np.uint8).reshape(3, 4, 4)
+    uv = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
+    halved = Texture(Image(b"i", lambda: pixels), uv_transform=(0.5, 0.0, 0.25, 0.0, 0.5, 0.0))
+    for mode, channels in ((AlphaMode.BLEND, 4), (AlphaMode.OPAQUE, 3)):
+        material = Material(base_color=(1.0, 0.0, 0.0, 1.0), base_color_texture=halved, alpha_mode=mode)
+        (mesh,) = geometries_of(Part(triangle(uv0=uv), material), PartImages())
+        assert isinstance(mesh, Triangles)
+        assert mesh.color == pytest.approx([1.0, 0.0, 0.0, 1.0])
+        np.testing.assert_array_equal(mesh.uv, 0.5 * uv + (0.25, 0.0))
+        decoded = decode_image(mesh.image)  # type: ignore[arg-type]  # bytes
+        np.testing.assert_array_equal(decoded[..., :channels], pixels[..., :channels])
+        assert mesh.body()["type"] == "mesh"
+    linear = np.array([(1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5), (0, 0, 0, 0)], np.float32)
+    (mesh,) = geometries_of(Part(triangle(colors=linear), Material()), PartImages())
+    assert isinstance(mesh, Triangles)
+    np.testing.assert_allclose(np.asarray(mesh.colors)[1], (0.7354, 0.7354, 0.7354, 0.5), atol=1e-4)
+    (plain,) = geometries_of(Part(triangle(colors=linear), Material()), None)
+    assert plain.body()["type"] == "mesh_data"
+
+
+def test_large_textures_are_reduced_and_broken_ones_are_left_out() -> None:
+    uv = np.zeros((3, 2), np.float32)
+
+    def fail() -> NDArray[np.uint8]:
+        raise ImageError("broken")
+
+    large = Image(b"large", lambda: np.full((100, 2 * MAX_IMAGE_SIDE, 4), 7, np.uint8))
+    for image in (large, Image(b"broken", fail)):
+        material = Material(base_color_texture=Texture(image))
+        (mesh,) = geometries_of(Part(triangle(uv0=uv), material), PartImages())
+        assert isinstance(mesh, Triangles)
+        if image is large:
+            assert decode_image(mesh.image).shape == (50, MAX_IMAGE_SIDE, 4)  # type: ignore[arg-type]  # bytes
+        else:
+            assert mesh.image is None
+
+
+def test_photographs_are_jpeg_files() -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (800, 800, 4), np.uint8)
+    material = Material(base_color_texture=Texture(Image(b"noise", lambda: noise)))
+    (mesh,) = geometries_of(Part(triangle(uv0=np.zeros((3, 2), np.float32)), material), PartImages())
+    assert isinstance(mesh, Triangles)
+    assert isinstance(mesh.image, bytes)
+    assert mesh.image.startswith(b"\xff\xd8")
 
 
 @pytest.mark.parametrize(
@@ -114,11 +168,11 @@ def test_a_texture_gives_its_mean_colour() -> None:
 )
 def test_shapes_of_the_protocol_stay_what_they_are_unless_scaled(shape: Shape, kind: str) -> None:
     turned = from_pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
-    (geometry,) = geometries_of(Part(shape, Material(), turned))
+    (geometry,) = geometries_of(Part(shape, Material(), turned), None)
     assert geometry.kind == kind
     transform = Transform.of(geometry.transform)  # type: ignore[arg-type]  # it has one
     np.testing.assert_allclose(from_pose(transform.translation, transform.quaternion), turned, atol=1e-15)
-    scaled = list(geometries_of(Part(shape, Material(), scaling(1.0, 2.0, 1.0))))
+    scaled = list(geometries_of(Part(shape, Material(), scaling(1.0, 2.0, 1.0)), None))
     assert {geometry.kind for geometry in scaled} == {"mesh_data"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
 from renderers.color import linear_from_srgb
+from renderers.stop import StopFlag
 from tests.robots.files import TRIANGLE, write
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -169,20 +171,12 @@ def test_errors_are_mujocos(tmp_path: Path, content: str, message: str) -> None:
 
 
 def test_warnings_of_the_compiler_are_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """MuJoCo would write them to a file in the working directory. A program's own handler stays."""
+    """MuJoCo would write them to a file in the working directory."""
     import mujoco
 
     monkeypatch.chdir(tmp_path)
-    heard: list[str] = []
-    model = '<body><joint/><geom size="1"/></body>'
-    mujoco.set_mju_user_warning(heard.append)
-    try:
-        robot = read(tmp_path, mjcf(model, '<compiler settotalmass="1"/>'))
-        assert mujoco.get_mju_user_warning() is not None
-    finally:
-        mujoco.set_mju_user_warning(None)
+    robot = read(tmp_path, mjcf('<body><joint/><geom size="1"/></body>', '<compiler settotalmass="1"/>'))
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
-    assert not heard
     if mujoco.__version__ >= "4":  # earlier versions have nothing against it
         (warning,) = robot.warnings
         assert warning.startswith("MuJoCo: compiler attribute 'settotalmass' is deprecated")
@@ -219,13 +213,46 @@ def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
         read(tmp_path, mjcf(""))
 
 
-def test_out_of_memory_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:  # as MuJoCo does for a height field that does not fit
-        raise RuntimeError("Caught an unknown exception!")
+HEIGHT_FIELD = '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
+HUGE_TEXTURE = '<asset><texture name="t" type="2d" builtin="checker" width="100000" height="100000"/></asset>'
 
-    monkeypatch.setattr("gateway.robots.mjcf._compile", fail)
-    with pytest.raises(RobotFileError, match="MuJoCo cannot compile it: Caught an unknown exception!"):
-        read(tmp_path, mjcf('<geom size="1"/>'))
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is limited on Linux only")
+@pytest.mark.parametrize("content", [HEIGHT_FIELD, HUGE_TEXTURE, '<size memory="1000G"/>'])
+def test_memory_of_the_compiler_is_limited(tmp_path: Path, content: str) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        read(tmp_path, mjcf('<body><freejoint/><geom size="1"/></body>', content))
+    assert str(caught.value) == (
+        f"{tmp_path / 'robot.xml'}: MuJoCo cannot compile it: it needs more than max_compiler_bytes = 8589934592 of "
+        "memory, or crashes"
+    )
+
+
+def test_time_of_the_compiler_is_limited(tmp_path: Path) -> None:
+    content = '<geom size="1"/>'
+    for axis in ("1 0 0", "0 1 0", "0 0 1"):
+        content = f'<replicate count="1000" offset="{axis}">{content}</replicate>'
+    with pytest.raises(RobotFileError, match=r"robot\.xml: .* it takes longer than max_compiler_seconds = 1$"):
+        read(tmp_path, mjcf(content), limits=RobotLimits(max_compiler_seconds=1))
+
+
+def test_a_pipe_as_a_mesh_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    assets = '<asset><mesh name="m" file="pipe.stl"/></asset>'
+    with pytest.raises(RobotFileError, match=r"it takes longer than max_compiler_seconds = 1$"):
+        read(tmp_path, mjcf('<geom type="mesh" mesh="m"/>', assets), limits=RobotLimits(max_compiler_seconds=1))
+
+
+def test_size_of_the_model_is_limited(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"the model has \d+ bytes; max_model_bytes = 100 are the most"):
+        read(tmp_path, mjcf('<geom size="1"/>'), limits=RobotLimits(max_model_bytes=100))
+
+
+def test_a_stop_flag_ends_the_compiler(tmp_path: Path) -> None:
+    flag = StopFlag()
+    flag.set(RuntimeError("late"))
+    with pytest.raises(RuntimeError, match="late"):
+        flag.run(lambda: read(tmp_path, mjcf('<geom size="1"/>')))
 
 
 def test_poses_that_are_no_numbers(tmp_path: Path) -> None:

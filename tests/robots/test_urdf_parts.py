@@ -11,6 +11,7 @@ from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
 from renderers.color import linear_from_srgb
+from renderers.encode import png_rgb
 from tests.robots.files import TRIANGLE, visual, write
 
 BLUE = "newmtl blue\nKd 0 0 1\n"
@@ -73,16 +74,37 @@ def test_a_transparency_of_one_is_opaque(tmp_path: Path) -> None:
     assert part_of(tmp_path, own, "m.obj").material.base_color == (0, 0, 1, 1)
 
 
-def test_meshes_without_triangles_and_textures_of_materials_are_warnings(tmp_path: Path) -> None:
-    write(tmp_path, "v 0 0 0\n", "m.obj")
+def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Path) -> None:
     write(tmp_path, DAE.replace('<instance_geometry url="#g"/>', ""), "empty.dae")
     texture = '<material name="t"><texture filename="wood.png"/></material>'
     robot = read_robot(write(tmp_path, visual('<mesh filename="empty.dae"/>', texture)))
     assert robot.parts == ((),)
     assert robot.warnings == (
-        "link 'a': the texture wood.png of its material is not shown",
+        "link 'a': the texture wood.png of its material is not shown: the file wood.png does not exist",
         "link 'a': empty.dae is not shown: the file holds no triangles or points",
     )
+
+
+def test_the_texture_of_a_material(tmp_path: Path) -> None:
+    """On a mesh with texture coordinates but without a material. Other geometry has the texture's mean colour."""
+    pixels = np.array([[(255, 0, 0), (0, 0, 255)]], np.uint8)
+    (tmp_path / "t.png").write_bytes(png_rgb(pixels))
+    texture = '<material name="t"><color rgba="0 1 0 1"/><texture filename="t.png"/></material>'
+    with_uv = "vt 0 0\nvt 1 0\nvt 0 1\n" + TRIANGLE.replace("f 1 2 3", "f 1/1 2/2 3/3")
+    material = part_of(tmp_path, with_uv, "m.obj", material=texture).material
+    assert material.base_color_texture is not None
+    np.testing.assert_array_equal(material.base_color_texture.image.decode()[..., :3], pixels)
+    assert material.base_color == pytest.approx((1.0, 1.0, 1.0, 1.0))
+    mean = (linear_from_srgb(0.5), 0, linear_from_srgb(0.5), 1)
+    plain = part_of(tmp_path, TRIANGLE, "m.obj", material=texture).material
+    assert plain.base_color_texture is None
+    assert plain.base_color == pytest.approx(mean)
+    ((part,),) = read_robot(write(tmp_path, visual('<box size="1 1 1"/>', texture))).parts
+    assert part.material == plain
+    (tmp_path / "t.png").write_bytes(b"no image")
+    robot = read_robot(tmp_path / "robot.urdf")
+    assert "the texture t.png of its material is not shown: " in robot.warnings[0]
+    assert part_of(tmp_path, with_uv, "m.obj", material=RED).material.base_color == (1, 0, 0, 1)
 
 
 def test_a_broken_mesh_is_an_error_that_names_link_and_file(tmp_path: Path) -> None:

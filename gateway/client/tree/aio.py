@@ -132,10 +132,11 @@ class AsyncTreeViewer:
         joints: Mapping[str, JointValue] | None = None,
         roots: Iterable[str | PathLike[str]] = (),
         geometry: Literal["visual", "collision"] = "visual",
+        textures: bool = True,
     ) -> AsyncRobot:
         """See ``TreeViewer.robot``."""
         viewer = self._connected_viewer
-        publish = partial(viewer.robot, path, file, joints=joints, roots=roots, geometry=geometry)
+        publish = partial(viewer.robot, path, file, joints=joints, roots=roots, geometry=geometry, textures=textures)
         return AsyncRobot(await asyncio.to_thread(publish))
 
     @asynccontextmanager

@@ -1,4 +1,4 @@
-"""Converts parts of a scene to geometry of the tree viewer's protocol, which has no textures and no vertex colours.
+"""Converts parts of a scene to geometry of the tree viewer's protocol.
 
 Unlike the other modules of this package, it imports the server's scene and renderer.
 """
@@ -21,31 +21,31 @@ from gateway.client.tree.geometry import (
     Sphere,
     Transform,
 )
+from gateway.client.tree.part_images import PartImages
 from gateway.scene import geometry as scene
 from gateway.scene.geometry import Part
+from gateway.scene.materials import mean_color
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import quaternions_of
-from renderers.color import linear_from_srgb, srgb_from_linear
-from renderers.drawlist import ImageError, Material
+from renderers.color import srgb_from_linear
+from renderers.drawlist import Material
 
 _RIGID_TOLERANCE = 1e-9
 """Maximum deviation of an element of R^T R from the identity, for shapes that are published with a transform."""
 
 
-def has_textures(part: Part) -> bool:
-    """Return True if a part has a texture or vertex colours, which are not published."""
-    colored = isinstance(part.shape, scene.Surface) and part.shape.mesh.colors is not None
-    return colored or part.material.base_color_texture is not None
+def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
+    """Yield the geometry of a part, in the frame of its node and the colour of its material.
 
-
-def geometries_of(part: Part) -> Iterator[Geometry]:
-    """Yield the geometry of a part, in the frame of its node and the colour of its material."""
-    X, color, shape = part.X_node_part, _color(part.material), part.shape
+    Args:
+        images: Encodes textures and vertex colours of meshes; None: meshes have the mean colour of their texture.
+    """
+    X, shape = part.X_node_part, part.shape
     if isinstance(shape, scene.PointCloud):
         points = shape.points @ X[:3, :3].T + X[:3, 3]
-        yield PointCloud(points, rgb=shape.channels.get("rgb"), color=color)
+        yield PointCloud(points, rgb=shape.channels.get("rgb"), color=_color(part.material))
         return
-    primitive = _primitive(shape, X, color)
+    primitive = _primitive(shape, X, part.material)
     if primitive is not None:
         yield primitive
         return
@@ -55,15 +55,17 @@ def geometries_of(part: Part) -> Iterator[Geometry]:
         X_node_mesh = X @ X_part_mesh
         mirrored = np.linalg.det(X_node_mesh[:3, :3]) < 0
         faces = mesh.elements[:, ::-1] if mirrored else mesh.elements
-        yield Mesh(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color)
+        fields = {} if images is None else images.fields(mesh, part.material)
+        color = _color(part.material, with_texture="image" not in fields)
+        yield Mesh(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color, **fields)
 
 
-def _primitive(shape: scene.Shape, X: NDArray[np.float64], color: NDArray[np.float64]) -> Geometry | None:
+def _primitive(shape: scene.Shape, X: NDArray[np.float64], material: Material) -> Geometry | None:
     """Return a shape that the protocol has, too; None for another one, or with a scale or shear."""
     R = X[:3, :3]
     if not np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) or np.linalg.det(R) < 0.0:
         return None
-    transform = Transform(X[:3, 3].tolist(), quaternions_of(R[None])[0].tolist())
+    transform, color = Transform(X[:3, 3].tolist(), quaternions_of(R[None])[0].tolist()), _color(material)
     if isinstance(shape, scene.Box):
         return Box(shape.lengths, color=color, transform=transform)
     if isinstance(shape, scene.Sphere):
@@ -77,15 +79,15 @@ def _primitive(shape: scene.Shape, X: NDArray[np.float64], color: NDArray[np.flo
     return None
 
 
-def _color(material: Material) -> NDArray[np.float64]:
-    """Return a material's sRGB colour and opacity, (4,); with a texture, its mean colour."""
+def _color(material: Material, *, with_texture: bool = True) -> NDArray[np.float64]:
+    """Return a material's sRGB colour and opacity, (4,).
+
+    Args:
+        with_texture: True: multiply the colour by the mean colour of the texture.
+    """
     red, green, blue, alpha = material.base_color
-    if material.base_color_texture is not None:
-        try:
-            pixels = material.base_color_texture.image.decode()[..., :3].reshape(-1, 3)
-        except ImageError:
-            pixels = np.full((1, 3), 255, np.uint8)
-        mean = pixels.mean(axis=0) / 255.0
-        red, green, blue = (c * linear_from_srgb(m) for c, m in zip((red, green, blue), mean.tolist(), strict=True))
+    if with_texture and material.base_color_texture is not None:
+        mean = mean_color(material.base_color_texture.image)
+        red, green, blue = (c * m for c, m in zip((red, green, blue), mean, strict=True))
     # colour factors of a file may exceed 1
     return np.clip((srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha), 0.0, 1.0)

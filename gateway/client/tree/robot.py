@@ -32,9 +32,12 @@ class Sender(Protocol):
 class PublishedRobot:
     """A robot in the viewer: a path for each link, below the robot's path. Thread-safe."""
 
-    def __init__(self, viewer: Sender, path: Path, robot: Robot, joints: Mapping[str, JointValue]) -> None:
+    def __init__(
+        self, viewer: Sender, path: Path, robot: Robot, joints: Mapping[str, JointValue], textures: bool = True
+    ) -> None:
         """Publish the links of a robot. See ``TreeViewer.robot``."""
-        from gateway.client.tree.parts import geometries_of, has_textures
+        from gateway.client.tree.part_images import PartImages
+        from gateway.client.tree.parts import geometries_of
 
         self._viewer = viewer
         self._robot = robot
@@ -45,14 +48,12 @@ class PublishedRobot:
         """Path of the robot. The links are at ``path + (link,)``."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
-        if any(has_textures(part) for parts in robot.parts for part in parts):
-            self.warnings += ("textures and vertex colours are replaced by their mean colours",)
         self._poses = robot.link_poses(self._values)
         """X_robot_link of each link in the viewer, (N, 4, 4)."""
-        changes = Changes()
+        changes, images = Changes(), PartImages() if textures else None
         changes.delete(path)
         for link, parts in zip(robot.links, robot.parts, strict=True):
-            changes.set((*path, link), [geometry.body() for part in parts for geometry in geometries_of(part)])
+            changes.set((*path, link), [geometry.body() for part in parts for geometry in geometries_of(part, images)])
         _add_poses(changes, path, robot.links, self._poses)
         self.answer: Answer = viewer.send(changes)
         """Result of publishing the robot."""
@@ -116,12 +117,13 @@ def publish_robot(
     joints: Mapping[str, JointValue],
     roots: Iterable[str | PathLike[str]],
     geometry: Literal["visual", "collision"],
+    textures: bool,
 ) -> PublishedRobot:
     """Read a robot file and publish it. See ``TreeViewer.robot``."""
     from gateway.robots.reader import read_robot
 
     robot = read_robot(FilePath(file), roots=[FilePath(root) for root in roots], geometry=geometry)
-    return PublishedRobot(viewer, path_of(path), robot, joints)
+    return PublishedRobot(viewer, path_of(path), robot, joints, textures)
 
 
 def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:

@@ -200,6 +200,7 @@ class TreeViewer:
         joints: Mapping[str, JointValue] | None = None,
         roots: Iterable[str | PathLike[str]] = (),
         geometry: Literal["visual", "collision"] = "visual",
+        textures: bool = True,
     ) -> PublishedRobot:
         """Publish a robot file in place of everything at a path: each link at a path below it, named like the link.
 
@@ -209,13 +210,15 @@ class TreeViewer:
             joints: Values in radians or metres, by joint name. The others are as in the file.
             roots: Folders with the packages of ``package://`` names.
             geometry: Geometry of the links to publish.
+            textures: False: meshes have the mean colours of their textures, and no colours of vertices. Viewers other
+                than Scenegate refuse meshes with textures.
 
         Raises:
             ValueError: the file cannot be used, or a joint or its value is invalid.
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
-        return publish_robot(self, path, file, joints or {}, roots, geometry)
+        return publish_robot(self, path, file, joints or {}, roots, geometry, textures)
 
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.

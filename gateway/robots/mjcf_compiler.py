@@ -1,0 +1,43 @@
+"""Compiles MJCF with the package ``mujoco``, in a process with limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from gateway.robots import mjcf_compiler_child
+from gateway.robots.errors import RobotFileError
+from gateway.robots.limits import RobotLimits
+from gateway.robots.mjcf_compiler_child import CompiledModel
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
+
+_OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
+"""Parts of MuJoCo's messages when memory runs out; the second is std::bad_alloc."""
+
+_output_decoder: Final = msgspec.msgpack.Decoder(CompiledModel | str)
+
+
+def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:
+    """Return the model of an MJCF file, an ``MjModel``, and the compiler's warnings.
+
+    Args:
+        mujoco: The package.
+
+    Raises:
+        RobotFileError: MuJoCo cannot compile the file within the limits.
+    """
+    arguments = [str(path), str(limits.max_model_bytes)]
+    process_limits = ProcessLimits(limits.max_compiler_bytes, limits.max_compiler_seconds)
+    try:
+        result = _output_decoder.decode(run_limited(mjcf_compiler_child.__file__, arguments, b"", process_limits))
+    except ProcessFailed as failure:
+        result = (
+            "" if not failure.timed_out else f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
+        )
+    if isinstance(result, str):
+        if not result or any(words in result for words in _OUT_OF_MEMORY):
+            result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
+        raise RobotFileError(f"MuJoCo cannot compile it: {result}")
+    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": result.model}), result.warnings
