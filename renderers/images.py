@@ -13,6 +13,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from isal import isal_zlib
+from isal.igzip_lib import IsalError
 from numpy.typing import NDArray
 
 from renderers.cache import Cache
@@ -29,6 +30,11 @@ _MIN_SCAN_PIXELS: Final = 1 << 12
 """A scan of a smaller image counts as this many pixels."""
 MAX_SEGMENTS: Final = 1024
 """Maximum number of JPEG segments or PNG chunks before the pixels; real files have tens."""
+MAX_UNCHECKED_IDAT: Final = 256 << 10
+"""Maximum number of compressed bytes of a PNG that are decoded without a check of their inflated size. They inflate
+to at most 264 MB, which OpenCV reads to the end in some two seconds. The check adds a third to the time of decoding."""
+MAX_IDAT_CHUNKS: Final = 1 << 17
+"""Maximum number of a PNG's chunks with pixels: libpng writes 8 KiB into each, that is 1 GiB."""
 MAX_CACHED_BYTES: Final = 64 << 20
 """Maximum number of encoded bytes that are cached to recognise equal images."""
 
@@ -189,6 +195,8 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         raise ImageError(f"{header.width}x{header.height} pixels are more than the limit of {max_pixels}")
     if header.format == "JPEG":
         _check_scans(data)
+    if header.format == "PNG":
+        _check_inflated_size(memoryview(data).cast("B"))
     try:
         samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -215,6 +223,46 @@ def _check_scans(data: bytes | memoryview) -> None:
     limit = MAX_SCANNED_PIXELS // max(width * height, _MIN_SCAN_PIXELS)
     if scans > limit:
         raise ImageError(f"a JPEG of {scans} scans, at {width}x{height} pixels at most {limit} are read")
+
+
+def _check_inflated_size(png: memoryview) -> None:
+    """Reject a PNG whose data inflate to far more than its pixels: OpenCV would inflate all of it, 9 s for each GB.
+
+    Raises:
+        ImageError: too many bytes or chunks; the message has the limit.
+    """
+    chunks: list[memoryview] = []
+    offset = 8
+    while offset + 12 <= len(png) and len(chunks) <= MAX_IDAT_CHUNKS:
+        size = struct.unpack_from(">I", png, offset)[0]
+        if bytes(png[offset + 4 : offset + 8]) == b"IDAT":
+            chunks.append(png[offset + 8 : offset + 8 + size])
+        offset += 12 + size
+    if len(chunks) > MAX_IDAT_CHUNKS:
+        raise ImageError(f"a PNG has more than {MAX_IDAT_CHUNKS} IDAT chunks")
+    if sum(map(len, chunks)) <= MAX_UNCHECKED_IDAT:
+        return
+    width, height, bit_depth, color_type = struct.unpack_from(">IIBB", png, 16)
+    bits = bit_depth * _PNG_CHANNELS.get(color_type, 4)
+    limit = 2 * height * (1 + (width * bits + 7) // 8) + (1 << 16)  # interlaced rows have more filter bytes
+    inflater = isal_zlib.decompressobj()
+    inflated = 0
+    try:
+        for chunk in chunks:
+            pending: bytes | memoryview = chunk
+            while len(pending) and not inflater.eof:
+                inflated += len(inflater.decompress(pending, 1 << 20))
+                if inflated > limit:
+                    raise ImageError(
+                        f"its data inflate to more than {limit} bytes, twice the size of {width}x{height} pixels"
+                    )
+                pending = inflater.unconsumed_tail
+    except IsalError:  # type: ignore[misc]  # its stub does not say that it is an exception
+        return  # OpenCV reports broken data
+
+
+_PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Samples of a pixel by colour type (PNG, table 11.1)."""
 
 
 def _transparent_grey(png: memoryview) -> int | None:

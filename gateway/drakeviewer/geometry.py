@@ -70,8 +70,7 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits) -> tuple[Par
 
 def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
     """Load a mesh file, or a mesh in JSON. The geometry's colour is for meshes without materials, as in Drake."""
-    padded = [*geometry.floats.tolist(), 1.0, 1.0, 1.0]  # a missing scale is 1
-    scale = (padded[0], padded[1], padded[2])
+    scale = _scale_of(geometry.floats.tolist())
     if geometry.text.startswith("{"):
         loaded = memory_mesh(geometry.text, scale, files)
     else:
@@ -86,6 +85,14 @@ def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
         )
         for part in loaded
     )
+
+
+def _scale_of(numbers: list[float]) -> tuple[float, float, float]:
+    """Return the scale of a mesh file along x, y, z. Drake sends three numbers; one is for all axes, as in Director."""
+    if len(numbers) not in (0, 1, 3):
+        raise MessageError(f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3")
+    x, y, z = numbers if len(numbers) == 3 else (numbers or [1.0]) * 3
+    return x, y, z
 
 
 _SHAPES: Final[dict[int, tuple[str, int, Callable[[list[float]], Shape]]]] = {

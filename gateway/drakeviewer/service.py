@@ -41,9 +41,9 @@ class DrakeViewerService:
         self._task: asyncio.Task[None] | None = None
         """Empties the queue; None if it is empty."""
         self._channels: dict[str, int] = {}
-        """Number of messages of each channel that is shown."""
+        """Number of messages of each channel that is shown. A channel of any name is added when a message was shown."""
         self._sizes: dict[str, int] = {}
-        """Bytes of the newest message of each channel that is shown."""
+        """Bytes of the newest message that was shown of each channel."""
         self._unshown: dict[str, int] = {}
         """Number of messages of each channel that is not shown."""
         self._logged: set[tuple[str, str]] = set()
@@ -97,7 +97,8 @@ class DrakeViewerService:
             return
         if not self._admit(channel, len(message)):
             return
-        self._channels[channel] = self._channels.get(channel, 0) + 1
+        if channel in self._channels or self.viewer.has_fixed_name(channel):
+            self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
         if self._task is None and not self._needs_thread(channel, message):
             self._show(channel, message)
@@ -109,12 +110,11 @@ class DrakeViewerService:
     def _admit(self, channel: str, size: int) -> bool:
         """Return False, and count the message, if it is beyond the limits on all channels."""
         is_new = channel not in self._channels and not self.viewer.has_fixed_name(channel)
-        if is_new and len(self._channels) >= self._config.channels:
-            reason = f"there are {len(self._channels)} channels, which is the limit"
+        if is_new and len((self._channels.keys() | self._waiting.keys()) - {channel}) >= self._config.channels:
+            reason = f"{self._config.channels} channels are shown or wait, which is the limit"
         elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
             reason = f"{size} bytes are too many: the limit for all channels together is {self._config.shown_bytes}"
         else:
-            self._sizes[channel] = size
             return True
         self._dropped += 1
         self._report(channel, reason)
@@ -147,6 +147,8 @@ class DrakeViewerService:
                 channel = next(iter(self._waiting))
                 message = self._waiting.pop(channel)
                 self._waiting_bytes -= len(message)
+                if not self._admit(channel, len(message)):
+                    continue
                 if self._needs_thread(channel, message):
                     await self._read_in_thread(channel, message)
                 else:
@@ -157,6 +159,7 @@ class DrakeViewerService:
     def _show(self, channel: str, message: Message) -> None:
         try:
             self._report(channel, self.viewer.handle(channel, message))
+            self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
             self._report_error(channel, error)
 
@@ -165,8 +168,14 @@ class DrakeViewerService:
         try:
             edit = await loop.run_in_executor(self._executor, self.viewer.read, channel, message)
             self._report(channel, self.viewer.apply(edit))
+            self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the service
             self._report_error(channel, error)
+
+    def _add_shown(self, channel: str, size: int) -> None:
+        """Count a channel with its newest message, which was shown. Damaged messages must not take up its place."""
+        self._channels.setdefault(channel, 1)
+        self._sizes[channel] = size
 
     def _report_error(self, channel: str, error: Exception) -> None:
         self.viewer.counters.undecodable += 1

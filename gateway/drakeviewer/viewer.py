@@ -184,8 +184,9 @@ class DrakeViewer:
         return _always_shown(lambda edit: edit.set_parts(path, parts))
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
-        shown = self._state.frames.setdefault(channel, FrameChannel(_channel_path("frames", channel, FRAMES)))
+        shown = self._state.frames.get(channel) or FrameChannel(_channel_path("frames", channel, FRAMES))
         draw = wire.decode_draw(message, self._config.limits, shown.names)
+        self._state.frames[channel] = shown
         return _always_shown(lambda edit: shown.apply(draw, edit))
 
     def _robots(self, family: str) -> RobotChannels:

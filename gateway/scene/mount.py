@@ -83,8 +83,10 @@ def parse_camera_spec(text: str) -> CameraSpec:
         name, value = match.groups()
         if name in options:
             raise CameraError(f"camera {text!r} has {name}= twice")
-        if not value or (name == "name" and not _NAME.fullmatch(value)):
-            raise CameraError(f"{name}={value!r} of a camera must have 1 to 64 letters, digits, _ or -")
+        if name == "profile" and not value:
+            raise CameraError(f"camera {text!r} has profile= without the name or file of a profile")
+        if name == "name" and not _NAME.fullmatch(value):
+            raise CameraError(f"name={value!r} of a camera must have 1 to 64 letters, digits, _ or -")
         if name == "name" and value.isdigit():
             raise CameraError(f"name={value!r} of a camera must not be a number: numbers are those of pipelines")
         options[name] = value

@@ -150,7 +150,7 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
         "name": config.name,
         "model": config.model.name,
         "pipeline": number,
-        "port": service.port,
+        "port": service.port or config.port,  # HTTP answers before the stream's port is open
         "baseline": config.model.baseline,
         "images": images,
     }

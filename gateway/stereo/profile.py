@@ -21,6 +21,12 @@ from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoM
 DEFAULT_PROFILE: Final = "rc_visard_160c"
 MAX_FILE_BYTES: Final = 16 << 10
 """Maximum size of a profile. The shipped ones have less than 1 kB; nested keys take time that grows with the cube."""
+MAX_PIXELS: Final = 1 << 24
+"""Maximum number of pixels of an image: 4096 x 4096. Rendering and matching one of that size takes seconds and 1 GB."""
+MIN_FOCAL_FACTOR: Final = 0.05
+"""Minimum focal length in widths of the image: a field of view of 169 degrees."""
+MAX_FOCAL_FACTOR: Final = 20.0
+"""Maximum focal length in widths of the image: a field of view of 3 degrees."""
 MIN_ROTATION_NORM: Final = 1e-3
 """Minimum length of the quaternion ``color.rotation``; below, rounding errors turn the camera."""
 _FOLDER: Final = Path(__file__).parent / "profiles"
@@ -197,6 +203,9 @@ def _read_file(path: Path) -> Profile:
 
 def _check(profile: Profile) -> None:
     """Check keys that depend on each other. Raises ValueError."""
+    for name, section in (("stereo", profile.stereo), ("color", profile.color)):
+        if section is not None:
+            _check_image(name, section.size, section.focal_length)
     nearest, farthest = profile.depth.range
     if nearest >= farthest:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
@@ -209,3 +218,21 @@ def _check(profile: Profile) -> None:
         check_distortion(profile.distortion, profile.model.intrinsics())
     except ValueError as error:
         raise ValueError(f"stereo.distortion: {error}") from None
+
+
+def _check_image(section: str, size: tuple[int, int], focal_length: float) -> None:
+    """Check number of pixels and field of view of a camera. Raises ValueError.
+
+    Args:
+        section: Section of the profile, for errors.
+        size: Width and height, pixels.
+        focal_length: Pixels.
+    """
+    width, height = size
+    if width * height > MAX_PIXELS:
+        raise ValueError(f"{section}.size: {width}x{height} has {width * height} pixels, the limit is {MAX_PIXELS}")
+    least, most = MIN_FOCAL_FACTOR * width, MAX_FOCAL_FACTOR * width
+    if not least <= focal_length <= most:
+        raise ValueError(
+            f"{section}.focal_length is {focal_length:g}, images {width} pixels wide need {least:g} to {most:g}"
+        )

@@ -282,3 +282,17 @@ def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], k
         assert values_found is not None
         assert values_found.tolist() == wanted.tolist()
     assert array.tolist() == values.tolist()
+
+
+@pytest.mark.parametrize("mode", ["P", "1", "LA", "CMYK"])
+def test_images_of_pillow_with_other_modes_are_refused(mode: str) -> None:
+    image = pytest.importorskip("PIL.Image").new(mode, (4, 4))
+    with pytest.raises(ValueError, match=f"an image of mode {mode} is not supported; use image.convert"):
+        ImagePlane(image, width=1.0).body()
+
+
+def test_colors_of_a_heightmap_have_its_shape() -> None:
+    with pytest.raises(ValueError, match=r"colors have shape \(4, 3, 3\) for heights of shape \(3, 4\)"):
+        Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3))).body()
+    for shape in ((3, 4, 3), (12, 4)):
+        assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])

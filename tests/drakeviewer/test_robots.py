@@ -265,6 +265,33 @@ def test_files_below_the_mesh_root(tmp_path: Path) -> None:
     assert "lies outside" in viewer.handle(LOAD, outside)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "scale"), [([], (1, 1, 1)), ([2], (2, 2, 2)), ([2, 3, 4], (2, 3, 4)), ([2, 3], None), ([1] * 4, None)]
+)
+def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...] | None, tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text(OBJ)
+    viewer = Viewer(MeshFiles((tmp_path,)))
+    message = load(link("world", 0, geometry(MESH, numbers, string=str(tmp_path / "t.obj"))))
+    if scale is None:
+        assert f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3" in viewer.handle(LOAD, message)
+        return
+    assert viewer.handle(LOAD, message) == ""
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert part.X_node_part.diagonal().tolist() == [*scale, 1]
+
+
+def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    viewer = Viewer(MeshFiles((tmp_path,)))
+    shape = geometry(MESH, [1, 1, 1], string=str(tmp_path / "t.obj"), color=(0.2, 0.4, 0.6, 1.0))
+    assert viewer.handle(LOAD, load(link("world", 0, shape))) == ""
+    viewer.handle(DRAW, draw({}))
+    (part,) = viewer.node("illustration", "world").parts or ()
+    assert part.material.base_color == pytest.approx((*map(linear_from_srgb, (0.2, 0.4, 0.6)), 1.0), abs=1e-6)
+    assert part.material.base_color_texture is None
+
+
 def test_damage_changes_nothing(viewer: Viewer) -> None:
     with pytest.raises(MessageError):
         viewer.handle(LOAD, b"damaged")

@@ -149,6 +149,31 @@ async def test_limits_on_channels_and_waiting_bytes() -> None:
         assert "waiting" in found.service.status()["last_problem"]
 
 
+@pytest.mark.parametrize("prefix", ["DRAKE_POINT_CLOUD_", "DRAKE_DRAW_FRAMES_"])
+async def test_damaged_messages_take_up_no_channels(prefix: str) -> None:
+    async with running(DrakeViewerConfig(channels=2)) as found:
+        for number in range(20):
+            found.service.receive(f"{prefix}{number}", b"damaged")
+        status = found.service.status()
+        assert (status["undecodable"], status["dropped"], status["channels"]) == (20, 0, {})
+        for number in range(3):
+            found.service.receive(f"DRAKE_DRAW_FRAMES_{number}", at(1))
+        status = found.service.status()
+        assert status["channels"] == {"DRAKE_DRAW_FRAMES_0": 1, "DRAKE_DRAW_FRAMES_1": 1}
+        assert status["dropped"] == 1
+        assert "DRAKE_DRAW_FRAMES_2: 2 channels are shown or wait" in status["last_problem"]
+
+
+async def test_waiting_messages_of_new_channels_are_limited() -> None:
+    async with running(DrakeViewerConfig(channels=2, offload_bytes=1)) as found:
+        for number in range(4):
+            found.service.receive(f"DRAKE_POINT_CLOUD_{number}", b"damaged")
+        assert found.service.status()["dropped"] == 2
+        await until(lambda: found.service.status()["undecodable"] == 2)
+        found.service.receive("DRAKE_DRAW_FRAMES", at(1))
+        await until(lambda: found.service.status()["channels"] == {"DRAKE_DRAW_FRAMES": 1})
+
+
 async def test_messages_pass_the_tree_viewers_hub() -> None:
     lcm = liblcm()
     async with running() as found:

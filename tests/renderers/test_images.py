@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 
 from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError
-from renderers.images import MAX_PIXELS, MAX_SCANNED_PIXELS, ImageFile, decode_image, image_from_bytes, image_header
+from renderers.images import (
+    MAX_PIXELS,
+    MAX_SCANNED_PIXELS,
+    MAX_UNCHECKED_IDAT,
+    ImageFile,
+    decode_image,
+    image_from_bytes,
+    image_header,
+)
 
 RGBA = np.random.default_rng(0).integers(0, 256, (5, 7, 4), np.uint8)
 
@@ -110,6 +118,33 @@ def test_jpeg(mode: str) -> None:
     assert (pixels[..., 3] == 255).all()
     expected = np.asarray(source.convert("RGB")).astype(int)
     assert np.abs(pixels[..., :3] - expected).mean() < 2
+
+
+@pytest.mark.parametrize("size", [8, 600])
+def test_a_png_that_inflates_to_more_than_its_pixels_is_refused(size: int) -> None:
+    deflate = zlib.compressobj()
+    data = b"".join(deflate.compress(bytes(1 << 20)) for _ in range(300)) + deflate.flush()
+    assert len(data) > MAX_UNCHECKED_IDAT
+    start_of_file = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", size, size, 8, 6, 0, 0, 0))
+    parts = b"".join(chunk(b"IDAT", data[start : start + 1000]) for start in range(0, len(data), 1000))
+    for chunks in (chunk(b"IDAT", data), parts):
+        with pytest.raises(ImageError, match=f"inflate to more than [0-9]+ bytes, twice the size of {size}x{size}"):
+            decode_image(start_of_file + chunks + chunk(b"IEND", b""))
+
+
+def test_a_big_png_with_broken_data_is_refused() -> None:
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 600, 600, 8, 6, 0, 0, 0))
+    data = b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", bytes(2 * MAX_UNCHECKED_IDAT)) + chunk(b"IEND", b"")
+    with pytest.raises(ImageError, match="broken PNG data"):
+        decode_image(data)
+
+
+def test_big_pngs_are_decoded() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (300, 301, 4), np.uint8)
+    for options in ({}, {"compress_level": 0}):
+        data = encoded(noise, "PNG", None, **options)
+        assert len(data) > MAX_UNCHECKED_IDAT
+        assert (decode_image(data) == noise).all()
 
 
 def test_exif_orientation_is_ignored() -> None:

@@ -96,7 +96,16 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + "basline = 1\n", "unknown field `basline` - at `stereo`"),
         (MINIMAL.replace("640", "15"), r"`int` >= 16 - at `stereo.size\[0\]`"),
         (MINIMAL.replace("704.0", '"704"'), "Expected `float`, got `str` - at `stereo.focal_length`"),
-        (MINIMAL.replace("704.0", "1e5"), "stereo focal_factor 156.25 must be within 0.05 and 20"),
+        (MINIMAL.replace("704.0", "1e5"), "stereo.focal_length is 100000, images 640 pixels wide need 32 to 12800"),
+        (
+            MINIMAL.replace("640, 400", "8192, 8192"),
+            "stereo.size: 8192x8192 has 67108864 pixels, the limit is 16777216",
+        ),
+        (MINIMAL + "[color]\nsize = [8192, 4096]\nfocal_length = 900\n", "color.size: 8192x4096 has 33554432 pixels"),
+        (
+            MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 1e-9\n",
+            "color.focal_length is 1e-09, .* need 3.2 to 1280",
+        ),
         (MINIMAL + "[depth]\nrange = [2, 1]\n", "depth.range: 2 is not less than 1"),
         (MINIMAL + "[depth]\nrange = [0.01, 0.1]\n", "depth.range: nothing nearer than 0.1 m can be measured"),
         (MINIMAL + "distortion = [-9, 0, 0, 0, 0]\n", "stereo.distortion: the distortion has no inverse"),
@@ -132,7 +141,7 @@ def test_text_of_a_camera() -> None:
         ("name=a;name=b;0,0,0,1,0,0,0", "name= twice"),
         ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
         ("name=1;0,0,0,1,0,0,0", "name='1' of a camera must not be a number"),
-        ("profile=;0,0,0,1,0,0,0", "profile='' of a camera"),
+        ("profile=;0,0,0,1,0,0,0", "has profile= without the name or file of a profile"),
         ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
     ):
         with pytest.raises(CameraError, match=message):

@@ -107,6 +107,7 @@ UPRIGHT = {"quaternion": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
     ("geometry", "low", "high"),
     [
         ({"type": "mesh", **SQUARE, "colors": [RED] * 4}, 0.12, 0.4),
+        ({"type": "mesh", **SQUARE, "colors": [[1, 0, 0, 0.02]] * 4}, 0.0, 0.0),
         (
             {
                 "type": "mesh",

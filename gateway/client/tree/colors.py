@@ -86,6 +86,9 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
         return value
     if isinstance(value, (str, os.PathLike)):
         return Path(value).read_bytes()
+    mode = getattr(value, "mode", None)
+    if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # of Pillow: palettes, bits, CMYK
+        raise ValueError(f"an image of mode {mode} is not supported; use image.convert('RGB') or 'RGBA'")
     array = np.asarray(value)
     if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
         raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), not {array.shape}")

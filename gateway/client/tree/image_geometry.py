@@ -60,6 +60,8 @@ class Heightmap(Geometry):
         shape = np.shape(self.heights)
         if len(shape) != 2 or min(shape) < 2:
             raise ValueError(f"heights must have at least 2 rows of 2 numbers, not shape {shape}")
+        if self.colors is not None and np.ndim(self.colors) == 3 and np.shape(self.colors)[:2] != shape:
+            raise ValueError(f"colors have shape {np.shape(self.colors)} for heights of shape {shape}")
         colors = {} if self.colors is None else {"colors": color_rows("colors", self.colors, math.prod(shape))}
         return {
             "heights": number_rows("heights", self.heights, shape[1]),

@@ -129,7 +129,7 @@ export class Drawing {
     const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
     const colors = payload.color !== undefined;
     const { material } = draw;
-    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined);
+    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || colors);
     if (payload.topology === 3 && opacity === 1 && !blended)
       return { local, instance: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
