@@ -143,15 +143,6 @@ def all_ready_while_killed(url: str) -> list[int]:
         return all_ready(url)
 
 
-def test_sighup_replaces_all_processes(running: tuple[GatewayProcess, str]) -> None:
-    process, url = running
-    before = all_ready(url)
-    process.process.send_signal(signal.SIGHUP)
-    wait_until(lambda: not {*map(str, before)} & {*states_while_killed(url)})
-    assert len(all_ready_while_killed(url)) == 2
-    assert render(url).status_code == 200
-
-
 def test_log_lines_name_the_process(running: tuple[GatewayProcess, str]) -> None:
     process, url = running
     pids = all_ready(url)
