@@ -52,10 +52,10 @@ def router(
     routes = APIRouter(tags=["operations"])
     own_readiness = readiness or registry.verdict
 
-    def describe(request: Request) -> dict[str, Any]:
+    async def describe(request: Request) -> dict[str, Any]:
         described = _health(registry, request)
         if reports is not None:
-            described["status"], described["workers"] = reports.describe(own_readiness())
+            described["status"], described["workers"] = await asyncio.to_thread(reports.describe, own_readiness())
         return described
 
     @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
@@ -63,7 +63,7 @@ def router(
         """200 while the event loop runs. The body has the state of each interface and, with a token if the gateway has
         one, its figures and problems. With --workers also the state of each process; the interfaces are those of the
         process that responds."""
-        return JSONResponse({"version": version, **describe(request)})
+        return JSONResponse({"version": version, **await describe(request)})
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
@@ -71,7 +71,7 @@ def router(
         process that only renders also responds with 503 while its queue is full, or while every worker thread has
         used more than half of a render's time limit. With --workers: 503 until each process was ready once; later
         200 while at least one of them is."""
-        health = describe(request)
+        health = await describe(request)
         if reports is None:
             health["status"] = own_readiness()
         return JSONResponse(health, status_code=200 if health["status"] in ("ready", "degraded") else 503)
