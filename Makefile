@@ -27,8 +27,7 @@ comma := ,
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench mutants clean \
-	check-deploy dist dist-test publish image image-test image-push image-index release
+.PHONY: help run test test-all lint check lock generate docs web bench mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
@@ -55,6 +54,8 @@ check: lint ## lint, format, types, import contracts, compose file, files for Gi
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/[!c]*.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+
+.PHONY: check-deploy dist dist-test publish image image-test image-push image-index release
 
 check-deploy: $(VENV)/.tools ## Kubernetes objects and workflows, by programs that uv fetches; actionlint where it is installed
 	$(UVX) --from kubernetes-validate==$(KUBERNETES_VALIDATE) kubernetes-validate --strict --quiet \
