@@ -61,6 +61,8 @@ check: lint ## lint, format, types, import contracts, compose file, files for Gi
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/[!c]*.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 
+.PHONY: check-deploy dist dist-test publish image image-test image-push image-index release
+
 check-deploy: $(VENV)/.tools ## Kubernetes objects and workflows, by programs that uv fetches; actionlint where it is installed
 	$(UVX) --from kubernetes-validate==$(KUBERNETES_VALIDATE) kubernetes-validate --strict --quiet \
 		$(filter-out %/kustomization.yaml %/service-monitor.yaml,$(wildcard deploy/kubernetes/*.yaml))
