@@ -32,8 +32,7 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean \
-	check-deploy dist dist-test publish image image-test image-push image-index release
+.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20

@@ -17,6 +17,7 @@ _IDENTITY: Final = np.eye(4)
 
 def part_json(part: Part, resources: Resources) -> dict[str, Any]:
     """Return a part's kind, draws and, if it has one, source. A point cloud also has ``points`` and ``channels``.
+    Text has ``facesCamera``: the page turns it towards the camera.
 
     A draw is a mesh with a material and a matrix.
     """
@@ -36,6 +37,8 @@ def part_json(part: Part, resources: Resources) -> dict[str, Any]:
         fields["channels"] = _channel_widths(part.shape)
     if part.source:
         fields["source"] = part.source
+    if part.kind == "text":
+        fields["facesCamera"] = True
     return fields
 
 

@@ -147,6 +147,20 @@ def test_images_and_sizes_in_pixels(
     shown.until(lambda: low <= shown.share("red") <= high, f"{low} to {high} of the view in red")
 
 
+@pytest.mark.parametrize("quaternion", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]])
+def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[float]) -> None:
+    """A plane would be seen from the edge, or from behind."""
+    shown, publisher = view
+    text = {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED}
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": UPRIGHT}}])
+    shown.look_at("it")
+    shown.until(lambda: shown.share("red") > 0.05, "the text is shown")
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": {"quaternion": quaternion}}}])
+    publisher.box(["sign"], [0.0, 0.0, 1.0, 1.0], x=9.0, size=0.1)
+    shown.until(lambda: row(shown, ["sign"]).count() == 1, "the turned text has arrived")
+    shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
+
+
 def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["pick", "left"], RED, x=-1.0)

@@ -354,3 +354,9 @@ def test_vertex_colours_are_encoded_as_srgb(indices: Any) -> None:
     header, body = parse_frame(encode_mesh(1, mesh))
     offset, count = header["color"]
     assert list(body[offset : offset + count]) == [188, 188, 188, 128] * 3
+
+
+def test_text_faces_the_camera() -> None:
+    part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"), Resources())
+    assert part["facesCamera"] is True
+    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()), Resources())

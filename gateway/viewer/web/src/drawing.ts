@@ -10,6 +10,7 @@ import {
   Mesh,
   Object3D,
   Points,
+  Quaternion,
   Vector3,
   type Intersection,
   type Material as ThreeMaterial,
@@ -58,7 +59,7 @@ export class Drawing {
     const draws: Drawn[] = [];
     for (const part of node.parts)
       for (const draw of part.draws) {
-        const drawn = this.draw(node, draw, opacity);
+        const drawn = this.draw(node, draw, opacity, part.facesCamera === true);
         if (drawn) draws.push(drawn);
       }
     if (draws.length) this.drawn.set(node, draws);
@@ -121,7 +122,7 @@ export class Drawing {
     return boxes;
   }
 
-  private draw(node: TreeNode, draw: Draw, opacity: number): Drawn | null {
+  private draw(node: TreeNode, draw: Draw, opacity: number, facesCamera: boolean): Drawn | null {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
     const geometry = this.geometry(payload);
@@ -130,7 +131,7 @@ export class Drawing {
     const colors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || colors);
-    if (payload.topology === 3 && opacity === 1 && !blended)
+    if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
       return { local, instance: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
@@ -142,6 +143,7 @@ export class Drawing {
     object.matrix.copy(world);
     object.matrixWorldNeedsUpdate = true;
     object.userData.node = node;
+    if (facesCamera) object.onBeforeRender = (_renderer, _scene, camera) => turnToCamera(object, camera);
     this.root.add(object);
     return { local, object };
   }
@@ -226,6 +228,13 @@ export class Drawing {
     this.geometries.set(payload.id, geometry);
     return geometry;
   }
+}
+
+/** Turn an object about its origin so that its x and y axes are those of the camera. Position and scale stay. */
+function turnToCamera(object: Object3D, camera: Object3D): void {
+  const position = new Vector3().setFromMatrixPosition(object.matrixWorld);
+  const scale = new Vector3().setFromMatrixScale(object.matrixWorld);
+  object.matrixWorld.compose(position, camera.getWorldQuaternion(new Quaternion()), scale);
 }
 
 function visible(node: TreeNode): boolean {

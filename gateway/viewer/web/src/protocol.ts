@@ -42,6 +42,8 @@ export interface Part {
   /** Number of columns of each channel of a point cloud, by name. */
   channels?: Record<string, number>;
   source?: string;
+  /** True: the part is turned about its origin so that it is always seen from the front. */
+  facesCamera?: boolean;
 }
 
 export interface NodeUpdate {
