@@ -178,6 +178,7 @@ def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) 
 
 def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
+    shown.open_stereo_panel()
     thumb = shown.page.locator("[data-image=disparity] img")
     reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
     shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
@@ -199,6 +200,7 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
 
 def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
+    shown.open_stereo_panel()
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
     with clients.Client(base_url=gateway[1]) as http:
@@ -209,6 +211,7 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
 
 def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
+    shown.open_stereo_panel()
     shown.page.get_by_role("tab", name="Renders").click()
     assert shown.page.locator(".renders li").count() == 0
     with clients.Client(base_url=gateway[1], headers={"content-type": CONTENT_TYPE}) as http:
@@ -229,11 +232,12 @@ def test_background_choices(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["ground"], RED)
     shown.look_at("ground")
+    shown.open_display_menu()
     choice = shown.page.get_by_label("Background")
     for name, color in (("white", (255, 255, 255)), ("black", (0, 0, 0)), ("sky", (204, 229, 255))):
         choice.select_option(name)
         shown.until(lambda color=color: tuple(shown.colors()[5, 5]) == color, name)
-    shown.page.get_by_role("button", name="Light or dark").click()
+    shown.page.get_by_label("Dark theme").check()
     assert tuple(shown.colors()[5, 5]) == (204, 229, 255), "what was chosen stays"
     choice.select_option("theme")
     shown.until(lambda: shown.colors()[5, 5].max() < 64, "the dark theme's own")
@@ -298,8 +302,16 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
         keyboard.press("Tab")
         element = "e => [e.ariaLabel, e.textContent, e.title].find(text => text?.trim()) ?? ''"
         reached.add(shown.page.evaluate(f"({element})(document.activeElement)").strip())
-    wanted = {"Top", "Front", "Side", "Grid on the ground", "Wireframe", "Point size", "Background", ".glb"}
-    assert wanted <= reached
+    assert {"Top", "Front", "Side", "Display", "PNG", ".glb"} <= reached
+    shown.open_display_menu()
+    reached = set()
+    for _ in range(12):
+        keyboard.press("Tab")
+        element = "e => e.ariaLabel ?? e.parentElement.textContent"
+        reached.add(shown.page.evaluate(f"({element})(document.activeElement)"))
+    assert {"Grid on the ground", "Wireframe", "Shadows", "Point size", "Background", "Dark theme"} <= reached
+    keyboard.press("Escape")
+    shown.page.locator("#display").wait_for(state="hidden")
 
 
 def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
@@ -315,6 +327,102 @@ def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -
         assert shown.page.evaluate("document.documentElement.scrollWidth") == 360, "nothing is wider than the screen"
     shown.page.keyboard.press("Escape")
     tabs.wait_for(state="hidden")
+
+
+def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["phone"], RED)
+    shown.page.set_viewport_size({"width": 360, "height": 740})
+    shown.until(lambda: shown.page.evaluate("innerWidth") == 360, "a small screen")
+    for bar in (".bar", ".bar .tools", ".status"):
+        assert shown.page.evaluate(
+            "bar => { const e = document.querySelector(bar); return e.scrollWidth <= e.clientWidth; }", bar
+        ), f"{bar} is wider than the screen"
+    shown.open_display_menu()
+    menu = shown.page.locator("#display")
+    box = menu.bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= 360
+    menu.get_by_role("button", name="Top").click()
+    shown.until(
+        lambda: shown.page.evaluate(
+            "scenegate.stage.camera.position.z > 4 * Math.abs(scenegate.stage.camera.position.y)"
+        ),
+        "from above",
+    )
+
+
+def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["home"], RED)
+    shown.page.wait_for_function("scenegate.model.find(['home'])?.parts != null")
+    shown.page.keyboard.press("h")
+    extent = shown.page.evaluate(
+        """() => {
+          const { stage, drawing, model } = scenegate;
+          const [{ min, max }] = drawing.boxes(model.root);
+          const corners = [];
+          for (const x of [min.x, max.x])
+            for (const y of [min.y, max.y])
+              for (const z of [min.z, max.z]) corners.push(min.clone().set(x, y, z));
+          stage.camera.updateMatrixWorld();
+          const seen = corners.map((corner) => corner.project(stage.camera));
+          return Math.max(...seen.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
+        }"""
+    )
+    assert 0.8 < extent < 1.0
+    assert not shown.page.evaluate("scenegate.frustum.object.visible")
+    shown.open_stereo_panel()
+    shown.until(lambda: shown.page.evaluate("scenegate.frustum.object.visible"), "the stereo camera")
+
+
+def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    empty = shown.page.get_by_role("region", name="The scene is empty")
+    empty.wait_for()
+    shown.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    hub = publisher.url
+    for way, line in (("Python", "TreeViewer("), ("A file", "scenegate publish"), ("Drake", "DrakeLcm(")):
+        empty.get_by_role("tab", name=way).click()
+        shown.until(lambda line=line: line in empty.inner_text() and hub in empty.inner_text(), way)
+        empty.get_by_role("button", name="Copy").click()
+        empty.get_by_text("Copied").wait_for()
+        assert line in shown.page.evaluate("navigator.clipboard.readText()")
+    publisher.box(["something"], RED)
+    empty.wait_for(state="hidden")
+
+
+def test_shadows_and_occlusion_darken_the_floor(view: tuple[View, Publisher]) -> None:
+    """The options stay on after the page is loaded again."""
+    shown, publisher = view
+    publisher.box(["above"], RED, size=0.6)
+    floor = {"type": "box", "lengths": [4, 4, 0.01], "color": [0.8, 0.8, 0.8, 1.0]}
+    publisher.send(
+        setgeometry=[{"path": ["floor"], "geometry": floor}],
+        settransform=[{"path": ["floor"], "transform": {"translation": [0, 0, -0.3], "quaternion": [1, 0, 0, 0]}}],
+    )
+    shown.look_at("floor")
+    shown.page.keyboard.press("1")
+
+    def darkest() -> int:
+        """Return the least brightness of the floor beside the box."""
+        pixels = shown.colors()[200:600, 500:900].astype(int)
+        grey = np.ptp(pixels, axis=2) < 12
+        return int(np.percentile(pixels[grey].max(axis=1), 1)) if grey.any() else 255
+
+    shown.until(lambda: darkest() < 255, "the floor")
+    plain = darkest()
+    shown.open_display_menu()
+    shown.page.get_by_label("Shadows").check()
+    shown.until(lambda: darkest() < plain - 20, "a shadow")
+    shown.page.get_by_label("Ambient occlusion").check()
+    shown.until(lambda: darkest() < plain - 20, "both")
+    shown.page.reload()
+    shown.look_at("floor")
+    shown.open_display_menu()
+    assert shown.page.get_by_label("Shadows").is_checked()
+    assert shown.page.get_by_label("Ambient occlusion").is_checked()
+    shown.page.evaluate("localStorage.clear()")
 
 
 def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
@@ -383,6 +491,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     with gateway_process("--only", "scene,view", "--demo") as (_, url):
         view = View(browser, url)
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
+        view.open_stereo_panel()
         view.page.get_by_text("No stereo camera runs in this gateway.").wait_for()
         view.page.get_by_role("tab", name="Renders").click()
         view.page.get_by_text("No render endpoint runs in this gateway.").wait_for()
@@ -421,6 +530,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     page.goto(f"{url}/view")
     waiting = page.get_by_text("Waiting for the gateway …").locator("visible=true")
     page.get_by_text("Waiting for the scene …").wait_for()
+    page.get_by_role("button", name="Selection, stereo").click()
     waiting.wait_for()
     page.get_by_role("tab", name="Renders").click()
     waiting.wait_for()
@@ -431,7 +541,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     response[0] = lambda route: route.abort()
     page.get_by_text("these are its last images").wait_for()
     sockets.pop().connect_to_server()
-    page.get_by_text("The scene is empty.").wait_for()
+    page.get_by_text("The scene is empty").wait_for()
     page.get_by_role("tab", name="Renders").click()
     page.get_by_text("No render requests yet.").or_(page.locator(".renders li").first).wait_for()
     page.close()
