@@ -250,7 +250,7 @@ def test_downloads_of_image_and_scene(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: shown.share("red", "left") > 0.02, "a red box on the left")
     seen = shown.colors()
     with shown.page.expect_download() as image:
-        shown.page.get_by_role("button", name="This view as PNG").click()
+        shown.page.get_by_role("button", name="PNG").click()
     assert image.value.suggested_filename == "scenegate.png"
     drawn = np.asarray(Image.open(image.value.path()).convert("RGB"))
     assert drawn.shape == seen.shape
