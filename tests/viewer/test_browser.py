@@ -395,41 +395,27 @@ def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
     empty.wait_for(state="hidden")
 
 
-def test_shadows_and_occlusion_darken_the_floor(view: tuple[View, Publisher]) -> None:
-    """The options stay on after the page is loaded again."""
+def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
+    """Both are drawn, also after the page is loaded again, and the URL overrides them."""
     shown, publisher = view
     publisher.box(["above"], RED, size=0.6)
-    floor = {"type": "box", "lengths": [4, 4, 0.01], "color": [0.8, 0.8, 0.8, 1.0]}
-    publisher.send(
-        setgeometry=[{"path": ["floor"], "geometry": floor}],
-        settransform=[{"path": ["floor"], "transform": {"translation": [0, 0, -0.3], "quaternion": [1, 0, 0, 0]}}],
-    )
-    shown.look_at("floor")
-    shown.page.keyboard.press("1")
-
     # Without a GPU, an image of the default size takes seconds with occlusion.
     shown.page.set_viewport_size({"width": 400, "height": 360})
-
-    def darkest() -> int:
-        """Return the brightness of the darkest grey pixels beside the box."""
-        pixels = shown.colors().astype(int)
-        pixels = pixels[len(pixels) // 4 : -len(pixels) // 4, 100:300].reshape(-1, 3)
-        grey = np.ptp(pixels, axis=1) < 12
-        return int(np.percentile(pixels[grey].max(axis=1), 1)) if grey.any() else 255
-
-    shown.until(lambda: darkest() < 255, "the floor")
-    plain = darkest()
+    drawn = (
+        "[scenegate.stage.lights.object.children.some((lamp) => lamp.castShadow), scenegate.stage.occlusion !== null]"
+    )
+    assert shown.page.evaluate(drawn) == [False, False]
     shown.open_display_menu()
     shown.page.get_by_label("Shadows").check()
-    shown.until(lambda: darkest() < plain - 20, "a shadow")
     shown.page.get_by_label("Ambient occlusion").check()
-    shown.until(lambda: darkest() < plain - 20, "both")
+    assert shown.page.evaluate(drawn) == [True, True]
     shown.page.reload()
-    shown.look_at("floor")
-    shown.open_display_menu()
-    assert shown.page.get_by_label("Shadows").is_checked()
-    assert shown.page.get_by_label("Ambient occlusion").is_checked()
-    shown.page.evaluate("localStorage.clear()")
+    shown.look_at("above")
+    shown.until(lambda: shown.share("red") > 0.01, "the box")
+    assert shown.page.evaluate(drawn) == [True, True]
+    shown.page.goto(f"{shown.page.url}&shadows=off&occlusion=off")
+    shown.look_at("above")
+    assert shown.page.evaluate(drawn) == [False, False]
 
 
 def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
