@@ -15,8 +15,6 @@ _STEP_PERCENT: Final = 20
 """Progress between two lines of the log."""
 _MIN_ESTIMATE: Final = 0.1
 """Fraction from which on the remaining time is estimated."""
-_RETRY_SECONDS: Final = 5
-"""Retry-After without an estimate."""
 
 
 @dataclass(slots=True)
@@ -52,11 +50,6 @@ class Progress:
         if self.fraction < _MIN_ESTIMATE:
             return None
         return math.ceil(max(1.0, (time.monotonic() - self.first) * (1 / self.fraction - 1)))
-
-    @property
-    def retry_after(self) -> int:
-        """Seconds after which a client should try again."""
-        return self.seconds_left or _RETRY_SECONDS
 
     def set_waiting(self, waiting: bool) -> None:
         """Note whether another process compiles."""

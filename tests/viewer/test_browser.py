@@ -329,6 +329,24 @@ def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -
     tabs.wait_for(state="hidden")
 
 
+def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Publisher]) -> None:
+    """Three chunks; what is drawn before them stays."""
+    shown, publisher = view
+    publisher.box(["beside"], GREEN, x=1.3, size=0.8)
+    count = 3 * 65_536
+    x, z = np.random.default_rng(1).uniform(-1, 0, (2, count))
+    points = np.stack((x, np.zeros(count), z + 0.5), axis=1).round(4).tolist()
+    publisher.send(
+        setgeometry=[{"path": ["cloud"], "geometry": {"type": "pointcloud", "points": points, "color": RED}}]
+    )
+    shown.look_at("cloud")
+    chunks = "scenegate.drawing.root.children.filter((o) => o.isPoints).map((o) => 1 + o.children.length)"
+    assert shown.page.evaluate(chunks) == [3]
+    shown.until(lambda: shown.page.evaluate("scenegate.stage.clouds.isComplete"), "all chunks are drawn")
+    assert shown.share("red", "left") > 0.1
+    assert shown.share("green", "right") > 0.05
+
+
 def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["phone"], RED)
@@ -392,37 +410,27 @@ def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
     empty.wait_for(state="hidden")
 
 
-def test_shadows_and_occlusion_darken_the_floor(view: tuple[View, Publisher]) -> None:
-    """The options stay on after the page is loaded again."""
+def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
+    """Both are drawn, also after the page is loaded again, and the URL overrides them."""
     shown, publisher = view
     publisher.box(["above"], RED, size=0.6)
-    floor = {"type": "box", "lengths": [4, 4, 0.01], "color": [0.8, 0.8, 0.8, 1.0]}
-    publisher.send(
-        setgeometry=[{"path": ["floor"], "geometry": floor}],
-        settransform=[{"path": ["floor"], "transform": {"translation": [0, 0, -0.3], "quaternion": [1, 0, 0, 0]}}],
+    # Without a GPU, an image of the default size takes seconds with occlusion.
+    shown.page.set_viewport_size({"width": 400, "height": 360})
+    drawn = (
+        "[scenegate.stage.lights.object.children.some((lamp) => lamp.castShadow), scenegate.stage.occlusion !== null]"
     )
-    shown.look_at("floor")
-    shown.page.keyboard.press("1")
-
-    def darkest() -> int:
-        """Return the least brightness of the floor beside the box."""
-        pixels = shown.colors()[200:600, 500:900].astype(int)
-        grey = np.ptp(pixels, axis=2) < 12
-        return int(np.percentile(pixels[grey].max(axis=1), 1)) if grey.any() else 255
-
-    shown.until(lambda: darkest() < 255, "the floor")
-    plain = darkest()
+    assert shown.page.evaluate(drawn) == [False, False]
     shown.open_display_menu()
     shown.page.get_by_label("Shadows").check()
-    shown.until(lambda: darkest() < plain - 20, "a shadow")
     shown.page.get_by_label("Ambient occlusion").check()
-    shown.until(lambda: darkest() < plain - 20, "both")
+    assert shown.page.evaluate(drawn) == [True, True]
     shown.page.reload()
-    shown.look_at("floor")
-    shown.open_display_menu()
-    assert shown.page.get_by_label("Shadows").is_checked()
-    assert shown.page.get_by_label("Ambient occlusion").is_checked()
-    shown.page.evaluate("localStorage.clear()")
+    shown.look_at("above")
+    shown.until(lambda: shown.share("red") > 0.01, "the box")
+    assert shown.page.evaluate(drawn) == [True, True]
+    shown.page.goto(f"{shown.page.url}&shadows=off&occlusion=off")
+    shown.look_at("above")
+    assert shown.page.evaluate(drawn) == [False, False]
 
 
 def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:

@@ -38,13 +38,18 @@ export class CloudProgress {
 
   /** Choose the chunks to add to the image; return false if it has all of them. */
   refine(time: number): boolean {
-    if (this.next >= this.chunks.length) {
+    if (this.isComplete) {
       this.lastTime = 0; // the time until the next image is not one of drawing
       return false;
     }
     this.adapt(time);
     this.choose(this.perStep);
     return true;
+  }
+
+  /** True if the image has all chunks. */
+  get isComplete(): boolean {
+    return this.next >= this.chunks.length;
   }
 
   private choose(count: number): void {

@@ -298,10 +298,13 @@ export class Stage {
   /** Add chunks of point clouds to the image, which has its depths still. */
   private refineClouds(): void {
     const { mask } = this.camera.layers;
+    const { background } = this.scene;
     this.camera.layers.set(CLOUD_LAYER);
+    this.scene.background = null; // three.js clears the image to a background, even without autoClear
     this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = false;
     this.renderer.render(this.scene, this.camera);
     this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = true;
+    this.scene.background = background;
     this.camera.layers.mask = mask;
   }
 }
