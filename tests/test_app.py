@@ -199,6 +199,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
         begun.set()
         await go_on.wait()
 
+    share = 100 * warmup.FUNCTIONS["shading"] // sum(warmup.FUNCTIONS[part] for part in warmup.NEEDED)
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     use_interfaces(monkeypatch, render=add_route)
@@ -212,7 +213,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
                 assert described["state"] == "starting"
                 compiling = described["compiling"]
                 assert compiling.pop("seconds") >= 0.0
-                assert compiling == {"percent": 50, "seconds_left": 1}
+                assert compiling == {"percent": share, "seconds_left": 1}
             answer = await client.get("/example")
             assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
             go_on.set()
