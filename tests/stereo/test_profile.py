@@ -15,14 +15,11 @@ from gateway.stereo.parameters import ParameterError, Parameters
 from gateway.stereo.profile import (
     MAX_FILE_BYTES,
     PROFILE_NAMES,
-    ColorSection,
-    DepthSection,
     Profile,
     ProfileError,
-    ProjectorSection,
-    StereoSection,
     read_profile,
 )
+from gateway.stereo.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from gateway.stereo.settings import read_settings
 from gateway.wiring.stereo import config_of
 from renderers.stereo.model import Quality
