@@ -106,8 +106,8 @@ class RobotFiles:
     def _package_folders(self, package: str) -> list[Path]:
         """Return the existing folders that may be a package, best first, and add them to the allowed folders.
 
-        In this order: folders around the robot file that have the package's name; folders of that name in a root, or
-        beside the robot file's folder or an enclosing package; roots of that name; packages below the roots.
+        In this order: folders around the robot file with that folder or package name; folders of that name in a root,
+        beside the robot file's folder or beside an enclosing package; roots of that name; packages below the roots.
         """
         folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
         if folders is None:
@@ -139,7 +139,7 @@ class RobotFiles:
         size = status.st_size
         if size > min(limit, self._remaining_bytes):
             raise RobotFileError(
-                f"{path.name} has {size} bytes; {min(limit, self._remaining_bytes)} are the most that are left to it"
+                f"{path.name} has {size} bytes, the remaining limit is {min(limit, self._remaining_bytes)}"
             )
         data = path.read_bytes()
         self._remaining_bytes -= len(data)

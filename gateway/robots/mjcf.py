@@ -48,7 +48,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
         (model.nmeshface, limits.mesh.max_elements, "triangles"),
     ):
         if count > limit:
-            raise RobotFileError(f"it has {count} {what}; {limit} are the most")
+            raise RobotFileError(f"it has {count} {what}, the limit is {limit}")
     links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
     joints = _joints(mujoco, model)
     converter = MjcfGeometry(mujoco, model)

@@ -33,7 +33,7 @@ def compile_file(path: str, max_model_bytes: int) -> CompiledModel | str:
         model = mujoco.MjModel.from_xml_path(path)
         size = mujoco.mj_sizeModel(model)
         if size > max_model_bytes:
-            return f"the model has {size} bytes; max_model_bytes = {max_model_bytes} are the most"
+            return f"the model has {size} bytes, the limit is max_model_bytes = {max_model_bytes}"
         data = np.empty(size, np.uint8)
         mujoco.mj_saveModel(model, None, data)
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:

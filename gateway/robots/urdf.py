@@ -42,7 +42,7 @@ def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
         (geometry_count, limits.max_geometries, "geometries"),
     ):
         if count > limit:
-            raise RobotFileError(f"it has {count} {what}; {limit} are the most")
+            raise RobotFileError(f"it has {count} {what}, the limit is {limit}")
     if not links:
         raise RobotFileError("it has no links")
     materials = dict(_named_materials(root))

@@ -137,7 +137,7 @@ def _check(profile: Profile) -> None:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
     norm = math.hypot(*profile.color.rotation) if profile.color is not None else 1.0
     if norm < MIN_ROTATION_NORM:
-        raise ValueError(f"color.rotation has the length {norm:g}; {MIN_ROTATION_NORM:g} is the least")
+        raise ValueError(f"color.rotation has the length {norm:g}, the minimum is {MIN_ROTATION_NORM:g}")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
     try:

@@ -109,11 +109,11 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
         (
             MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n",
-            "color.rotation has the length 0; 0.001 is the least",
+            "color.rotation has the length 0, the minimum is 0.001",
         ),
         (
             MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [1e-300, 0, 0, 0]\n",
-            "has the length 1e-300; 0.001",
+            "has the length 1e-300, the minimum is 0.001",
         ),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
     ],
