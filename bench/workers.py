@@ -57,7 +57,8 @@ def wait_until_ready(running: Gateway, workers: int) -> None:
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{running.port}/readyz") as response:
                 ready = json.load(response)
-                if ready["status"] == "ready" and len(ready.get("workers", {"states": "1"})["states"]) == workers:
+                processes = len(ready["workers"]["states"]) if "workers" in ready else 1
+                if ready["status"] == "ready" and processes == workers:
                     return
         except urllib.error.HTTPError:
             pass
