@@ -2,11 +2,16 @@
 
     python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N] [--plot FILE.svg]
 
-All servers run at once and get the same requests in turns, so that other programs on the machine disturb all alike. The
-clients are processes on the same machine and take a part of its cores: "CPU ms" is the time of server and of client per
-render, which hardly depends on other programs, and "at most" what all cores could do with it. "Busy" is the number of
-cores that server and clients used, "others" that of other programs. Without SCENEGATE_CORPUS the scene is one of 1.6 MB
-with 40,000 triangles.
+All servers run at once and get the same requests in turns, so that other programs on the machine slow all of them down
+alike. The clients are processes on the same machine and use some of its cores. Columns:
+
+- renders/s: median over the turns, with quartiles; ratio: relative to the first number of workers;
+- efficiency: ratio, divided by that of the numbers of workers;
+- CPU ms: CPU time of server + client per render, which hardly depends on other programs;
+- at most: renders/s if all cores worked for server and clients only;
+- busy, others: number of cores that server and clients used, and that other programs used.
+
+Without SCENEGATE_CORPUS the scene has 1.6 MB and 40,000 triangles.
 """
 
 from __future__ import annotations
@@ -30,26 +35,30 @@ from bench.table import heading
 from gateway.runtime.worker_pool import usable_cpus
 
 SIZE = (640, 480)
+"""Width and height of the images, pixels."""
 SCENES = ("001", "010")
-"""Recorded scenes, by the numbers that their folders' names begin with: boxes, and a robot arm with meshes."""
+"""Recorded scenes, by the number at the start of their folder's name: boxes, and a robot arm with meshes."""
 KINDS = ("color", "depth")
+"""Image types to render."""
 POLL_SECONDS = 0.1
+"""Interval of checks whether a server is ready."""
 
 
 def scenes() -> list[posted.Posted]:
-    """Return the scenes to measure."""
+    """Return the requests to measure: each scene with each image type."""
     if (folder := posted.corpus()) is None:
         return [posted.textured(kind, copies=2, unique=2, side=256) for kind in KINDS]
     return [posted.recorded(folder, number, kind) for number in SCENES for kind in KINDS]
 
 
 def wait_until_ready(running: Gateway, workers: int) -> None:
-    """Return when all processes are ready."""
+    """Wait until all processes of a server are ready."""
     while True:
         try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{running.port}/readyz") as answer:
-                ready = json.load(answer)
-                if ready["status"] == "ready" and len(ready.get("workers", {"states": "1"})["states"]) == workers:
+            with urllib.request.urlopen(f"http://127.0.0.1:{running.port}/readyz") as response:
+                ready = json.load(response)
+                processes = len(ready["workers"]["states"]) if "workers" in ready else 1
+                if ready["status"] == "ready" and processes == workers:
                     return
         except urllib.error.HTTPError:
             pass
@@ -59,59 +68,72 @@ def wait_until_ready(running: Gateway, workers: int) -> None:
 def measure(
     servers: Mapping[int, Gateway], scene: posted.Posted, clients: int, requests: int, turns: int
 ) -> dict[int, list[Crowded]]:
-    """Return what each server did in each turn; a first turn that fills the caches is left out."""
-    found: dict[int, list[Crowded]] = {workers: [] for workers in servers}
+    """Return the results of each turn, by number of workers. A first turn fills the caches and is left out.
+
+    Args:
+        servers: servers by number of workers.
+        scene: scene of the requests; each has it at other places, so that no response is cached.
+        clients: number of concurrent clients.
+        requests: number of requests to each server in each turn.
+        turns: number of turns.
+    """
+    results: dict[int, list[Crowded]] = {workers: [] for workers in servers}
     for turn in range(turns + 1):
         for workers, running in servers.items():
-            seen = crowd(running.port, running.process.pid, [scene.moved(*SIZE) for _ in range(requests)], clients)
+            result = crowd(running.port, running.process.pid, [scene.moved(*SIZE) for _ in range(requests)], clients)
             if turn:
-                found[workers].append(seen)
-    return found
+                results[workers].append(result)
+    return results
 
 
-def median(seen: Sequence[Crowded], figure: Callable[[Crowded], float]) -> float:
-    """Return the median over all turns."""
-    return statistics.median(map(figure, seen))
+def median(results: Sequence[Crowded], figure: Callable[[Crowded], float]) -> float:
+    """Return the median of a figure over all turns."""
+    return statistics.median(map(figure, results))
 
 
 def plot(rates: Mapping[str, Mapping[int, float]]) -> str:
-    """Return throughput relative to the fewest workers, by number of workers, as SVG; a grey line is proportional."""
+    """Return a plot of throughput by number of workers as SVG. A dashed line shows proportional growth.
+
+    Args:
+        rates: renders/s by name of the scene and number of workers. The fewest workers are the unit.
+    """
     width, height, margin = 720, 420, 60
     counts = sorted(next(iter(rates.values())))
-    most = max(counts[-1] / counts[0], 1.0)
+    max_factor = max(counts[-1] / counts[0], 1.0)
 
-    def place(workers: float, factor: float) -> str:
+    def point(workers: float, factor: float) -> str:
+        """Return a point of the plot as "x,y", pixels."""
         x = margin + (width - 2 * margin) * (workers - counts[0]) / max(counts[-1] - counts[0], 1)
-        return f"{x:.0f},{height - margin - (height - 2 * margin) * factor / most:.0f}"
+        return f"{x:.0f},{height - margin - (height - 2 * margin) * factor / max_factor:.0f}"
 
     parts = [f'<text x="{margin}" y="24">Throughput by number of workers, relative to {counts[0]}</text>']
     parts.append(
-        f'<polyline points="{place(counts[0], 1)} {place(counts[-1], most)}" stroke="#bbb" stroke-dasharray="4"/>'
+        f'<polyline points="{point(counts[0], 1)} {point(counts[-1], max_factor)}" stroke="#bbb" stroke-dasharray="4"/>'
     )
     for workers in counts:
-        x, y = place(workers, 0).split(",")
+        x, y = point(workers, 0).split(",")
         parts.append(f'<text x="{x}" y="{int(y) + 20}" text-anchor="middle">{workers}</text>')
     for step in range(5):
-        x, y = place(counts[0], most * step / 4).split(",")
-        parts.append(f'<text x="{int(x) - 10}" y="{int(y) + 4}" text-anchor="end">{most * step / 4:g}×</text>')
+        x, y = point(counts[0], max_factor * step / 4).split(",")
+        parts.append(f'<text x="{int(x) - 10}" y="{int(y) + 4}" text-anchor="end">{max_factor * step / 4:g}×</text>')
         parts.append(f'<line x1="{x}" x2="{width - margin}" y1="{y}" y2="{y}" stroke="#eee"/>')
     for number, (name, by_count) in enumerate(rates.items()):
         color = ("#1f6fb4", "#d9822b", "#2a9d5c", "#a03da0")[number % 4]
-        line = " ".join(place(workers, by_count[workers] / by_count[counts[0]]) for workers in counts)
+        line = " ".join(point(workers, by_count[workers] / by_count[counts[0]]) for workers in counts)
         parts.append(f'<polyline points="{line}" stroke="{color}" stroke-width="2"/>')
         parts.append(f'<text x="{margin + 14}" y="{48 + 18 * number}" fill="{color}">{name}</text>')
     style = "text{font:13px sans-serif}polyline{fill:none}"
     box = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-    back = '<rect width="100%" height="100%" fill="#fff"/>'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {box}><style>{style}</style>{back}{"".join(parts)}</svg>\n'
+    background = '<rect width="100%" height="100%" fill="#fff"/>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {box}><style>{style}</style>{background}{"".join(parts)}</svg>\n'
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--workers", default="1,2", help="numbers of processes, with commas between")
+    parser.add_argument("--workers", default="1,2", help="numbers of processes, separated by commas")
     parser.add_argument("--clients", type=int, default=0, help="default: twice the most workers, at least 4")
     parser.add_argument("--threads", type=int, default=0, help="threads of each process; default: cores / workers")
-    parser.add_argument("--requests", type=int, default=96, help="of each server in each turn")
+    parser.add_argument("--requests", type=int, default=96, help="number of requests to each server in each turn")
     parser.add_argument("--turns", type=int, default=5)
     parser.add_argument("--plot", type=Path, help="SVG file to write")
     options = parser.parse_args()
@@ -127,14 +149,14 @@ def main() -> None:
         print(f"{clients} clients, {usable_cpus()} cores, load {os.getloadavg()[0]:.1f}\n")
         print(heading("scene", "workers", "renders/s", "ratio", "efficiency", "CPU ms", "at most", "busy", "others"))
         for scene in scenes():
-            found = measure(servers, scene, clients, options.requests, options.turns)
+            results = measure(servers, scene, clients, options.requests, options.turns)
             name = f"{scene.name} {scene.fields['image_type']}"
-            rates[name] = {workers: median(seen, lambda each: each.rate) for workers, seen in found.items()}
-            for workers, seen in found.items():
+            rates[name] = {workers: median(turns, lambda turn: turn.rate) for workers, turns in results.items()}
+            for workers, turns in results.items():
                 ratio = rates[name][workers] / rates[name][counts[0]]
-                low, high = (percentile([each.rate for each in seen], part) for part in (0.25, 0.75))
-                server, client = median(seen, lambda each: each.server_ms), median(seen, lambda each: each.client_ms)
-                busy, others = median(seen, lambda each: each.busy), median(seen, lambda each: each.others)
+                low, high = (percentile([turn.rate for turn in turns], fraction) for fraction in (0.25, 0.75))
+                server, client = median(turns, lambda turn: turn.server_ms), median(turns, lambda turn: turn.client_ms)
+                busy, others = median(turns, lambda turn: turn.busy), median(turns, lambda turn: turn.others)
                 cells = f"{rates[name][workers]:.0f} ({low:.0f} - {high:.0f}) | {ratio:.2f}× "
                 cells += f"| {ratio * counts[0] / workers:.0%} | {server:.1f} + {client:.1f} "
                 cells += f"| {1e3 * usable_cpus() / (server + client):.0f} | {busy:.2f} | {others:.2f}"

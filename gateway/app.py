@@ -35,7 +35,7 @@ from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
-from gateway.wiring.worker_processes import one_of_several
+from gateway.wiring.worker_processes import reporting_to_workers
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -97,7 +97,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
     try:
-        async with one_of_several(context):
+        async with reporting_to_workers(context):
             yield
     finally:
         await context.close()

@@ -196,7 +196,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
 
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         assert set(progress.expected) == set(parts) == set(warmup.NEEDED)
-        progress.end("shading")
+        progress.add_part("shading")
         begun.set()
         await go_on.wait()
 

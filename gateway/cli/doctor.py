@@ -1,4 +1,4 @@
-"""``scenegate doctor``: what it finds in the installation and on this machine, what that means, and what to do."""
+"""``scenegate doctor``: prints the findings on installation and machine, with what each means and what to do."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SERVER_OF_SETTING = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCP
 
 
 def print_findings() -> bool:
-    """Print the table; return whether there is no error in it."""
+    """Print the table of findings. Return True if none of them is an error."""
     settings = load()
     ports = {
         flag_of(name): (label, port)
@@ -33,14 +33,14 @@ def print_findings() -> bool:
     counts: Counter[Verdict] = Counter()
     for finding in findings(settings.host, ports, settings.threads or usable_cpus(), warmup.PARTS):
         counts[finding.verdict] += 1
-        table.add_row(finding.subject, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", _text(finding))
+        table.add_row(finding.subject, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", _description(finding))
     console = Console(highlight=False)
     console.print(table)
     console.print(f"\n{counts[Verdict.ERROR]} errors, {counts[Verdict.NOTE]} notes.")
     return not counts[Verdict.ERROR]
 
 
-def _text(finding: Finding) -> str:
-    """Return what was found, what it means and what to do, a line each."""
+def _description(finding: Finding) -> str:
+    """Return what was found, what it means and what to do, one line each, escaped for rich."""
     remedy = f"To do: {finding.remedy}" if finding.remedy else ""
     return "\n".join(escape(line) for line in (finding.detail, finding.meaning, remedy) if line)

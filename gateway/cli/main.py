@@ -42,12 +42,12 @@ def _common(
 def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is fast."""
     from gateway.runtime import kernel_cache
-    from gateway.runtime.kernel_progress import on_stderr
+    from gateway.runtime.kernel_progress import show_progress_on_stderr
     from gateway.wiring import warmup as kernels
     from renderers.compiler import cache_folder
 
     folder = kernel_cache.configure()
-    kernel_cache.ensure_cached(kernels.FUNCTIONS, on_stderr)
+    kernel_cache.ensure_cached(kernels.FUNCTIONS, show_progress_on_stderr)
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 

@@ -124,12 +124,12 @@ def render(
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.robots.joint_text import parse_joints
     from gateway.runtime import kernel_cache
-    from gateway.runtime.kernel_progress import on_stderr
+    from gateway.runtime.kernel_progress import show_progress_on_stderr
     from gateway.wiring import warmup
 
     joints = tuple(joint or ())
     parse_joints(joints)  # raises an error now instead of for each scene
-    kernel_cache.ensure_cached(warmup.FUNCTIONS, on_stderr)
+    kernel_cache.ensure_cached(warmup.FUNCTIONS, show_progress_on_stderr)
     # The following imports load compiled kernels.
     from gateway.assets.light_rig_file import rig_digest
     from gateway.cli.render_dataset import render_dataset

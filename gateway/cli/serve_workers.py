@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 
 def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
-    """Serve until a signal; return the exit code. Processes that end are replaced.
+    """Serve until a signal, and return the exit code. The supervisor replaces processes that end.
 
     Args:
+        settings: settings of each process.
         listener: listening socket, from which all processes accept connections.
-        tls: certificate and key, PEM.
+        tls: PEM files of certificate and key; None: plain HTTP.
     """
     from uvicorn.config import STARTUP_FAILURE
     from uvicorn.supervisors import Multiprocess
@@ -46,10 +47,11 @@ def _config(settings: Settings, folder: Path, tls: tuple[Path, Path] | None) -> 
 
 
 def create_worker(settings: Settings, folder: Path) -> FastAPI:
-    """Create the application in a new process.
+    """Create the application. uvicorn calls this in each new process.
 
     Args:
-        folder: folder of the reports of all processes.
+        settings: settings of each process.
+        folder: shared folder of the processes' reports.
     """
     process_tuning.pause_gc()
     process_tuning.end_with_parent()

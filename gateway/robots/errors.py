@@ -10,14 +10,14 @@ class RobotFileError(ValueError):
     """A robot file cannot be used. The message names the link or joint; ``read_robot`` adds the robot file's name."""
 
 
-def similar_names(name: str, names: Iterable[str]) -> str:
-    """Return "; did you mean a, b?" with the names that resemble ``name``, or all names if there are few of them."""
+def name_hint(name: str, names: Iterable[str]) -> str:
+    """Return the end of an error sentence on an unknown name: "; did you mean a, b?", or "; there are a, b, …"."""
     known = list(names)
     folded = {other.casefold(): other for other in known}
-    near = [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
-    near += [other for other in known if name and name.casefold() in other.casefold() and other not in near]
-    if near:
-        return f"; did you mean {', '.join(near[:3])}?"
+    similar = [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+    similar += [other for other in known if name and name.casefold() in other.casefold() and other not in similar]
+    if similar:
+        return f"; did you mean {', '.join(similar[:3])}?"
     if not known:
         return ""
     return f"; there are {', '.join(known[:8])}{', …' if len(known) > 8 else ''}"

@@ -41,20 +41,20 @@ class RobotFiles:
         self._folders_by_package: dict[str, list[Path]] = {}
         above = self._folder.parent
         self._allowed = [*self._roots, self._folder, *self._enclosing_packages]
-        if above != Path(above.anchor):  # else everything would be allowed
+        if above != Path(above.anchor):  # the root of the file system would allow every file
             self._allowed.append(above)
         self.digests: dict[str, str] = {}
-        """SHA-256 in hexadecimal of each file read so far, by path relative to the robot file's folder."""
+        """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
 
     def read_robot_file(self) -> bytes:
         """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
         return self._read(self.path, self._limits.max_file_bytes)
 
     def find(self, name: str) -> Path:
-        """Return the path of a file.
+        """Return the path of a file that the robot file names.
 
         Args:
-            name: File name or URL in the robot file.
+            name: File name or URL.
 
         Raises:
             RobotFileError: There is no such file, or it is not below an allowed folder.
@@ -91,10 +91,11 @@ class RobotFiles:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
         return self._read(path, self._limits.max_mesh_bytes)
 
-    def resolve_beside(self, mesh: Path, name: str) -> bytes:
+    def read_beside(self, mesh: Path, name: str) -> bytes:
         """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
 
         Args:
+            mesh: Path of the mesh file.
             name: Path relative to the mesh file, with URL escapes.
         """
         path = Path(os.path.realpath(mesh.parent / unquote(name).replace("\\", "/")))
@@ -103,26 +104,29 @@ class RobotFiles:
         return self.read(path)
 
     def _package_folders(self, package: str) -> list[Path]:
-        """Return the folders that a package name may mean, and add them to the allowed folders.
+        """Return the existing folders that may be a package, best first, and add them to the allowed folders.
 
-        These are folders that enclose the robot file or are siblings of such packages, and packages below the roots.
+        In this order: folders around the robot file with that folder or package name; folders of that name in a root,
+        beside the robot file's folder or beside an enclosing package; roots of that name; packages below the roots.
         """
         folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
         if folders is None:
-            around = [
-                folder for folder in self.path.parents if folder.name == package or self._is_named(folder, package)
+            enclosing = [
+                folder
+                for folder in self.path.parents
+                if folder.name == package or self._has_package_name(folder, package)
             ]
             parents = (*self._roots, self._folder.parent, *(folder.parent for folder in self._enclosing_packages))
-            beside = [parent / package for parent in parents if (parent / package).is_dir()]
-            below = self._packages.folder(package)
-            named = [root for root in self._roots if root.name == package]
-            folders = [*around, *beside, *named, *([below] if below is not None else [])]
+            siblings = [parent / package for parent in parents if (parent / package).is_dir()]
+            below_roots = self._packages.folder(package)
+            named_roots = [root for root in self._roots if root.name == package]
+            folders = [*enclosing, *siblings, *named_roots, *([below_roots] if below_roots is not None else [])]
             self._folders_by_package[package] = folders
             self._allowed += [Path(os.path.realpath(folder)) for folder in folders]
         return folders
 
-    def _is_named(self, folder: Path, package: str) -> bool:
-        """Return True for a package that encloses the robot file and has that name in its ``package.xml``."""
+    def _has_package_name(self, folder: Path, package: str) -> bool:
+        """Return True if a folder around the robot file has a ``package.xml`` with that package name."""
         return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
 
     def _is_allowed(self, path: Path) -> bool:
@@ -135,7 +139,7 @@ class RobotFiles:
         size = status.st_size
         if size > min(limit, self._remaining_bytes):
             raise RobotFileError(
-                f"{path.name} has {size} bytes; {min(limit, self._remaining_bytes)} are the most that are left to it"
+                f"{path.name} has {size} bytes, the remaining limit is {min(limit, self._remaining_bytes)}"
             )
         data = path.read_bytes()
         self._remaining_bytes -= len(data)

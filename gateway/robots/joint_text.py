@@ -8,7 +8,7 @@ from gateway.robots.errors import RobotFileError
 
 
 def parse_joints(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
-    """Return the values by joint name.
+    """Return the values by joint name, from texts such as ``elbow=1.2``.
 
     Raises:
         RobotFileError: A text is not ``name=number`` or ``name=number,number,…``, or a name appears twice.

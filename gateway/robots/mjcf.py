@@ -1,4 +1,4 @@
-"""Reads MJCF with the package ``mujoco``, which compiles the file and computes the kinematics."""
+"""Reads MJCF. The package ``mujoco`` compiles the file and computes the kinematics."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
 
     Args:
         root: Root element of the file.
+        files: Reads the file and those that it refers to.
         use: Geometry to return.
+        limits: Limits of the file and of the compiled model.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file, or a limit is exceeded.
@@ -37,7 +39,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
     try:
         model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
     except RobotFileError as error:
-        raise RobotFileError(f"{mentioned_files.link_using(str(error))}{error}") from None
+        raise RobotFileError(f"{mentioned_files.link_prefix(str(error))}{error}") from None
     check_count(model.nbody, limits.max_links, "bodies")
     check_count(model.njnt, limits.max_links, "joints")
     check_count(model.ngeom, limits.max_geometries, "geometries")
@@ -83,7 +85,7 @@ class _Kinematics:
         self._addresses = addresses
         self._data = mujoco.MjData(model)
         self._lock = threading.Lock()
-        """Held while the data is used: callers may be in several threads."""
+        """Protects ``_data``, which each call overwrites."""
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
@@ -98,7 +100,7 @@ class _Kinematics:
 
 
 def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
-    """Return the joints by name, in the order of the model."""
+    """Return the joints by name, in the model's order."""
     kinds: dict[int, JointKind] = {
         int(mujoco.mjtJoint.mjJNT_FREE): "floating",
         int(mujoco.mjtJoint.mjJNT_BALL): "ball",
@@ -120,8 +122,8 @@ def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
 def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]:
     """Return the joints that follow another one by an equality constraint (``<equality><joint polycoef>``).
 
-    A simulation enforces such constraints softly; here they hold exactly. Of constraints that form a cycle, the last
-    one is left out.
+    A simulation enforces such constraints softly; here they hold exactly. The last constraint of a cycle is left out,
+    and so is a second one of the same follower.
     """
     mimics: dict[str, Mimic] = {}
     for index in range(model.neq):

@@ -1,4 +1,4 @@
-"""Compiles MJCF with the package ``mujoco``, in a process with limits."""
+"""Compiles MJCF with the package ``mujoco``, in a process with limited memory and time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gateway.robots.mjcf_compiler_child import CompiledModel
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
-"""Parts of MuJoCo's messages when memory runs out; the second is std::bad_alloc."""
+"""Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
 
 _output_decoder: Final = msgspec.msgpack.Decoder(CompiledModel | str)
 
@@ -23,7 +23,9 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
     """Return the model of an MJCF file, an ``MjModel``, and the compiler's warnings.
 
     Args:
-        mujoco: The package.
+        mujoco: The package ``mujoco``.
+        path: The robot file.
+        limits: Limits of the process and of the model.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file within the limits.
@@ -37,7 +39,7 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
             "" if not failure.timed_out else f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
         )
     if isinstance(result, str):
-        if not result or any(words in result for words in _OUT_OF_MEMORY):
+        if not result or any(message in result for message in _OUT_OF_MEMORY):
             result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
         raise RobotFileError(f"MuJoCo cannot compile it: {result}")
     return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": result.model}), result.warnings

@@ -1,9 +1,9 @@
-"""Program that ``mjcf_compiler`` runs in a process with limits: compiles an MJCF file.
+"""Compiles an MJCF file: the program that ``mjcf_compiler`` runs in a process with limits.
 
     python mjcf_compiler_child.py FILE MODEL_BYTES
 
-Writes a ``CompiledModel`` or an error (a string) to stdout, as msgpack. A small file can make
-MuJoCo's compiler allocate gigabytes or run for hours: height fields, ``<replicate>``, textures.
+Writes a ``CompiledModel`` or an error (a string) to stdout, as MessagePack. The limits are needed because a small file
+can make MuJoCo's compiler allocate gigabytes or run for hours: height fields, ``<replicate>``, textures.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class CompiledModel(msgspec.Struct):
 
 
 def compile_file(path: str, max_model_bytes: int) -> CompiledModel | str:
-    """Return the model of a file, or the reason why there is none."""
-    import mujoco  # the server, which imports this module for its struct, does without
+    """Return the model of a file, or an error text."""
+    import mujoco  # not at the top: the server imports this module, for its struct
     import numpy as np
 
     warnings: dict[str, None] = {}
@@ -33,7 +33,7 @@ def compile_file(path: str, max_model_bytes: int) -> CompiledModel | str:
         model = mujoco.MjModel.from_xml_path(path)
         size = mujoco.mj_sizeModel(model)
         if size > max_model_bytes:
-            return f"the model has {size} bytes; max_model_bytes = {max_model_bytes} are the most"
+            return f"the model has {size} bytes, the limit is max_model_bytes = {max_model_bytes}"
         data = np.empty(size, np.uint8)
         mujoco.mj_saveModel(model, None, data)
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
@@ -43,7 +43,7 @@ def compile_file(path: str, max_model_bytes: int) -> CompiledModel | str:
 
 def main() -> None:
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # MuJoCo's own prints
+    os.dup2(2, 1)  # MuJoCo prints to stdout, which is for the result
     output.write(msgspec.msgpack.encode(compile_file(sys.argv[1], int(sys.argv[2]))))
     output.flush()
 

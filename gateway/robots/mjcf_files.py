@@ -1,4 +1,4 @@
-"""Finds the files that an MJCF document mentions: for their digests, and to name the link that uses a missing mesh."""
+"""Finds the files that an MJCF document refers to: for their digests, and to name the link in an error of MuJoCo."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_INCLUDES: Final = 1000
 
 
 class MjcfFiles:
-    """Files that a document and its includes mention. MuJoCo reads them too, and reports errors in them."""
+    """Files that a document and its includes refer to. MuJoCo reads them again, and reports errors in them."""
 
     def __init__(self, root: Element, files: RobotFiles) -> None:
         """Read the files that exist, so that their digests are recorded.
@@ -37,8 +37,12 @@ class MjcfFiles:
                 if element.tag != "include" and name:
                     self._record(folder / name for folder in sorted(folders))
 
-    def link_using(self, message: str) -> str:
-        """Return "link 'a': " if an error message of MuJoCo has the name of a mesh file of the body ``a``, else ""."""
+    def link_prefix(self, message: str) -> str:
+        """Return the start of an error sentence, "link 'a': ", or an empty string.
+
+        Args:
+            message: Error message of MuJoCo. If it has the name of a mesh file, ``a`` is the first body with that mesh.
+        """
         for document in self._documents:
             for mesh in document.iter("mesh"):
                 name = mesh.get("file", "")
@@ -52,17 +56,17 @@ class MjcfFiles:
         return ""
 
     def _included(self, root: Element) -> Iterator[Element]:
-        """Yield the document and those that it includes. Raises RobotFileError beyond ``MAX_INCLUDES``."""
-        waiting, count = [root], 0
-        while waiting:
-            document = waiting.pop()
+        """Yield the document and all that it includes. Raises RobotFileError beyond ``MAX_INCLUDES``."""
+        remaining, count = [root], 0
+        while remaining:
+            document = remaining.pop()
             yield document
             for include in document.iter("include"):
                 path, count = self._folder / include.get("file", ""), count + 1
                 if count > MAX_INCLUDES:
                     raise RobotFileError(f"it includes more than {MAX_INCLUDES} files")
                 try:
-                    waiting.append(parse_xml(self._files.read(path)))
+                    remaining.append(parse_xml(self._files.read(path)))
                 except (OSError, RobotFileError):  # MuJoCo reports it
                     continue
 

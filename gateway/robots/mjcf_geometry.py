@@ -14,13 +14,13 @@ from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
 
 COLLISION_GROUP: Final = 3
-"""First group of collision geometry: MuJoCo's viewer hides it and those above, and model authors rely on that."""
-INFINITE_PLANE: Final = 10.0
-"""Half side length, metres, with which infinite planes are drawn."""
+"""First group of collision geometry. MuJoCo's viewer hides this group and higher ones, which model authors rely on."""
+INFINITE_PLANE_HALF_SIDE: Final = 10.0
+"""Half the side length with which infinite planes are drawn, metres."""
 
 
 class MjcfGeometry:
-    """Converts geometry. Meshes that several geometries use are converted once."""
+    """Converts geometry. A mesh that several geometries use is converted once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model
@@ -54,16 +54,16 @@ class MjcfGeometry:
         return tuple(map(tuple, parts))
 
     def _collides(self) -> NDArray[np.bool_]:
-        """Return which geometry can collide, (ngeom,) bool."""
+        """Return a mask of the geometries that can collide, (ngeom,) bool."""
         return np.asarray((self._model.geom_contype != 0) | (self._model.geom_conaffinity != 0))
 
     def _is_collision_only(self) -> NDArray[np.bool_]:
-        """Return which geometry is for collisions only, (ngeom,) bool.
+        """Return a mask of the geometries that are for collisions only, (ngeom,) bool.
 
-        This is the geometry
+        These are the geometries
 
-        - of ``COLLISION_GROUP`` and above,
-        - of group 0, if it collides and its body also has visual geometry: in group 1 or 2, and without collisions.
+        - of ``COLLISION_GROUP`` and higher groups,
+        - of group 0 that collide, if their body has visual geometry: geometry of group 1 or 2 that does not collide.
         """
         model = self._model
         group = model.geom_group
@@ -73,7 +73,7 @@ class MjcfGeometry:
         return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
 
     def _shape(self, index: int) -> tuple[Shape | None, bool]:
-        """Return the shape of a geometry, None if its type is not supported; and True if it has texture coordinates."""
+        """Return the shape of a geometry (None: its type is not supported), and True if it has texture coordinates."""
         kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
         kinds = self._kinds
         if kind == kinds.mjGEOM_SPHERE:
@@ -95,7 +95,7 @@ class MjcfGeometry:
 
     def _plane(self, index: int, size: list[float]) -> Mesh:
         """Return a rectangle at z = 0 with half side lengths ``size[:2]``, metres; 0: infinite."""
-        x, y = (half if half > 0.0 else INFINITE_PLANE for half in size[:2])
+        x, y = (half if half > 0.0 else INFINITE_PLANE_HALF_SIDE for half in size[:2])
         corners = np.array(((-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)), np.float32)
         uv = corners[:, :2] * self._materials.plane_repeats(index, x, y)
         normals = np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1))
@@ -103,7 +103,7 @@ class MjcfGeometry:
         return Mesh(corners, triangles, normals=normals, uv0=np.ascontiguousarray(uv, np.float32))
 
     def _mesh(self, mesh: int) -> Mesh:
-        """Return a mesh with one index for each corner. MuJoCo has separate ones for position, normal and texture."""
+        """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""
         if mesh not in self._meshes:
             model = self._model
 
@@ -137,7 +137,7 @@ def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[n
     codes = np.zeros(len(corners), np.int64)
     columns = corners.astype(np.int64)
     sizes = columns.max(axis=0, initial=0) + 1
-    # Products stay below 2**63: there are at most 10 million vertices, and codes are replaced by their ranks.
+    # Codes are replaced by their ranks, so that products stay below 2**63 with at most 10 million vertices.
     for column, size in zip(columns.T, sizes, strict=True):
         codes = codes * size + column
         _, codes = np.unique(codes, return_inverse=True)

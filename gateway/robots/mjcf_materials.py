@@ -12,12 +12,12 @@ from gateway.scene.materials import mean_color
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Texture
 
-_UNSET = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's default of ``geom_rgba``: the material's colour is used instead."""
+_UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
+"""MuJoCo's default of ``geom_rgba``. A geometry with this value gets the colour of its material."""
 
 
 class MjcfMaterials:
-    """Converts the materials of geometry, by the geometry's index. Textures are converted once."""
+    """Converts the materials of geometries, which are given by index. Each texture is converted once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model
@@ -29,7 +29,7 @@ class MjcfMaterials:
         """Return the colour of a geometry without its texture: sRGB and opacity, as in the file."""
         model = self._model
         r, g, b, a = model.geom_rgba[geom].tolist()
-        if (r, g, b, a) == _UNSET and model.geom_matid[geom] >= 0:
+        if (r, g, b, a) == _UNSET_RGBA and model.geom_matid[geom] >= 0:
             r, g, b, a = model.mat_rgba[model.geom_matid[geom]].tolist()
         return r, g, b, a
 
@@ -37,7 +37,8 @@ class MjcfMaterials:
         """Return the material of a geometry.
 
         Args:
-            has_uv: True if the geometry has texture coordinates. Without, the mean colour of the texture is used.
+            geom: Index of the geometry.
+            has_uv: True if the geometry has texture coordinates; if not, the texture's mean colour is used instead.
         """
         model = self._model
         r, g, b, alpha = np.clip(self.rgba(geom), 0.0, 1.0).tolist()
@@ -70,6 +71,7 @@ class MjcfMaterials:
         """Return the repetitions per metre of a plane's texture along x and y, (2,).
 
         Args:
+            geom: Index of the plane.
             x, y: Half side lengths in metres.
         """
         index = int(self._model.geom_matid[geom])
@@ -107,6 +109,6 @@ class MjcfMaterials:
 def _roughness(shininess: float) -> float:
     """Return the glTF roughness for MuJoCo's shininess: the exponent of Phong highlights divided by 128.
 
-    A microfacet distribution with alpha = roughness² has highlights as wide as those of the exponent 2 / alpha² - 2.
+    A microfacet distribution with alpha = roughness² has highlights as wide as Phong's of exponent 2 / alpha² - 2.
     """
     return float((2.0 / (128.0 * max(0.0, shininess) + 2.0)) ** 0.25)

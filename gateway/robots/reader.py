@@ -31,8 +31,8 @@ def read_robot(
 
     Args:
         path: A URDF or MJCF file.
-        roots: Folders with the packages of ``package://`` names.
-        geometry: The links' geometry to return.
+        roots: Folders to search for the packages of ``package://`` names, and for relative file names.
+        geometry: Geometry of the links to return.
         limits: Limits; None: ``RobotLimits()``.
 
     Raises:

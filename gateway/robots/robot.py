@@ -9,18 +9,18 @@ from typing import Final, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.robots.errors import RobotFileError, similar_names
+from gateway.robots.errors import RobotFileError, name_hint
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, PathElement
 
 GeometryUse = Literal["visual", "collision"]
-"""Geometry of links that is shown, or that a simulation checks for collisions."""
+"""Use of a link's geometry: to show it, or to check for collisions in a simulation."""
 JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
 """Kind of a joint that moves. ``revolute`` includes URDF's ``continuous``."""
 JointValue: TypeAlias = ArrayLike
 """Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
 MAX_MIMIC_CHAIN: Final = 100
-"""Maximum number of joints that each mimic the next one: long chains take minutes. Robots have fewer than 10."""
+"""Maximum length of a chain of joints that mimic each other: long ones take minutes. Robots have fewer than 10."""
 
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "revolute": (0.0,),
@@ -35,7 +35,7 @@ NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Rule of a joint that follows another one, the leader: a polynomial of the leader's value."""
+    """Rule of a joint that follows another one, its leader: a polynomial of the leader's value."""
 
     joint: str
     """Name of the leader."""
@@ -47,23 +47,23 @@ class Mimic:
     def value(self, leader: float) -> float:
         """Return the value of the joint for the leader's value."""
         q, value = leader - self.reference, 0.0
-        for coefficient in reversed(self.coefficients):  # Horner: beyond float64 is infinity, not an error
+        for coefficient in reversed(self.coefficients):  # Horner's scheme: overflow gives infinity, but raises with **
             value = value * q + coefficient
         return value
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint that moves. A fixed joint is none: ``Kinematics`` includes its transform."""
+    """A joint that moves. Fixed joints are only part of the ``Kinematics``."""
 
     name: str
     kind: JointKind
     default: tuple[float, ...]
-    """Value in the file's initial configuration; see ``NEUTRAL`` for its meaning."""
+    """Value in the file's initial configuration; see ``NEUTRAL`` for order and units."""
     limits: tuple[float, float] | None = None
     """Lowest and highest value, for information; values beyond are accepted. None: no limits."""
     mimic: Mimic | None = None
-    """The joint that this one follows unless it has a value of its own; None: it follows none."""
+    """Rule for a joint that no value is given for; None: such a joint has its default."""
 
 
 class Kinematics(Protocol):
@@ -98,8 +98,8 @@ class Robot:
             values: Values by joint name. Other joints follow the joint that they mimic, or have their defaults.
 
         Raises:
-            RobotFileError: There is no such joint, or its value has the wrong number of numbers, one that is not
-                finite, or a quaternion of zeros.
+            RobotFileError: There is no such joint, or a value has the wrong length, a number that is not finite, or a
+                quaternion of zeros.
         """
         given = {name: self._validated(name, value) for name, value in values.items()}
         complete = {}
@@ -117,8 +117,8 @@ class Robot:
             values: See ``joint_values``.
 
         Raises:
-            RobotFileError: See ``joint_values``; or a pose is not finite, because of too large numbers in the file or
-                among the values.
+            RobotFileError: See ``joint_values``; or a pose is not finite, since numbers in the file or the values are
+                too large.
         """
         joint_values = self.joint_values(values)
         with np.errstate(all="ignore"):
@@ -139,7 +139,7 @@ class Robot:
     def _validated(self, name: str, value: JointValue) -> tuple[float, ...]:
         joint = self.joints.get(name)
         if joint is None:
-            raise RobotFileError(f"the robot has no joint {name!r}{similar_names(name, self.joints)}")
+            raise RobotFileError(f"the robot has no joint {name!r}{name_hint(name, self.joints)}")
         numbers = np.atleast_1d(np.asarray(value, np.float64))
         count = len(joint.default)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
@@ -150,7 +150,7 @@ class Robot:
         return tuple(numbers.tolist())
 
     def _mimicked_value(self, joint: Joint, given: Mapping[str, tuple[float, ...]]) -> float:
-        """Return the value of a joint that follows a leader, which may follow another one in turn."""
+        """Return the value of a joint that follows a leader, through all leaders of its chain."""
         chain = [joint]
         while (last := chain[-1]).mimic is not None and last.name not in given:
             chain.append(self.joints[last.mimic.joint])
@@ -175,7 +175,7 @@ def check_mimics(joints: Mapping[str, Joint]) -> None:
             if leader is None:
                 raise RobotFileError(
                     f"joint {follower.name!r} mimics {follower.mimic.joint!r}, which is not a joint that moves"
-                    f"{similar_names(follower.mimic.joint, joints)}"
+                    f"{name_hint(follower.mimic.joint, joints)}"
                 )
             if len(leader.default) != 1 or len(follower.default) != 1:
                 raise RobotFileError(f"joint {follower.name!r} cannot mimic {leader.name!r}: one has several values")

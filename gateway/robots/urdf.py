@@ -23,7 +23,7 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "floating": "floating",
     "fixed": None,
 }
-"""Kind of a joint by URDF's ``type``; None: it does not move."""
+"""Kind of a joint, by the attribute ``type``; None: it does not move."""
 
 
 def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
@@ -61,7 +61,7 @@ def _check_names(what: str, names: list[str]) -> None:
 
 
 def _named_materials(root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
-    """Yield the materials that have a colour or texture: those of links, then those of the robot, which override."""
+    """Yield names and materials, those with a colour or texture: of links, then of the robot, which override them."""
     for element in (*root.findall("link/visual/material"), *root.findall("material")):
         if name := element.get("name"):
             material = _material(element, f"material {name!r}")
@@ -125,9 +125,9 @@ def _shape(element: Element, where: str) -> Box | Sphere | Cylinder | Capsule | 
 def _joint(element: Element) -> UrdfJoint:
     name = required(element, "name", "a joint")
     where = f"joint {name!r}"
-    kind = required(element, "type", where)
-    if kind not in _KINDS:
-        raise RobotFileError(f"{where}: its type {kind!r} is none of {', '.join(_KINDS)}")
+    urdf_type = required(element, "type", where)
+    if urdf_type not in _KINDS:
+        raise RobotFileError(f"{where}: its type {urdf_type!r} is none of {', '.join(_KINDS)}")
     ends = []
     for end in ("parent", "child"):
         child = element.find(end)
@@ -136,16 +136,16 @@ def _joint(element: Element) -> UrdfJoint:
         ends.append(required(child, "link", where))
     axis = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
     norm = float(np.linalg.norm(axis))
-    motion = _KINDS[kind]
-    if motion not in (None, "floating") and not norm > 0.0:
+    kind = _KINDS[urdf_type]
+    if kind not in (None, "floating") and not norm > 0.0:
         raise RobotFileError(f"{where}: its axis is zero")
     x, y, z = (component / (norm or 1.0) for component in axis)
     limit = element.find("limit")
     limits = None
-    if limit is not None and kind in ("revolute", "prismatic"):
+    if limit is not None and urdf_type in ("revolute", "prismatic"):
         (lower,), (upper,) = numbers(limit, "lower", (0.0,), where), numbers(limit, "upper", (0.0,), where)
         limits = (lower, upper)
-    joint = None if motion is None else Joint(name, motion, NEUTRAL[motion], limits, _mimic(element, where))
+    joint = None if kind is None else Joint(name, kind, NEUTRAL[kind], limits, _mimic(element, where))
     return UrdfJoint(name, ends[0], ends[1], _origin(element, where), (x, y, z), joint)
 
 
@@ -158,7 +158,7 @@ def _mimic(element: Element, where: str) -> Mimic | None:
 
 
 def _origin(element: Element, where: str) -> NDArray[np.float64]:
-    """Return the transform of ``<origin xyz rpy>``: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the (4, 4) pose of ``<origin xyz rpy>``: metres and radians, R = Rz(yaw) Ry(pitch) Rx(roll)."""
     origin = element.find("origin")
     roll, pitch, yaw = numbers(origin, "rpy", (0.0, 0.0, 0.0), where)
     sines, cosines = np.sin((roll, pitch, yaw)).tolist(), np.cos((roll, pitch, yaw)).tolist()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError, similar_names
+from gateway.robots.errors import RobotFileError, name_hint
 from gateway.robots.urdf_model import UrdfJoint
 from gateway.scene.transforms import from_pose
 
@@ -29,8 +29,8 @@ class UrdfKinematics:
         kinds = [joint.motion.kind if joint.motion is not None else None for joint in ordered]
         self._revolute = np.array([i for i, kind in enumerate(kinds) if kind == "revolute"], np.intp)
         self._prismatic = np.array([i for i, kind in enumerate(kinds) if kind == "prismatic"], np.intp)
-        self._others = [(i, kind) for i, kind in enumerate(kinds) if kind in ("planar", "floating")]
-        """Index and kind of each other joint that moves."""
+        self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("planar", "floating")]
+        """Index and kind of each planar or floating joint."""
         self._names = [joint.name for joint in ordered]
         axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
         self._axes = axes
@@ -47,7 +47,7 @@ class UrdfKinematics:
         if len(self._prismatic):
             q = np.array([values[self._names[i]] for i in self._prismatic])
             X_joint_child[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
-        for i, kind in self._others:
+        for i, kind in self._other_joints:
             value = values[self._names[i]]
             X_joint_child[i] = from_pose(value[:3], value[3:]) if kind == "floating" else _planar(self._axes[i], value)
         X_parent_child = self._X_parent_joint @ X_joint_child
@@ -66,45 +66,44 @@ def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
     """Return X_joint_child of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
 
-    The plane's x axis is the projection of the joint's axis (x, y or z) that is nearest to the plane: of the joint's x
-    if the normal is z.
+    The plane's x axis is the joint's x, y or z, projected into the plane: the one nearest to it, x if the normal is z.
 
     Args:
         normal: (3,) unit vector.
         value: x and y in metres, angle in radians.
     """
     x, y, angle = value
-    first = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = first - normal * (normal @ first)
-    first /= np.linalg.norm(first)
+    nearest_axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    plane_x = nearest_axis - normal * (normal @ nearest_axis)
+    plane_x /= np.linalg.norm(plane_x)
     K = _cross_matrix(normal)
     X = np.eye(4)
     X[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-    X[:3, 3] = x * first + y * np.cross(normal, first)
+    X[:3, 3] = x * plane_x + y * np.cross(normal, plane_x)
     return X
 
 
 def _parents_first(links: Sequence[str], joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
-    """Return the joints, each before those below it. Raises RobotFileError if they do not form a tree."""
+    """Return the joints, each after the joints above it. Raises RobotFileError if they do not form a tree."""
     known = set(links)
     children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     parent_of: dict[str, UrdfJoint] = {}
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in known:
-                raise RobotFileError(f"joint {joint.name!r}: there is no link {end!r}{similar_names(end, links)}")
+                raise RobotFileError(f"joint {joint.name!r}: there is no link {end!r}{name_hint(end, links)}")
         other = parent_of.setdefault(joint.child, joint)
         if other is not joint:
             raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")
         children[joint.parent].append(joint)
     ordered: list[UrdfJoint] = []
-    waiting = [name for name in links if name not in parent_of]
-    while waiting:
-        below = children[waiting.pop()]
+    remaining = [name for name in links if name not in parent_of]
+    while remaining:
+        below = children[remaining.pop()]
         ordered += below
-        waiting += [joint.child for joint in below]
+        remaining += [joint.child for joint in below]
     if len(ordered) != len(joints):
         reached = {joint.name for joint in ordered}
-        circle = [joint.name for joint in joints if joint.name not in reached]
-        raise RobotFileError(f"the joints {', '.join(circle[:8])} form a circle: the links must be a tree")
+        cycle = [joint.name for joint in joints if joint.name not in reached]
+        raise RobotFileError(f"the joints {', '.join(cycle[:8])} form a circle: the links must be a tree")
     return ordered

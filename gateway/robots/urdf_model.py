@@ -1,4 +1,4 @@
-"""Content of a URDF file as values. ``urdf`` reads them."""
+"""Content of a URDF file as dataclasses, which ``urdf`` creates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class UrdfMesh:
     filename: str
     """File name or URL in the URDF file."""
     scale: tuple[float, float, float]
-    """Factors along x, y and z of the mesh; negative ones mirror it."""
+    """Factors along the mesh's x, y and z; negative ones mirror it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class UrdfGeometry:
 
     shape: Box | Sphere | Cylinder | Capsule | UrdfMesh
     X_link_geometry: NDArray[np.float64]
-    """(4, 4) float64."""
+    """(4, 4) float64: pose of the geometry in the link's frame."""
     material: UrdfMaterial | None
     """None: the file gives none."""
 
@@ -57,13 +57,15 @@ class UrdfJoint:
 
     name: str
     parent: str
+    """Name of the parent link."""
     child: str
+    """Name of the child link."""
     X_parent_joint: NDArray[np.float64]
-    """(4, 4) float64: pose of the joint's frame in the parent's. The child has this frame at the neutral value."""
+    """(4, 4) float64: pose of the joint's frame in the parent's. It is the child's frame at the neutral value."""
     axis: tuple[float, float, float]
     """Unit vector in the joint's frame."""
     motion: Joint | None
-    """Values and limits; None: the joint is fixed."""
+    """Kind, default value, limits and mimic rule; None: the joint is fixed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

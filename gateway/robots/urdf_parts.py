@@ -34,14 +34,14 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 
 
 class UrdfParts:
-    """Converts geometry to parts. A mesh file that is used several times is read once."""
+    """Converts geometry to parts. A mesh file that several geometries use is read once."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits) -> None:
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
         self.warnings: dict[str, None] = {}
-        """Sentences about content that is not shown: an ordered set."""
+        """Sentences about content that is not shown, as keys: an ordered set."""
 
     def parts_of(self, link: str, geometries: tuple[UrdfGeometry, ...]) -> tuple[Part, ...]:
         """Return the parts of a link, in the link's frame.
@@ -81,9 +81,9 @@ class UrdfParts:
         ]
 
     def _materials(self, link: str, material: UrdfMaterial | None) -> tuple[Material, Material]:
-        """Return the materials for geometry without texture coordinates, and for geometry with them.
+        """Return two materials: for geometry without texture coordinates, and for geometry with them.
 
-        A texture is replaced by its mean colour in the first. A texture that cannot be read is a warning.
+        The first has the texture's mean colour. A texture that cannot be read adds a warning.
         """
         rgba = np.array(DEFAULT_RGBA if material is None or material.rgba is None else material.rgba)
         plain = diffuse_material(rgba, None)
@@ -115,7 +115,7 @@ class UrdfParts:
             self._meshes[path] = parse_mesh(
                 data,
                 extension,
-                lambda other: self._files.resolve_beside(path, other),
+                lambda other: self._files.read_beside(path, other),
                 self._limits.mesh,
                 collada_up_axis=False,
             )
@@ -123,7 +123,7 @@ class UrdfParts:
 
 
 def _has_material(part: Part) -> bool:
-    """Return False for parts of a mesh file without colours. They get the material of the robot file, as in RViz."""
+    """Return True if the mesh file has a material or colours. Other parts get the robot file's material, as in RViz."""
     colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
     return part.material != PLAIN_MATERIAL or colored
 

@@ -1,6 +1,6 @@
-"""Parses XML and its attributes, with errors that name the element.
+"""Parses XML and attributes, with errors that name the element.
 
-``where`` is the link or joint of an element, for the start of error messages. All functions raise RobotFileError.
+All functions raise RobotFileError. ``where`` is the start of its message: the link or joint of the element.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def parse_xml(data: bytes) -> Element:
 
 
 def required(element: Element, attribute: str, where: str) -> str:
-    """Return a required attribute, without surrounding space. An empty one is missing."""
+    """Return a required attribute without surrounding space. An empty one counts as missing."""
     text = element.get(attribute)
     if text is None or not text.strip():
         raise RobotFileError(f"{where}: <{element.tag}> has no {attribute}")

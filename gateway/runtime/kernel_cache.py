@@ -182,7 +182,7 @@ async def _compile_in_child(
             report = json.loads(line)
             if "kernels" in report:
                 compiled[report["part"]] = report["kernels"]
-                progress.end(report["part"])
+                progress.add_part(report["part"])
                 await on_cached(report["part"])
             else:
                 progress.add_function(report["part"])

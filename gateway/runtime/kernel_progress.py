@@ -1,4 +1,4 @@
-"""Progress of compiling the kernels, for ``/readyz``, the log, a terminal and requests that arrive meanwhile."""
+"""Progress of compiling the kernels, as shown by ``/readyz``, the log, a terminal and responses to requests."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-_STEP_PERCENT: Final = 20
+_LOG_STEP_PERCENT: Final = 20
 """Progress between two lines of the log."""
-_MIN_ESTIMATE: Final = 0.1
-"""Fraction from which on the remaining time is estimated."""
+_MIN_ESTIMATE_FRACTION: Final = 0.1
+"""Minimum progress, 0 to 1, for an estimate of the remaining time."""
 
 
 @dataclass(slots=True)
 class Progress:
-    """Progress of compiling, counted in functions; changes on the thread that waits for the child processes."""
+    """Progress of compiling, counted in functions. Updated on the thread that waits for the child processes."""
 
     expected: Mapping[str, int]
-    """Number of functions to compile, by part."""
+    """Number of functions to compile, by part of the kernels (``warmup.FUNCTIONS``)."""
     compiled: dict[str, int] = field(default_factory=dict)
     """Number of functions compiled so far, by part; at most the expected one."""
     waiting: bool = False
     """True while another process compiles the kernels and this one waits for it."""
     started: float = field(default_factory=time.monotonic)
-    first: float = math.nan
-    """Time of the first compiled function, as ``started``; before it, the child processes import."""
+    """Time of the start, ``time.monotonic()``."""
+    first_compiled: float = math.nan
+    """Time of the first compiled function, ``time.monotonic()``. Until then, the child processes import modules."""
     on_change: Callable[[], object] = lambda: None
     """Called after every change."""
 
@@ -47,32 +48,32 @@ class Progress:
     @property
     def seconds_left(self) -> int | None:
         """Estimated seconds until the end, at least 1; None while there is no estimate."""
-        if self.fraction < _MIN_ESTIMATE:
+        if self.fraction < _MIN_ESTIMATE_FRACTION:
             return None
-        return math.ceil(max(1.0, (time.monotonic() - self.first) * (1 / self.fraction - 1)))
+        return math.ceil(max(1.0, (time.monotonic() - self.first_compiled) * (1 / self.fraction - 1)))
 
     def set_waiting(self, waiting: bool) -> None:
-        """Note whether another process compiles."""
+        """Set ``waiting``, and call ``on_change`` if it changes."""
         if waiting != self.waiting:
             self.waiting = waiting
             self.on_change()
 
     def add_function(self, part: str) -> None:
-        """Note that a function of a part is compiled."""
-        if math.isnan(self.first):
-            self.first = time.monotonic()
+        """Note that one more function of a part is compiled."""
+        if math.isnan(self.first_compiled):
+            self.first_compiled = time.monotonic()
         self.compiled[part] = min(self.expected[part], self.compiled.get(part, 0) + 1)
         self.on_change()
 
-    def end(self, part: str) -> None:
-        """Note that a part is compiled."""
-        if math.isnan(self.first):
-            self.first = time.monotonic()
+    def add_part(self, part: str) -> None:
+        """Note that all functions of a part are compiled."""
+        if math.isnan(self.first_compiled):
+            self.first_compiled = time.monotonic()
         self.compiled[part] = self.expected[part]
         self.on_change()
 
     def describe(self) -> dict[str, Any]:
-        """Return JSON values for ``/healthz`` and ``/readyz``."""
+        """Return the fields that ``/healthz`` and ``/readyz`` show, as JSON values."""
         if self.waiting:
             return {"waiting": "another process compiles the kernels", "seconds": self.seconds}
         values = {"percent": int(100 * self.fraction), "seconds": self.seconds, "seconds_left": self.seconds_left}
@@ -86,22 +87,22 @@ class Progress:
 
 
 @contextmanager
-def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
+def show_progress(progress: Progress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
     """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each fifth.
 
     Args:
         log: called as ``log(event, **fields)``.
-        bar: False: lines on a terminal, too, which other processes use.
+        bar: False: log lines even on a terminal, since other processes write to it.
     """
     if bar and sys.stderr.isatty():
         with _bar(progress):
             yield
         return
-    logged = 0  # percent of the last line
+    logged = 0  # percent of the last log line
 
     def log_line() -> None:
         nonlocal logged
-        percent = int(100 * progress.fraction) // _STEP_PERCENT * _STEP_PERCENT
+        percent = int(100 * progress.fraction) // _LOG_STEP_PERCENT * _LOG_STEP_PERCENT
         if progress.waiting:
             log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
         elif percent > logged:
@@ -113,14 +114,14 @@ def shown(progress: Progress, log: Callable[..., object], *, bar: bool = True) -
 
 
 @contextmanager
-def on_stderr(progress: Progress) -> Iterator[None]:
-    """``shown`` with lines on stderr, for commands."""
+def show_progress_on_stderr(progress: Progress) -> Iterator[None]:
+    """Show progress while the block runs, for commands: a bar on a terminal, else lines on stderr."""
 
     def write(event: str, *, seconds: float, percent: int | None = None) -> None:
         position = "" if percent is None else f", {percent} %"
         sys.stderr.write(f"{event}{position}, {seconds:.0f} s\n")
 
-    with shown(progress, write):
+    with show_progress(progress, write):
         yield
 
 
@@ -145,7 +146,7 @@ def _bar(progress: Progress) -> Iterator[None]:
             bar.update(task, completed=progress.fraction, left="another process compiles" if progress.waiting else left)
 
         progress.on_change = show
-        # While the bar is shown, rich replaces sys.stderr by one that writes lines above the bar.
+        # While the bar is shown, rich replaces sys.stderr with a stream that writes above the bar.
         handlers = [h for h in logging.getLogger().handlers if isinstance(h, logging.StreamHandler)]
         redirected = [handler for handler in handlers if handler.stream is terminal]
         for handler in redirected:

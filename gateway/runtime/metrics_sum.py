@@ -1,4 +1,4 @@
-"""Sum of the metrics of several processes, from their texts in Prometheus' format."""
+"""Adds up the metrics of several processes, from their texts in Prometheus' exposition format."""
 
 from __future__ import annotations
 
@@ -10,24 +10,26 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.registry import Collector
 
-MINIMUM: Final = frozenset(
+MINIMUM_GAUGES: Final = frozenset(
     {"python_info", "process_start_time_seconds", "scenegate_build_info", "scenegate_interface_ready"}
 )
-"""Gauges of which the minimum is shown: constants and times. All other metrics are added."""
+"""Gauges that are not added: constants and times, of which the minimum is shown."""
 _CUMULATIVE: Final = ("counter", "histogram")
+"""Kinds of metrics that never fall."""
 
 Labels = tuple[tuple[str, str], ...]
+"""Names and values of a sample's labels."""
 
 
-def sum_texts(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
-    """Return one text with the sums of all processes' metrics.
+def sum_expositions(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
+    """Return the metrics of all processes together, in the same format.
 
     Args:
         running: texts of running processes.
-        ended: texts of processes that have ended. Only their counters and histograms count: Prometheus would take a sum
-            that falls for a restart, and the whole rest of it for new events.
+        ended: texts of processes that have ended. Their gauges are left out. Their counters and histograms are added,
+            since Prometheus takes a counter that falls for a restart from 0.
     """
-    total = _Sum()
+    total = _SumCollector()
     for text in running:
         total.add(text, (*_CUMULATIVE, "gauge"))
     for text in ended:
@@ -37,14 +39,16 @@ def sum_texts(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
     return generate_latest(registry)
 
 
-class _Sum(Collector):
+class _SumCollector(Collector):
+    """Sums of samples with equal names and labels."""
+
     def __init__(self) -> None:
         self._families: dict[str, Metric] = {}
         self._values: dict[str, dict[tuple[str, Labels], float]] = {}
-        """Values by sample name and labels, of each family."""
+        """By name of the family: values by sample name and labels."""
 
     def add(self, text: str, kinds: tuple[str, ...]) -> None:
-        """Add the metrics of these kinds: counter, histogram, gauge."""
+        """Add the metrics in a text whose kind (counter, histogram, gauge) is one of ``kinds``."""
         for family in text_string_to_metric_families(text):
             if family.type not in kinds:
                 continue
@@ -54,7 +58,7 @@ class _Sum(Collector):
                 key = sample.name, tuple(sample.labels.items())
                 if key not in values:
                     values[key] = sample.value
-                elif family.name in MINIMUM:
+                elif family.name in MINIMUM_GAUGES:
                     values[key] = min(values[key], sample.value)
                 else:
                     values[key] += sample.value

@@ -1,4 +1,4 @@
-"""Progress bar of commands that take longer than seconds: count, rate and remaining time."""
+"""Progress bar for commands that take long: count, rate and remaining time."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from typing import Any
 
 
 class ProgressBar:
-    """A bar on a terminal; nothing elsewhere."""
+    """A bar on a terminal. Elsewhere, updates do nothing."""
 
     def __init__(self, unit: str, bar: Any = None, task: Any = None) -> None:
         self._unit = unit
         self._bar = bar
         self._task = task
-        self._began: tuple[float, float] | None = None
-        """Time and count of the first update."""
+        self._first_update: tuple[float, float] | None = None
+        """Time (``time.monotonic()``) and count."""
 
     @property
     def shown(self) -> bool:
-        """True on a terminal."""
+        """True if stderr is a terminal, so that a bar is shown."""
         return self._bar is not None
 
     def update(self, completed: float, count: int, *, total: float | None = None, note: str = "") -> None:
-        """Show the state.
+        """Show the current state.
 
         Args:
             completed: part of ``total`` that is done.
-            count: number of units so far; the rate is that since the first update.
+            count: number of units so far. The rate is the mean since the first update.
             total: value of ``completed`` at the end; None: as before.
-            note: text behind all of it.
+            note: text at the end of the line.
         """
         if self._bar is None:
             return
         now = time.monotonic()
-        if self._began is None:
-            self._began = now, count
-        seconds = now - self._began[0]
-        rate = f"{(count - self._began[1]) / seconds:.1f}/s" if seconds > 0.0 else ""
+        if self._first_update is None:
+            self._first_update = now, count
+        seconds = now - self._first_update[0]
+        rate = f"{(count - self._first_update[1]) / seconds:.1f}/s" if seconds > 0.0 else ""
         changes: dict[str, Any] = {"completed": completed, "count": f"{count} {self._unit}", "rate": rate, "note": note}
         if total is not None:
             changes["total"] = total
@@ -53,7 +53,7 @@ def progress_bar(description: str, unit: str, total: float | None = None) -> Ite
     Args:
         description: what is being done.
         unit: what is counted, in the plural.
-        total: value of ``completed`` at the end; None: not known, so that no remaining time is shown.
+        total: value of ``completed`` at the end; None: not known, and elapsed time is shown instead.
     """
     if not sys.stderr.isatty():
         yield ProgressBar(unit)

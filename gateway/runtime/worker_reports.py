@@ -1,7 +1,7 @@
-"""Reports that the processes of ``serve --workers`` write for each other, so that any of them can respond for all.
+"""Reports that the processes of ``serve --workers`` write for each other. With them, any process responds for all.
 
-Each process has one JSON file in a folder that they share. It holds the process's status and metrics, and the counters
-of the processes that it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
+Each process writes one JSON file into a shared folder: its status, its metrics, and the counters of the processes that
+it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.runtime.metrics_sum import sum_texts
+from gateway.runtime.metrics_sum import sum_expositions
 
 INTERVAL_SECONDS: Final = 0.5
-"""Time between two reports of a process: the age that the figures of other processes may have."""
+"""Interval of a process's reports, and so the age that metrics of other processes can have."""
 SILENT_SECONDS: Final = 10.0
-"""Age of a report after which its process counts as silent: its event loop hangs, or the machine is overloaded."""
+"""Age from which on the process of a report is ``silent``: its event loop hangs, or the machine is overloaded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +30,16 @@ class Report:
 
     pid: int
     status: str
-    """Status of ``/readyz`` of this process alone; ``restarting`` for a process that replaces another one."""
+    """Status of ``/readyz`` of this process alone; ``restarting``: it starts and replaces another one."""
     metrics: str
-    """Its metrics, in Prometheus' text format."""
+    """Metrics of the process, in Prometheus' exposition format."""
     ended: str
-    """Counters of the processes that it has replaced, in the same format."""
+    """Counters of the processes that it has replaced, directly or in turn, in the same format."""
     time: float
-    """Time of the report, ``time.monotonic`` of this machine."""
+    """``time.monotonic()`` of the report, seconds: equal in all processes of a machine."""
 
     def state(self) -> str:
-        """Return the status; ``silent`` for an old report, ``ended`` if there is no such process."""
+        """Return the status, or ``silent`` for an old report, or ``ended`` if the process no longer exists."""
         try:
             os.kill(self.pid, 0)
         except ProcessLookupError:
@@ -48,14 +48,14 @@ class Report:
 
 
 class WorkerReports:
-    """Reports of all processes, seen from one of them. Reading and writing blocks for about a millisecond."""
+    """Reports of all processes, as one of them reads and writes them. Methods block for about a millisecond."""
 
     def __init__(self, folder: Path, count: int, pid: int | None = None) -> None:
         """
         Args:
             folder: folder for the reports, empty when the first process starts.
             count: number of processes that should run.
-            pid: number of the process that reports; default: this one.
+            pid: id of the process that reports; None: this process.
         """
         self._folder = folder
         self.count = count
@@ -64,13 +64,13 @@ class WorkerReports:
         self.replaces = False
         """True if this process replaces one that has ended, or that will end when this one is ready (SIGHUP)."""
 
-    def join(self) -> None:
-        """Take over the counters of one process that has ended, if any, and write the first report."""
+    def register(self) -> None:
+        """Write the first report. If a process has ended and none has replaced it, take over its counters."""
         reports = list(self._read())
         self.replaces = len(reports) >= self.count
         for report in reports:
-            if report.state() == "ended" and self._take(report.pid):
-                self._ended = sum_texts((), (report.metrics, report.ended)).decode()
+            if report.state() == "ended" and self._remove(report.pid):
+                self._ended = sum_expositions((), (report.metrics, report.ended)).decode()
                 break
         self.write("starting", "")
 
@@ -79,20 +79,20 @@ class WorkerReports:
 
         Args:
             status: status of ``/readyz`` of this process alone.
-            metrics: its metrics, in Prometheus' text format.
+            metrics: its metrics, in Prometheus' exposition format.
         """
         if status == "starting" and self.replaces:
             status = "restarting"
         report = Report(self._pid, status, metrics, self._ended, time.monotonic())
-        unfinished = self._file(self._pid).with_suffix(".new")
-        unfinished.write_text(json.dumps(asdict(report)), "utf-8")
-        unfinished.replace(self._file(self._pid))
+        temporary = self._file(self._pid).with_suffix(".new")
+        temporary.write_text(json.dumps(asdict(report)), "utf-8")
+        temporary.replace(self._file(self._pid))
 
     def describe(self, own: str) -> tuple[str, dict[str, Any]]:
-        """Return the status of all processes together, and the state of each as plain JSON values.
+        """Return the status of all processes together; and their number and states, as JSON values.
 
         Args:
-            own: status of this process now.
+            own: current status of this process.
         """
         states = {self._pid: own, **{report.pid: report.state() for report in self._others()}}
         running = {pid: state for pid, state in states.items() if state != "ended"}
@@ -103,27 +103,27 @@ class WorkerReports:
         }
 
     def sum_metrics(self, own: str) -> bytes:
-        """Return the metrics of all processes together, in Prometheus' text format.
+        """Return the metrics of all processes together, in Prometheus' exposition format.
 
         Args:
-            own: metrics of this process now.
+            own: current metrics of this process.
         """
         running, ended = [own], [self._ended]
         for report in self._others():
             (ended if report.state() == "ended" else running).append(report.metrics)
             ended.append(report.ended)
-        return sum_texts(running, ended)
+        return sum_expositions(running, ended)
 
     def _others(self) -> Iterator[Report]:
         return (report for report in self._read() if report.pid != self._pid)
 
     def _read(self) -> Iterator[Report]:
         for path in sorted(self._folder.glob("*.json")):
-            with contextlib.suppress(FileNotFoundError):  # taken over meanwhile
+            with contextlib.suppress(FileNotFoundError):  # another process has just removed it
                 yield Report(**json.loads(path.read_text("utf-8")))
 
-    def _take(self, pid: int) -> bool:
-        """Remove the report of a process that has ended; False if another process has done it."""
+    def _remove(self, pid: int) -> bool:
+        """Remove the report of a process that has ended. Return False if another process has already removed it."""
         try:
             self._file(pid).unlink()
         except FileNotFoundError:

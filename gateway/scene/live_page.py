@@ -1,4 +1,4 @@
-"""Settings of the page that shows the live tree, by clients: background, grid, home camera, and clickable paths."""
+"""State of the browser page that clients set: background, grid, home camera, and clickable paths."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from gateway.scene.clicks import ClickSubscriptions
 
 @dataclass(frozen=True, slots=True)
 class PageView:
-    """View settings of the page. None: as the page has it by itself."""
+    """View settings of the page. None: the page's own default."""
 
     background: tuple[float, float, float] | None = None
     """Red, green, blue: sRGB from 0 to 1."""
     grid: bool | None = None
     """False hides the grid on the ground."""
     home: LookAtCamera | None = None
-    """Camera of the home view, without ``fovy``."""
+    """Camera of the home view. Its ``fovy`` is not used."""
 
 
 class LivePage:
-    """View settings and clickable paths of all pages. Not thread-safe: it is used in the event loop's thread only.
+    """View settings and clickable paths, which all open pages share. Not thread-safe: used on the event loop only.
 
-    It is not part of ``--state``: clients set it again when the gateway starts.
+    It is not part of ``--state``: clients set it again when the gateway has started.
     """
 
     def __init__(self) -> None:
@@ -34,15 +34,15 @@ class LivePage:
         self._listeners: list[Callable[[], None]] = []
 
     def change_view(self, changes: dict[str, Any]) -> None:
-        """Replace fields of ``view``."""
+        """Replace fields of ``view``, by name, and call the listeners."""
         self.view = replace(self.view, **changes)
         self.notify()
 
     def notify(self) -> None:
-        """Call the listeners, after a change of ``view`` or of ``clicks``."""
+        """Call the listeners. To be called after a change of ``clicks``."""
         for listener in self._listeners:
             listener()
 
     def listen(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` after every change. It must not block."""
+        """Register a listener that is called after every change. It must not block."""
         self._listeners.append(listener)

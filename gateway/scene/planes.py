@@ -1,4 +1,4 @@
-"""Meshes that show images and numbers in the plane: rectangles, heightmaps, and the frustums of cameras."""
+"""Meshes of rectangles, heightmaps and camera frustums, with texture coordinates for images."""
 
 from __future__ import annotations
 
@@ -14,9 +14,13 @@ _CORNERS: Final = np.array(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
 
 
 def rectangle(width: float, height: float) -> Mesh:
-    """Return a rectangle in the plane z = 0, centred on the origin, that shows an image upright to the side of +z.
+    """Return a rectangle in the plane z = 0, centred on the origin, with an image that is upright as seen from +z.
 
     The image's rows run along +x, its top is towards +y.
+
+    Args:
+        width: Extent along x, metres.
+        height: Extent along y, metres.
     """
     positions = np.zeros((4, 3), np.float32)
     positions[:, :2] = _CORNERS * (width, height)
@@ -31,14 +35,14 @@ def heightmap(
     """Return the surface z = heights over a rectangle in x and y that is centred on the origin.
 
     Args:
-        heights: (R, C) float32, metres; R, C >= 2. x grows with the column, y with the row. The four triangles or
-            fewer around a height that is not finite are left out.
+        heights: (R, C) float32, metres; R, C >= 2. x grows with the column, y with the row. Triangles with
+            a height that is not finite are left out.
         lengths: Extents along x and y, metres, > 0.
-        colors: (R * C, 4) float32, linear RGBA of the heights, row by row; None: no colours.
+        colors: (R * C, 4) float32, linear RGBA for each height, row by row; None: no colours.
 
     Returns:
-        None if no triangle is left. The texture coordinates are (0, 0) at the first height and (1, 1) at the last one,
-        so that the first row of an image lies along the first row of heights.
+        A mesh with smooth normals, or None if no triangle is left. The texture coordinates are (0, 0) at the first
+        height and (1, 1) at the last one, so that the first row of an image lies along the first row of heights.
     """
     rows, columns = heights.shape
     u, v = np.meshgrid(np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
@@ -55,9 +59,9 @@ def heightmap(
     with np.errstate(all="ignore"):
         slope_y, slope_x = np.gradient(z.astype(np.float64), lengths[1] / (rows - 1), lengths[0] / (columns - 1))
         normals = np.stack((-slope_x, -slope_y, np.ones_like(slope_x)), axis=2).reshape(-1, 3)
-        lengths_of_normals = np.linalg.norm(normals, axis=1)
-        normals /= lengths_of_normals[:, None]
-    normals[~np.isfinite(lengths_of_normals)] = (0.0, 0.0, 1.0)  # slopes of tiny lengths overflow
+        norms = np.linalg.norm(normals, axis=1)
+        normals /= norms[:, None]
+    normals[~np.isfinite(norms)] = (0.0, 0.0, 1.0)  # slopes overflow if ``lengths`` are tiny
     return Mesh(
         np.ascontiguousarray(positions, np.float32),
         np.ascontiguousarray(triangles),
@@ -79,16 +83,16 @@ def frustum(
         depth: Distance of the image plane from the camera, metres.
 
     Returns:
-        The hairlines, with a triangle above the image's top edge, and the corners of the image plane, (4, 3) metres:
-        top left, top right, bottom right, bottom left.
+        The hairlines, with a triangle above the image's top edge that marks the upward direction; and the corners of
+        the image plane, (4, 3) metres: top left, top right, bottom right, bottom left. Corners may be infinite or NaN.
     """
     pixels = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
     corners = np.empty((4, 3))
     corners[:, 2] = depth
     edges = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
-    with np.errstate(all="ignore"):  # callers check the corners
+    with np.errstate(all="ignore"):  # callers check whether the corners are finite
         corners[:, :2] = (pixels - principal) / focal * depth
         top_left, top_right, bottom_left = corners[0], corners[1], corners[3]
-        roof = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
-        positions = np.concatenate((np.zeros((1, 3)), corners, roof[None])).astype(np.float32)
+        up_marker = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
+        positions = np.concatenate((np.zeros((1, 3)), corners, up_marker[None])).astype(np.float32)
     return Mesh(positions, np.array(edges, np.uint32)), corners

@@ -1,4 +1,4 @@
-"""Images of text, in the scalable font that Pillow contains: no font of the system is read."""
+"""Draws text into images, in the scalable font that Pillow contains. No font of the system is read."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from typing import Any, Final
 from gateway.scene.materials import Color
 
 LINE_PIXELS: Final = 64
-"""Height of a line of text in its image. Longer texts get smaller letters, see ``MAX_SIDE``."""
+"""Height of a line of text in its image, pixels. It is less where the image would exceed ``MAX_SIDE``."""
 MAX_SIDE: Final = 4096
 """Maximum width and height of an image of text, pixels."""
 _MARGIN: Final = 0.15
 """Margin around the text as a fraction of a line's height."""
 _MIN_LINE_PIXELS: Final = 8
+"""Minimum height of a line, pixels. Text that is still too large is cut off at ``MAX_SIDE``."""
 
 
 def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float]:
-    """Return text as a PNG file, and the image's height in lines of text.
+    """Return an image of text as a PNG file, and the image's height, with margins, in heights of a line.
 
     Args:
         text: Lines of text, separated by newlines.
         color: Colour of the letters.
-        background: Colour of the rectangle behind them; alpha 0: none.
+        background: Colour of the rectangle behind them; alpha 0: no rectangle.
     """
     from PIL import Image, ImageDraw  # slow to import, and few scenes have text
 
@@ -37,9 +38,9 @@ def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float
     font = _font(size)
     width = min(round(max(font.getlength(line) for line in lines)) + 2 * margin, MAX_SIDE)
     height = min(len(lines) * size + 2 * margin, MAX_SIDE)
-    # Transparent pixels have the letters' colour: filters mix it into their edges.
-    transparent = (*_bytes(color)[:3], 0)
-    image = Image.new("RGBA", (width, height), _bytes(background) if background[3] > 0.0 else transparent)
+    # Transparent pixels have the letters' colour, since texture filters mix it into the letters' edges.
+    transparent = (*_uint8_channels(color)[:3], 0)
+    image = Image.new("RGBA", (width, height), _uint8_channels(background) if background[3] > 0.0 else transparent)
     letters = Image.new("L", (width, height), 0)
     draw = ImageDraw.Draw(letters)
     ascent, descent = font.getmetrics()
@@ -47,7 +48,7 @@ def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float
         top = margin + row * size + 0.5 * (size - ascent - descent)
         draw.text((margin, top), line, fill=255, font=font)
     if background[3] > 0.0:
-        image.paste(_bytes(color), (0, 0), letters.point(lambda coverage: coverage * color[3]))
+        image.paste(_uint8_channels(color), (0, 0), letters.point(lambda coverage: coverage * color[3]))
     else:
         image.putalpha(letters.point(lambda coverage: coverage * color[3]))
     file = io.BytesIO()
@@ -56,7 +57,7 @@ def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float
 
 
 def missing_characters(text: str) -> str:
-    """Return the characters of a text that the font does not have. They appear as crossed boxes."""
+    """Return the characters of a text that the font does not have. It draws crossed boxes for them."""
     font = _font(LINE_PIXELS)
     missing = bytes(font.getmask("\uffff"))
     return "".join(char for char in dict.fromkeys(text) if char > "~" and bytes(font.getmask(char)) == missing)
@@ -64,12 +65,12 @@ def missing_characters(text: str) -> str:
 
 @cache
 def _font(size: int) -> Any:
-    """Return Pillow's font with lines of ``size`` pixels."""
+    """Return Pillow's font, such that ascender and descender together fit into a line of ``size`` pixels."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size=0.8 * size)
 
 
-def _bytes(color: Color) -> tuple[int, int, int, int]:
+def _uint8_channels(color: Color) -> tuple[int, int, int, int]:
     r, g, b, a = (round(255.0 * value) for value in color)
     return r, g, b, a

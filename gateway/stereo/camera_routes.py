@@ -1,4 +1,4 @@
-"""``GET /cameras/…``: cameras, and images that are captured on request, without a stream."""
+"""``GET /cameras/…``: descriptions of the cameras, and images that are captured on request, without a stream."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from renderers.stereo.model import Intrinsics
 from renderers.stereo.noise import NoiseStream
 
 ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
-_KINDS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
+_SETS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "color": SetKind(color_camera=True),
     "depth": SetKind(depth_mm=True),
     "left": SetKind(left=True),
@@ -34,15 +34,20 @@ _KINDS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "raw_left": SetKind(),
     "raw_right": SetKind(),
 }
+"""Image set to capture for each image. Raw images belong to no set."""
 _RGBD: Final = SetKind(color_camera=True, depth_mm=True)
-_K_EXAMPLE: Final = {"width": 848, "height": 480, "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]]}
+_INTRINSICS_EXAMPLE: Final = {
+    "width": 848,
+    "height": 480,
+    "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]],
+}
 _CAMERA_EXAMPLE: Final = {
     "name": "stereo",
     "model": "RGB-D",
     "pipeline": 0,
     "port": 50051,
     "baseline": 0.05,
-    "images": {"left": _K_EXAMPLE},
+    "images": {"left": _INTRINSICS_EXAMPLE},
     "X_left_color": [[1.0, 0.0, 0.0, 0.015], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
 }
 _ERRORS: Final = {
@@ -50,7 +55,7 @@ _ERRORS: Final = {
     500: "A texture of the scene cannot be decoded.",
     503: "Too many requests wait already; see Retry-After.",
 }
-_HEADERS: Final = "The header X-Timestamp has the time of the image, seconds.nanoseconds."
+_IMAGE_DESCRIPTION: Final = "The header X-Timestamp has the time of the image, seconds.nanoseconds."
 
 Aligned = Annotated[
     bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
@@ -58,7 +63,7 @@ Aligned = Annotated[
 
 
 def camera_router(*services: StereoService) -> APIRouter:
-    """Return the routes below ``/cameras``."""
+    """Return the routes below ``/cameras``. A camera's pipeline number is its index in ``services``."""
     api = APIRouter(tags=["Stereo camera"])
     names = [service.config.name for service in services]
     camera_name = Path(
@@ -86,7 +91,7 @@ def camera_router(*services: StereoService) -> APIRouter:
     async def rgbd(name: str = camera_name, aligned: Aligned = False) -> Response:
         service = _find_with_color(services, name)
         frame = await service.capture(_RGBD)
-        data = await _make(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
+        data = await _compute(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
         return _response(data, "application/zip", frame)
 
     @api.get(
@@ -112,16 +117,17 @@ def camera_router(*services: StereoService) -> APIRouter:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
             raise RestError(404, "the camera shows recorded pairs, which are rectified")
-        frame = await service.capture(_KINDS_BY_IMAGE[image])
-        pixels = await _make(frame, lambda: _pixels(frame, image, aligned=aligned))
+        frame = await service.capture(_SETS_BY_IMAGE[image])
+        pixels = await _compute(frame, lambda: _pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
     return api
 
 
 def _responses(media_type: str) -> Responses:
+    """Return the OpenAPI responses of a route that returns a file."""
     content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
-    return {200: {"description": _HEADERS, "content": content}, **error_responses(_ERRORS)}
+    return {200: {"description": _IMAGE_DESCRIPTION, "content": content}, **error_responses(_ERRORS)}
 
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
@@ -134,7 +140,7 @@ def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoServ
 
 
 def _find_with_color(services: Sequence[StereoService], name: str) -> StereoService:
-    """Return the service of a camera with colour, by its name or number. Raises RestError."""
+    """Return the service of a camera, by its name or number. Raises RestError for a monochrome one."""
     _, service = _find(services, name)
     if service.config.color_camera is None and not service.config.color:
         raise RestError(404, f"the camera {service.config.name!r}, {service.config.model.name}, is monochrome")
@@ -142,7 +148,7 @@ def _find_with_color(services: Sequence[StereoService], name: str) -> StereoServ
 
 
 def _describe(number: int, service: StereoService) -> dict[str, Any]:
-    """Return name, geometry and port of a camera, as plain JSON values."""
+    """Return the JSON description of a camera: name, intrinsics in pixels, extrinsics in metres, gRPC port."""
     config, divisor = service.config, service.settings.quality.divisor
     left, depth = (_intrinsics(config.model.intrinsics(d)) for d in (1, divisor))
     images = {"left": left, "right": left, "depth": depth, "disparity": depth, "confidence": depth}
@@ -150,7 +156,7 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
         "name": config.name,
         "model": config.model.name,
         "pipeline": number,
-        "port": service.port or config.port,  # HTTP answers before the stream's port is open
+        "port": service.port or config.port,  # HTTP serves before the gRPC port is open
         "baseline": config.model.baseline,
         "images": images,
     }
@@ -169,14 +175,14 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
     return {"width": k.width, "height": k.height, "K": k.matrix.round(6).tolist()}
 
 
-async def _make(frame: Frame, make: Callable[[], Any]) -> Any:
-    """Return the result of the coroutine function ``make``, then cancel what the frame still computes.
+async def _compute(frame: Frame, compute: Callable[[], Any]) -> Any:
+    """Return the result of the coroutine function ``compute``, and cancel other work of the frame.
 
     Raises:
         RestError: a texture of the scene cannot be decoded.
     """
     try:
-        return await make()
+        return await compute()
     except ImageError as error:
         raise RestError(500, f"a texture of the scene cannot be decoded: {error}") from None
     finally:

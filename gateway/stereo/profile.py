@@ -1,6 +1,6 @@
 """Camera profiles: TOML files that describe a camera model. ``docs/camera-profiles.md`` explains their keys.
 
-``read_profile`` reads one of the shipped files in ``profiles/``, or a user's.
+``read_profile`` reads a shipped file from ``profiles/``, or a user's file.
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ import math
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import msgspec
 
 from gateway.stereo.parameter_specs import DeviceLimits
+from gateway.stereo.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.distortion import Distortion, check_distortion
-from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
+from renderers.stereo.model import Intrinsics, Quality, StereoModel
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
 MAX_FILE_BYTES: Final = 16 << 10
@@ -33,88 +34,13 @@ _FOLDER: Final = Path(__file__).parent / "profiles"
 PROFILE_NAMES: Final = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the shipped profiles."""
 
-Side = Annotated[int, msgspec.Meta(ge=16, le=8192)]
-Pixels = Annotated[float, msgspec.Meta(ge=-100_000, le=100_000)]
-FocalLength = Annotated[float, msgspec.Meta(gt=0, le=100_000)]
-Metres = Annotated[float, msgspec.Meta(ge=-100, le=100)]
-Depth = Annotated[float, msgspec.Meta(ge=0.01, le=100)]
-Rate = Annotated[float, msgspec.Meta(ge=1, le=1000)]
-Coefficient = Annotated[float, msgspec.Meta(ge=-100, le=100)]
-Unit = Annotated[float, msgspec.Meta(ge=-1, le=1)]
-
 
 class ProfileError(ValueError):
     """A profile cannot be used. The message is one sentence that names the file and the key."""
 
 
-class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The two rectified cameras, with a global shutter."""
-
-    size: tuple[Side, Side]
-    """Width and height of the images, pixels."""
-    focal_length: FocalLength
-    """Pixels."""
-    baseline: Annotated[float, msgspec.Meta(ge=1e-4, le=100)]
-    """Metres; the right camera is at +x of the left one."""
-    principal_point: tuple[Pixels, Pixels] | None = None
-    """Pixels from the left and the upper edge; None: the centre of the image."""
-    color: bool = True
-    """True if the left and right images can have colour."""
-    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """k1, k2, p1, p2, k3 of both lenses in OpenCV's model, in images before rectification."""
-    right_rotation: tuple[Unit, Unit, Unit] = (0.0, 0.0, 0.0)
-    """Rotation vector of the right camera's frame before rectification in the rectified one, radians."""
-    noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
-    """Factor of the image noise; 1 is the rc_visard's."""
-    fps: Rate = 25.0
-    """Maximum frame rate, Hz."""
-
-
-class DepthSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Depth images."""
-
-    range: tuple[Depth, Depth] = (0.1, 100.0)
-    """Nearest and farthest depth, metres: the limits of the parameters ``mindepth`` and ``maxdepth``."""
-    disparity_error: Annotated[float, msgspec.Meta(ge=0, le=5)] = 0.25
-    """Standard deviation of the disparity on good texture, pixels of a camera image."""
-    max_disparities: Annotated[int, msgspec.Meta(ge=16, le=MAX_DISPARITIES)] = MAX_DISPARITIES
-    """Number of disparities that are searched at quality ``Full``: it limits the nearest depth."""
-    quality: Quality = Quality.HIGH
-    """Default of the parameter ``quality``."""
-    rates: dict[Quality, Rate] = {}
-    """Depth images per second by quality; the rc_visard's for a quality that is missing."""
-
-
-class ProjectorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Random-dot projector half-way between the stereo cameras."""
-
-    output: Literal["Low", "High", "ExposureActive", "ExposureAlternateActive"] = "Low"
-    """Default of the parameter ``out1_mode``: output 1 switches the projector."""
-    light: Annotated[float, msgspec.Meta(ge=0, le=100)] = 2.0
-    """Light that the centre of a dot adds, as a multiple of the light at that pixel without projector."""
-
-
-class ColorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Separate colour camera. It does not see the projector's light."""
-
-    size: tuple[Side, Side]
-    """Width and height of the images, pixels."""
-    focal_length: FocalLength
-    """Pixels."""
-    principal_point: tuple[Pixels, Pixels] | None = None
-    """Pixels from the left and the upper edge; None: the centre."""
-    position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
-    """Optical centre in the left optical frame, metres."""
-    rotation: tuple[Unit, Unit, Unit, Unit] = (1.0, 0.0, 0.0, 0.0)
-    """Quaternion [w, x, y, z] of the optical frame in the left one, of any length but 0."""
-    noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
-    """Factor of the image noise; 1 is the rc_visard's."""
-    readout: Annotated[float, msgspec.Meta(ge=0, le=0.1)] = 0.0
-    """Seconds between the exposures of the first and the last row (rolling shutter); 0: global shutter."""
-
-
 class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera model: the content of a profile."""
+    """A camera model: the content of a profile file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
     """Model name in the device's system information."""
@@ -141,12 +67,12 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def distortion(self) -> Distortion:
-        """Lenses and alignment before rectification."""
+        """Distortion of the lenses and rotation of the right camera, before rectification."""
         return Distortion(self.stereo.distortion, self.stereo.right_rotation)
 
     @property
     def color_camera(self) -> ColorCamera | None:
-        """The colour camera, if there is one."""
+        """The separate colour camera; None if there is none."""
         color = self.color
         if color is None:
             return None
@@ -196,13 +122,13 @@ def _read_file(path: Path) -> Profile:
     try:
         profile = msgspec.convert(tomllib.loads(data.decode()), Profile)
         _check(profile)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, ValidationError
+    except (ValueError, RecursionError) as error:  # the former: TOMLDecodeError, UnicodeDecodeError, ValidationError
         raise ProfileError(f"camera profile {path}: {str(error).replace('$.', '')}") from None
     return profile
 
 
 def _check(profile: Profile) -> None:
-    """Check keys that depend on each other. Raises ValueError."""
+    """Check limits that msgspec does not check, and keys that depend on each other. Raises ValueError."""
     for name, section in (("stereo", profile.stereo), ("color", profile.color)):
         if section is not None:
             _check_image(name, section.size, section.focal_length)
@@ -211,7 +137,7 @@ def _check(profile: Profile) -> None:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
     norm = math.hypot(*profile.color.rotation) if profile.color is not None else 1.0
     if norm < MIN_ROTATION_NORM:
-        raise ValueError(f"color.rotation has the length {norm:g}; {MIN_ROTATION_NORM:g} is the least")
+        raise ValueError(f"color.rotation has the length {norm:g}, the minimum is {MIN_ROTATION_NORM:g}")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
     try:

@@ -1,4 +1,4 @@
-"""Colour and depth of one instant as an npz file."""
+"""Writes the colour and depth image of one instant into an npz file."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gateway.stereo.frame import Frame
 
 
 async def rgbd_npz(frame: Frame, config: StereoConfig, workers: WorkerPool, *, aligned: bool) -> bytes:
-    """Return an npz file.
+    """Return an npz file with these arrays:
 
     * ``color`` (H, W, 3) uint8 RGB; ``depth_mm`` (h, w) uint16, millimetres along the optical axis, 0: invalid.
     * ``K_color``, ``K_depth`` (3, 3) float64: intrinsics.
-    * ``X_world_color``, ``X_world_depth`` (4, 4) float64: poses of the optical frames.
+    * ``X_world_color``, ``X_world_depth`` (4, 4) float64: poses of the optical frames, metres.
     * ``timestamp``: int64, nanoseconds since the epoch.
 
     Args:
         frame: frame of a camera with colour.
         config: configuration of the camera.
-        workers: threads for writing the file.
+        workers: worker threads, one of which writes the file.
         aligned: True: depth as seen by the colour camera, with its size, intrinsics and pose.
 
     Raises:

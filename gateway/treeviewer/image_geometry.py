@@ -1,5 +1,7 @@
-"""Read the geometries that Scenegate adds to Director's: meshes, planes and heightmaps with images or colours, text,
-camera frustums. ``geometry`` calls these readers. Each becomes a mesh with a material, as a mesh file does.
+"""Read the geometry types that Scenegate adds to Director's: images, heightmaps, text, camera frustums, and meshes
+with textures or vertex colours.
+
+``geometry`` calls these readers. Each returns parts of the scene, in metres in the geometry's frame.
 """
 
 from __future__ import annotations
@@ -26,14 +28,14 @@ from gateway.treeviewer.packed_arrays import ArrayError
 from renderers.drawlist import AlphaMode, Material, Mesh
 
 MAX_UV: Final = np.float32(1e4)
-"""Maximum of texture coordinates: at this distance from the image, float32 resolves a thousandth of it."""
+"""Maximum texture coordinate: float32 resolves a thousandth of the image there. Larger ones are clamped."""
 
 Params = Mapping[str, Any]
-"""Fields of a decoded geometry."""
+"""Fields of a decoded geometry, by name."""
 
 
 def mesh(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return a triangle mesh with colours of its vertices, or an image, or both. They multiply the colour."""
+    """Return a triangle mesh with vertex colours, a texture, or both. Each of them multiplies ``rgba``."""
     vertices, faces = triangles(params, context)
     colors = vertex_colors(params, len(vertices), context)
     checked = read_image(params, context)
@@ -54,10 +56,16 @@ def _smooth_mesh(
     uv: NDArray[np.float32] | None,
     colors: NDArray[np.float32] | None,
 ) -> Mesh:
-    """Return a mesh with normals. If it has ``uv``, which needs seams, normals are smooth across them.
+    """Return a mesh with smooth normals and creases.
 
-    Other meshes are smooth where faces share a vertex, as in ``mesh_data``: merging equal positions takes five times as
-    long.
+    With ``uv``, vertices at equal positions are merged, so that normals are smooth across the seams of the texture.
+    Other meshes, as in ``mesh_data``, are smooth only where faces share a vertex: merging takes five times as long.
+
+    Args:
+        vertices: (N, 3) metres.
+        faces: (M, 3) indices.
+        uv: (N, 2) texture coordinates or None.
+        colors: (N, 4) linear RGBA or None.
     """
     if uv is not None:
         return with_creases(vertices, faces, uv=uv, colors=colors)
@@ -73,7 +81,7 @@ def image(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]
 
 
 def heightmap(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return a surface z(x, y) over a rectangle, with colours of the heights, or an image, or both."""
+    """Return a surface z(x, y) over a rectangle, with a colour for each height, a texture, or both."""
     if params.get("heights") is None:
         raise CommandError("heights is missing")
     try:
@@ -119,7 +127,7 @@ def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
 
 
 def camera_frustum(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return the edges of a pinhole camera's frustum in its optical frame, and an image on its image plane."""
+    """Return the edges of a camera's frustum in its optical frame, and its image, if any, on the image plane."""
     width, height = fields.positive(params, "width"), fields.positive(params, "height")
     fx = fields.positive(params, "fx")
     fy = fx if params.get("fy") is None else fields.positive(params, "fy")
@@ -138,11 +146,16 @@ def camera_frustum(params: Params, rgba: Color, context: ReadContext) -> tuple[P
 
 
 def _image_plane(corners: NDArray[np.float64], plane_material: Material) -> Part:
-    """Return an image on the rectangle with ``corners`` as ``planes.frustum`` returns them."""
+    """Return the rectangle of a frustum's image plane.
+
+    Args:
+        corners: (4, 3) metres in the optical frame, as ``planes.frustum`` returns them.
+        plane_material: material with the image.
+    """
     extent = corners[2] - corners[0]
-    X = translation(*(0.5 * (corners[0] + corners[2])).tolist())
-    X[1, 1] = X[2, 2] = -1.0  # +y is down in the optical frame
-    return Part(Surface(planes.rectangle(float(extent[0]), float(extent[1]))), plane_material, X)
+    X_camera_image = translation(*(0.5 * (corners[0] + corners[2])).tolist())
+    X_camera_image[1, 1] = X_camera_image[2, 2] = -1.0  # +y is down in the optical frame
+    return Part(Surface(planes.rectangle(float(extent[0]), float(extent[1]))), plane_material, X_camera_image)
 
 
 def _required_image(params: Params, context: ReadContext) -> CheckedImage:
@@ -153,10 +166,11 @@ def _required_image(params: Params, context: ReadContext) -> CheckedImage:
 
 
 def _image_size(params: Params, checked: CheckedImage) -> tuple[float, float]:
-    """Return width and height of an image in metres. One of the fields is enough: pixels are square then.
+    """Return width and height of an image plane in metres. A missing one is computed for square pixels.
 
     Raises:
-        NothingToDraw: the other one is too large.
+        CommandError: both are missing, or one is not a positive number.
+        NothingToDraw: the computed one is too large.
     """
     has_width, has_height = params.get("width") is not None, params.get("height") is not None
     if not has_width and not has_height:
@@ -178,7 +192,14 @@ def _unlit(rgba: Color, checked: CheckedImage) -> Material:
 def _material(
     rgba: Color, checked: CheckedImage | None, colors: NDArray[np.float32] | None, *, repeats: bool = True
 ) -> Material:
-    """Return the material of a lit surface with an optional image and optional colours of its vertices."""
+    """Return the material of a lit surface.
+
+    Args:
+        rgba: colour that multiplies the texture and the vertex colours.
+        checked: texture; None: none.
+        colors: (N, 4) vertex colours; None: none.
+        repeats: True if the texture repeats outside of 0 to 1.
+    """
     has_alpha = colors is not None and bool((colors[:, 3] < 1.0).any())
     if checked is not None:
         result = textured(rgba, checked.image, has_alpha=has_alpha or checked.has_alpha, repeats=repeats)

@@ -1,7 +1,7 @@
 """Read the images of geometries: encoded files (base64 in JSON, bytes in MessagePack) and uint8 arrays.
 
-Every image becomes an encoded file, an array becomes a PNG file. Equal files are one ``Image`` object, which is decoded
-once to find out whether it can be drawn.
+Every image becomes an encoded file: an array becomes a PNG file. Equal files share one ``Image``, which is decoded once
+to check that it can be drawn.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 
 _RGBA_CONVERSIONS: Final = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_RGB2RGBA}
-_MAX_CHECKED: Final = 10_000
+"""OpenCV's conversion to RGBA, by number of channels."""
+_MAX_CACHED_IMAGES: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedImage:
-    """An image that can be decoded."""
+    """An image that has been decoded without an error."""
 
     image: Image
     width: int
@@ -41,8 +42,8 @@ class CheckedImage:
     """True if a pixel is not opaque."""
 
 
-_checked: Final[Cache[Image, tuple[int, int, bool]]] = Cache(_MAX_CHECKED, weak=True)
-"""Width, height and ``has_alpha`` of images that were decoded once. Each counts as one byte."""
+_cached_properties: Final[Cache[Image, tuple[int, int, bool]]] = Cache(_MAX_CACHED_IMAGES, weak=True)
+"""Width, height and ``has_alpha`` of images that have been decoded. The cache's size counts one byte for each image."""
 
 
 def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage | None:
@@ -55,7 +56,7 @@ def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage 
     if value is None:
         return None
     try:
-        data = _file(value, context)
+        data = _encoded_file(value, context)
         if len(data) > context.limits.image_bytes:
             raise CommandError(f"image has {len(data)} bytes, the limit is {context.limits.image_bytes}")
         return check_image(data, context.limits.image_pixels)
@@ -66,22 +67,22 @@ def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage 
 
 
 def check_image(data: bytes, max_pixels: int) -> CheckedImage:
-    """Return the image in an encoded file after decoding it once.
+    """Return the image in an encoded file. The first call for a file decodes it.
 
     Raises:
         ImageError: the file cannot be decoded, or has too many pixels.
     """
     image = image_from_bytes(data, max_pixels=max_pixels)
-    checked = _checked.get(image)
-    if checked is None:
+    properties = _cached_properties.get(image)
+    if properties is None:
         pixels = image.decode()
-        checked = pixels.shape[1], pixels.shape[0], bool((pixels[:, :, 3] < 255).any())
-        _checked.put(image, checked, 1)
-    return CheckedImage(image, *checked)
+        properties = pixels.shape[1], pixels.shape[0], bool((pixels[:, :, 3] < 255).any())
+        _cached_properties.put(image, properties, 1)
+    return CheckedImage(image, *properties)
 
 
-def _file(value: Any, context: ReadContext) -> bytes:
-    """Return the encoded file in a field's value."""
+def _encoded_file(value: Any, context: ReadContext) -> bytes:
+    """Return the encoded file of an ``image`` field."""
     if isinstance(value, bytes):
         return value
     if isinstance(value, PackedArray):
@@ -95,7 +96,7 @@ def _file(value: Any, context: ReadContext) -> bytes:
 
 
 def _rgba(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return pixels, (H, W) or (H, W, 1, 3 or 4), as (H, W, 4)."""
+    """Return grey, RGB or RGBA pixels, (H, W) or (H, W, C) with C = 1, 3 or 4, as RGBA, (H, W, 4)."""
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     conversion = _RGBA_CONVERSIONS.get(channels)
     contiguous = np.ascontiguousarray(pixels)

@@ -1,6 +1,6 @@
 """Read the commands that Director does not have: ``setproperty``, ``setview``, ``setclicks``.
 
-Viewers before them ignore them, so a response names those that were in its request (``newer_commands``).
+Other viewers ignore them. Clients find out from the response: its ``newer_commands`` names those of the request.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NAMES: Final = ("setproperty", "setview", "setclicks")
 
 
 def read_newer_commands(values: Mapping[str, Any], request: Request, context: ReadContext) -> None:
-    """Add the newer commands of a request.
+    """Read the newer commands of a message into ``request``.
 
     Args:
         values: decoded values by the name of the command; null counts as absent.
@@ -35,7 +35,7 @@ def read_newer_commands(values: Mapping[str, Any], request: Request, context: Re
 
 
 def _read_properties(value: Any, request: Request, context: ReadContext) -> None:
-    """Add the visibilities and opacities of ``setproperty``."""
+    """Read ``setproperty``: add the visibility and opacity of paths to ``request.properties``."""
     for index, command in commands("setproperty", value, request, context):
         path = None
         try:
@@ -56,12 +56,12 @@ def _read_properties(value: Any, request: Request, context: ReadContext) -> None
 
 
 def _read_view(value: Any, request: Request, context: ReadContext) -> None:
-    """Set the changes of the page's view from ``setview``."""
+    """Read ``setview``: set ``request.view`` to the fields of the page's view that change."""
     try:
         if not isinstance(value, dict):
             raise CommandError(f"setview must be an object, not {show(value)}")
         changes: dict[str, Any] = {}
-        for name, read in (("background", _color), ("grid", _grid), ("home", _home)):
+        for name, read in (("background", _background), ("grid", _grid), ("home", _home)):
             if name in value:
                 changes[name] = None if value[name] is None else read(value[name])
     except CommandError as error:
@@ -70,7 +70,7 @@ def _read_view(value: Any, request: Request, context: ReadContext) -> None:
         request.view = changes
 
 
-def _color(value: Any) -> tuple[float, ...]:
+def _background(value: Any) -> tuple[float, ...]:
     """Return red, green and blue, sRGB from 0 to 1."""
     color = fields.numbers(value, "background", 3)
     if not all(0.0 <= channel <= 1.0 for channel in color):
@@ -88,18 +88,18 @@ def _home(value: Any) -> LookAtCamera:
     """Return the camera of the page's home view."""
     if not isinstance(value, dict):
         raise CommandError(f"home must be an object with eye, target and up, not {show(value)}")
-    eye, target, up = (_vector(value, name) for name in ("eye", "target", "up"))
-    sight = np.subtract(target, eye)
-    distance, height = float(np.linalg.norm(sight)), float(np.linalg.norm(up))
+    eye, target, up = (_home_vector(value, name) for name in ("eye", "target", "up"))
+    line_of_sight = np.subtract(target, eye)
+    distance, up_length = float(np.linalg.norm(line_of_sight)), float(np.linalg.norm(up))
     if not distance > 0.0:
         raise CommandError("home.eye and home.target are the same point")
-    if not float(np.linalg.norm(np.cross(sight, up))) > 1e-6 * distance * height:
+    if not float(np.linalg.norm(np.cross(line_of_sight, up))) > 1e-6 * distance * up_length:
         raise CommandError("home.up must not be zero nor along the line of sight")
     return LookAtCamera(eye, target, up)
 
 
-def _vector(home: Mapping[str, Any], name: str) -> tuple[float, float, float]:
-    """Return a vector of the home camera; ``up`` is +z by default."""
+def _home_vector(home: Mapping[str, Any], name: str) -> tuple[float, float, float]:
+    """Return ``eye`` or ``target`` in metres, or the direction ``up``, which is +z by default."""
     value = home.get(name)
     if value is None and name == "up":
         return 0.0, 0.0, 1.0
@@ -110,15 +110,15 @@ def _vector(home: Mapping[str, Any], name: str) -> tuple[float, float, float]:
 
 
 def _read_clicks(value: Any, request: Request, context: ReadContext) -> None:
-    """Set the paths whose clicks the client wants, from ``setclicks``. One invalid path fails the command."""
+    """Read ``setclicks``: set ``request.click_paths``. One invalid path fails the whole command."""
     paths: list[Path] = []
-    failures = len(request.failures)
+    failures_before = len(request.failures)
     for index, command in commands("setclicks", value, request, context):
         try:
             paths.append(fields.path(command, context))
         except CommandError as error:
             request.fail(Failure("setclicks", index, None, str(error)), context.limits)
-    if len(request.failures) == failures:
+    if len(request.failures) == failures_before:
         request.click_paths = paths
 
 

@@ -15,7 +15,7 @@ class ClickReceiver:
     """The client of a request, as a receiver of clicks."""
 
     channel: str
-    """Channel of its requests; empty if it has no client id, so that other clients may use the same channel."""
+    """Channel of its requests. Empty without a client id: such clients share one channel, and cannot be told apart."""
     deliver: Callable[[Click], None]
     """Sends a click to the client."""
 
@@ -24,9 +24,9 @@ def update_page(page: LivePage, request: Request, receiver: ClickReceiver | None
     """Execute the commands for the page; add a failure to the request if one cannot be executed.
 
     Args:
-        page: state of all pages.
-        request: request whose commands for the tree have been executed.
-        receiver: the client; None: it cannot receive clicks.
+        page: state that all browser pages share.
+        request: a request; the caller has executed its commands for the tree.
+        receiver: the client; None if it cannot receive clicks.
     """
     if request.view is not None:
         page.change_view(request.view)

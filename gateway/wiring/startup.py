@@ -1,4 +1,4 @@
-"""Start of the process: load the kernels, restore the state, start the interfaces, let requests in."""
+"""Start of the process: load the kernels, restore the state, start the interfaces, accept requests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import structlog
 
 from gateway import __version__
 from gateway.runtime import kernel_cache
-from gateway.runtime.kernel_progress import Progress, shown
+from gateway.runtime.kernel_progress import Progress, show_progress
 from gateway.runtime.service_registry import State
 from gateway.state.errors import StateError
 from gateway.wiring import warmup
@@ -26,23 +26,23 @@ SETTLE_SECONDS: Final = 5.0
 
 
 async def start(context: Context) -> None:
-    """Start everything; requests wait for ``context.started``, which is set in any case but an invalid state."""
+    """Start everything. Requests wait for ``context.started``, which is set unless the stored state is invalid."""
     begin = time.perf_counter()
     async with asyncio.TaskGroup() as tasks:
         try:
             await _load_kernels(context)
-            tasks.create_task(_load_background_kernels())  # threads in which interfaces read files may wait for them
+            tasks.create_task(_load_background_kernels())  # interfaces may wait for these kernels
             try:
                 await restore_state(context)
             except StateError as error:
-                # An empty scene must not be taken for the stored one, nor overwrite it.
+                # An empty scene must neither be served instead of the stored one nor overwrite it.
                 context.fail(STATE, error)
                 context.on_fatal()
                 return
             await _start_interfaces(context)
             context.started.set()
-            context.app.openapi_schema = None  # may have been made before the routes were there
-            await asyncio.to_thread(context.app.openapi)  # cached; takes tens of milliseconds
+            context.app.openapi_schema = None  # may be cached from before the routes were added
+            await asyncio.to_thread(context.app.openapi)  # fills the cache, which takes tens of milliseconds
         except Exception as error:  # noqa: BLE001 - /healthz reports the problem
             context.fail(KERNELS, error)
         context.started.set()
@@ -50,7 +50,7 @@ async def start(context: Context) -> None:
 
 
 async def _load_kernels(context: Context) -> None:
-    """Load the kernels that the default settings need; compile them first, in child processes, if not cached."""
+    """Load the kernels that the default settings need. If they are not cached, child processes compile them first."""
     if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
         await _compile_kernels(context)
     context.exit_stack.enter_context(pending.announced(tuple(warmup.BACKGROUND)))
@@ -60,13 +60,13 @@ async def _load_kernels(context: Context) -> None:
 
 
 async def _compile_kernels(context: Context) -> None:
-    """Compile the kernels; the log or a terminal, ``/readyz`` and the starting page show the progress."""
+    """Compile the kernels. The log or a terminal, ``/readyz`` and the starting page show the progress."""
     progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.NEEDED})
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
     context.compiling = progress
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernel_cache.configure()))
-    with shown(progress, _log.info, bar=context.reports is None):
+    with show_progress(progress, _log.info, bar=context.reports is None):
         await kernel_cache.compile_missing(warmup.NEEDED, progress)
     context.compiling = None
     entry.progress = None
@@ -74,7 +74,7 @@ async def _compile_kernels(context: Context) -> None:
 
 
 async def _load_background_kernels() -> None:
-    """Load the other kernels, compiled first if need be; calls that need them wait (``renderers.compiler.pending``)."""
+    """Load the other kernels; compile them first if necessary. Calls that need them wait in ``compiler.pending``."""
     progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.BACKGROUND})
     try:
         if await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
@@ -98,7 +98,7 @@ def _log_compiled_kernel(kernel: str) -> None:
 
 
 async def _start_interfaces(context: Context) -> None:
-    """Start the enabled interfaces in order; one that fails is reported and skipped."""
+    """Start the enabled interfaces in order. One that fails is reported and skipped."""
     for name, setup in enabled_interfaces(context.settings).items():
         try:
             await setup(context)
@@ -111,8 +111,8 @@ async def _start_interfaces(context: Context) -> None:
 
 async def _log_started(context: Context, begin: float) -> None:
     """Wait until the services are ready, at most ``SETTLE_SECONDS``, then log one line and call ``on_started``."""
-    settled = time.perf_counter() + SETTLE_SECONDS
-    while context.registry.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - no event
+    deadline = time.perf_counter() + SETTLE_SECONDS
+    while context.registry.verdict() == "starting" and time.perf_counter() < deadline:  # noqa: ASYNC110 - no event
         await asyncio.sleep(0.02)
     context.on_started()
     seconds = round(time.perf_counter() - begin, 2)

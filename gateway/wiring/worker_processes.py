@@ -1,4 +1,4 @@
-"""Reports of one of several processes (``--workers``) for the others, and the start of its shutdown."""
+"""Tasks of one process under ``--workers``: write its reports for the others, and begin its shutdown at a signal."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from gateway.wiring.context import Context
 
 
 @asynccontextmanager
-async def one_of_several(context: Context) -> AsyncIterator[None]:
-    """Write reports while the block runs; does nothing if there are no other processes.
+async def reporting_to_workers(context: Context) -> AsyncIterator[None]:
+    """Write this process's reports while the block runs. Without ``--workers``, this does nothing.
 
-    A process that replaces another one enters the block when it is ready, so that the others accept the connections
-    meanwhile.
+    A process that replaces another one waits until it is ready before it enters the block. Until then, the other
+    processes accept all connections.
     """
     reports = context.reports
     if reports is None:
         yield
         return
-    await asyncio.to_thread(reports.join)
-    task = asyncio.create_task(_report(context, reports), name="reports")
-    with _shutdown_begun_by_signals(context):
+    await asyncio.to_thread(reports.register)
+    task = asyncio.create_task(_write_repeatedly(context, reports), name="reports")
+    with _shutdown_at_signals(context):
         if reports.replaces:
             await context.started.wait()
         try:
@@ -38,9 +38,9 @@ async def one_of_several(context: Context) -> AsyncIterator[None]:
                 await _write(context, reports)
 
 
-async def _report(context: Context, reports: WorkerReports) -> None:
+async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
     while True:
-        with contextlib.suppress(OSError):  # a full disk: the process becomes silent, and serves
+        with contextlib.suppress(OSError):  # with a full disk, the process serves on and counts as silent
             await _write(context, reports)
         await asyncio.sleep(INTERVAL_SECONDS)
 
@@ -50,24 +50,24 @@ async def _write(context: Context, reports: WorkerReports) -> None:
 
 
 @contextmanager
-def _shutdown_begun_by_signals(context: Context) -> Iterator[None]:
-    """Call ``context.begin_shutdown`` at SIGTERM and SIGINT, after the handlers of uvicorn's server.
+def _shutdown_at_signals(context: Context) -> Iterator[None]:
+    """Call ``context.begin_shutdown`` at SIGTERM and SIGINT, after the handlers that uvicorn has installed.
 
-    uvicorn's supervisor makes the server, and calls the application only after the last request has ended.
+    uvicorn itself does not call the application at a signal, but only after the last request has ended.
     """
     loop = asyncio.get_running_loop()
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    previous_handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
 
     def begin(number: int, frame: FrameType | None) -> None:
-        handler = before[signal.Signals(number)]
+        handler = previous_handlers[signal.Signals(number)]
         if callable(handler):
             handler(number, frame)
         loop.call_soon_threadsafe(context.begin_shutdown)
 
-    for number in before:
+    for number in previous_handlers:
         signal.signal(number, begin)
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)

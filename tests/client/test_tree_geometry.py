@@ -223,7 +223,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
         (ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
         (Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 numbers, not shape \(2,\)"),
-        (Heightmap(POINTS, (1, 1), colors=PIXELS), "colors must have 3 or 4 numbers for each of 12 vertices"),
+        (Heightmap(POINTS, (1, 1), colors=PIXELS), r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)"),
         (Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
         (Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),

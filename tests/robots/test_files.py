@@ -121,7 +121,7 @@ def test_total_size_is_limited(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "m.obj")
     robot_file = write(tmp_path, mesh("m.obj"))
     size = robot_file.stat().st_size
-    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes; 1 are the most that are left to it"):
+    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes, the remaining limit is 1$"):
         read_robot(robot_file, limits=RobotLimits(max_total_bytes=size + 1))
-    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes; 2 are the most"):
+    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes, the remaining limit is 2$"):
         read_robot(robot_file, limits=RobotLimits(max_mesh_bytes=2))

@@ -190,7 +190,7 @@ def test_included_files_are_recorded(tmp_path: Path) -> None:
 
 
 def test_limits(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match="it has 2 geometries; 1 are the most"):
+    with pytest.raises(RobotFileError, match="it has 2 geometries, the limit is 1"):
         read(tmp_path, mjcf('<geom size="1"/><geom size="1"/>'), limits=RobotLimits(max_geometries=1))
 
 
@@ -244,7 +244,7 @@ def test_a_pipe_as_a_mesh_does_not_block(tmp_path: Path) -> None:
 
 
 def test_size_of_the_model_is_limited(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"the model has \d+ bytes; max_model_bytes = 100 are the most"):
+    with pytest.raises(RobotFileError, match=r"the model has \d+ bytes, the limit is max_model_bytes = 100"):
         read(tmp_path, mjcf('<geom size="1"/>'), limits=RobotLimits(max_model_bytes=100))
 
 

@@ -130,9 +130,9 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (RobotLimits(max_links=4), "it has 5 links; 4 are the most"),
-        (RobotLimits(max_geometries=2), "it has 3 geometries; 2 are the most"),
-        (RobotLimits(max_file_bytes=10), r"robot.urdf has \d+ bytes; 10 are the most"),
+        (RobotLimits(max_links=4), "it has 5 links, the limit is 4"),
+        (RobotLimits(max_geometries=2), "it has 3 geometries, the limit is 2"),
+        (RobotLimits(max_file_bytes=10), r"robot.urdf has \d+ bytes, the remaining limit is 10"),
     ],
 )
 def test_limits(tmp_path: Path, limits: RobotLimits, message: str) -> None:

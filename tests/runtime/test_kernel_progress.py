@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.kernel_progress import Progress, on_stderr, shown
+from gateway.runtime.kernel_progress import Progress, show_progress, show_progress_on_stderr
 
 
 class Terminal(io.StringIO):
@@ -26,7 +26,7 @@ def test_progress_counts_functions() -> None:
     described = progress.describe()["compiling"]
     assert described.pop("seconds") >= 0.0
     assert described == {"percent": 25, "seconds_left": 1}
-    progress.end("shading")
+    progress.add_part("shading")
     assert progress.fraction == 1.0
     progress.set_waiting(True)
     assert progress.describe()["waiting"] == "another process compiles the kernels"
@@ -47,12 +47,12 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     lines: list[tuple[str, dict[str, Any]]] = []
     progress = Progress({"shading": 10})
-    with shown(progress, lambda event, **fields: lines.append((event, fields))):
+    with show_progress(progress, lambda event, **fields: lines.append((event, fields))):
         progress.set_waiting(True)
         progress.set_waiting(False)
         for _ in range(5):
             progress.add_function("shading")
-        progress.end("shading")
+        progress.add_part("shading")
     assert [event for event, _ in lines] == [
         "Waiting for another process that compiles the rendering kernels",
         *["Compiling the rendering kernels"] * 3,
@@ -62,7 +62,7 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
 
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     progress = Progress({"shading": 2})
-    with on_stderr(progress):
+    with show_progress_on_stderr(progress):
         progress.add_function("shading")
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
@@ -76,8 +76,8 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [handler])
     progress = Progress({"shading": 1, "setup": 3})
-    with shown(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
-        progress.end("shading")
+    with show_progress(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
+        progress.add_part("shading")
         logging.getLogger("gateway").warning("something else")
         assert handler.stream is not terminal
     assert handler.stream is terminal

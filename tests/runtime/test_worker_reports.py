@@ -63,7 +63,7 @@ def test_the_status_is_that_of_all_processes(own: str, others: list[str], status
 
 def test_each_process_and_its_state_are_listed(tmp_path: Path) -> None:
     reports = WorkerReports(tmp_path, 2)
-    reports.join()
+    reports.register()
     assert reports.describe("starting")[0] == "starting"
     other = os.getppid()
     leave(tmp_path, other)
@@ -78,7 +78,7 @@ def test_each_process_and_its_state_are_listed(tmp_path: Path) -> None:
 
 def test_a_process_without_recent_report_is_silent(tmp_path: Path) -> None:
     reports = WorkerReports(tmp_path, 2)
-    reports.join()
+    reports.register()
     leave(tmp_path, os.getppid(), time=-1.0 - worker_reports.SILENT_SECONDS)
     status, workers = reports.describe("ready")
     assert (status, workers["states"][str(os.getppid())]) == ("degraded", "silent")
@@ -89,7 +89,7 @@ def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) ->
     leave(tmp_path, first, steps=5, ended=COUNTER.format(100))
     leave(tmp_path, second, steps=7)
     reports = WorkerReports(tmp_path, 2)
-    reports.join()
+    reports.register()
     assert reports.replaces
     assert len(list(tmp_path.iterdir())) == 2
     assert reports.describe("restarting")[1]["states"] == {str(os.getpid()): "restarting"}
@@ -100,7 +100,7 @@ def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) ->
 def test_a_starting_replacement_is_restarting(tmp_path: Path) -> None:
     leave(tmp_path, ended_process())
     reports = WorkerReports(tmp_path, 1)
-    reports.join()
+    reports.register()
     (file,) = tmp_path.iterdir()
     assert json.loads(file.read_text())["status"] == "restarting"
 
@@ -108,13 +108,13 @@ def test_a_starting_replacement_is_restarting(tmp_path: Path) -> None:
 def test_the_first_process_replaces_none(tmp_path: Path) -> None:
     leave(tmp_path, os.getppid())
     reports = WorkerReports(tmp_path, 2)
-    reports.join()
+    reports.register()
     assert not reports.replaces
 
 
 def test_a_process_beside_all_others_will_replace_one(tmp_path: Path) -> None:
     leave(tmp_path, os.getppid())
     reports = WorkerReports(tmp_path, 1)
-    reports.join()
+    reports.register()
     assert reports.replaces
     assert reports.describe("restarting")[0] == "degraded"

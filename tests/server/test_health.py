@@ -123,7 +123,7 @@ async def test_readiness_follows_states_start_and_queue(
 
 async def test_one_of_several_processes_responds_for_all(tmp_path: Path) -> None:
     reports = WorkerReports(tmp_path, 2)
-    reports.join()
+    reports.register()
     app = create_app(Settings(only=("render",), workers=2), reports=reports)
     context: Context = app.state.context
     context.registry.ready("kernels")

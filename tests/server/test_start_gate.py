@@ -30,7 +30,7 @@ def gate(started: asyncio.Event, problem: str = "", compiling: Progress | None =
 
 def half() -> Progress:
     progress = Progress({"shading": 1, "raster": 1})
-    progress.end("shading")
+    progress.add_part("shading")
     return progress
 
 

@@ -15,14 +15,11 @@ from gateway.stereo.parameters import ParameterError, Parameters
 from gateway.stereo.profile import (
     MAX_FILE_BYTES,
     PROFILE_NAMES,
-    ColorSection,
-    DepthSection,
     Profile,
     ProfileError,
-    ProjectorSection,
-    StereoSection,
     read_profile,
 )
+from gateway.stereo.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from gateway.stereo.settings import read_settings
 from gateway.wiring.stereo import config_of
 from renderers.stereo.model import Quality
@@ -112,11 +109,11 @@ def test_the_page_shows_every_key_and_its_example_is_valid(tmp_path: Path) -> No
         (MINIMAL + '[depth]\nquality = "full"\n', "Invalid enum value 'full' - at `depth.quality`"),
         (
             MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [0, 0, 0, 0]\n",
-            "color.rotation has the length 0; 0.001 is the least",
+            "color.rotation has the length 0, the minimum is 0.001",
         ),
         (
             MINIMAL + "[color]\nsize = [64, 64]\nfocal_length = 9\nrotation = [1e-300, 0, 0, 0]\n",
-            "has the length 1e-300; 0.001",
+            "has the length 1e-300, the minimum is 0.001",
         ),
         ("#" * (MAX_FILE_BYTES + 1), f"has more than {MAX_FILE_BYTES} bytes"),
     ],

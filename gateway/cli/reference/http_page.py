@@ -22,75 +22,88 @@ With `--http-token-file`, requests need the header `Authorization: Bearer TOKEN`
 [cookie](../security.md#opening-it-to-other-machines).
 """
 _COMMON_STATUS: Final = ("403", "414", "421", "500", "503")
-"""Responses that are described once, where their text is the common one."""
+"""Status codes that any route may return. Their most frequent text is at the top of the page, not at each route."""
 _TITLES: Final[Mapping[str, str]] = {
     "operations": "Health and metrics",
     "render": "Render",
     "scene": "The live scene",
 }
-"""Headings of tags; the others are their own."""
-_OLD: Final = (("/api/v1/nodes", "/api/v2/pipelines/0/nodes"), ("/api/v1/", "/api/v2/"))
-"""Prefixes of the first version of the device's interface, and what has replaced them."""
+"""Headings by tag. Other tags are their own headings."""
+_REPLACED_PREFIXES: Final = (("/api/v1/nodes", "/api/v2/pipelines/0/nodes"), ("/api/v1/", "/api/v2/"))
+"""Path prefixes of the first version of the device's interface, and their replacements."""
 
 
 def description() -> dict[str, Any]:
-    """Return the OpenAPI description of a gateway with every interface, which runs for this moment."""
+    """Return the OpenAPI description of a gateway with every interface. Starts and stops the gateway."""
     from gateway.app import create_app
     from gateway.settings import Settings
 
     settings = Settings(demo=True, lcm_url="off", tcpq_port=0, grpc_port=0, http_port=0, stereo_faults=True)
 
-    async def described() -> dict[str, Any]:
+    async def describe_running_gateway() -> dict[str, Any]:
         app = create_app(settings)
         async with app.router.lifespan_context(app):
             await app.state.context.startup
             return app.openapi()
 
-    return asyncio.run(described())
+    return asyncio.run(describe_running_gateway())
 
 
 def page(schema: Mapping[str, Any]) -> str:
-    """Return the page as Markdown."""
+    """Return the page as Markdown.
+
+    Args:
+        schema: OpenAPI description.
+    """
     common = _common_responses(schema)
     operations = [
         (operation["tags"][0], method.upper(), path, operation)
         for path, methods in schema["paths"].items()
         for method, operation in methods.items()
-        if _newer(path) not in schema["paths"]
+        if _replacement(path) not in schema["paths"]
     ]
     parts = [_HEAD, "\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n"]
     parts += [f"| {status} | {text} |\n" for status, text in common.items()]
     for tag, members in groupby(operations, key=lambda entry: entry[0]):
         parts.append(f"\n## {_TITLES.get(tag, tag)}\n")
         for _, method, path, operation in members:
-            old = next((old for old in schema["paths"] if _newer(old) == path), None)
+            old = next((old for old in schema["paths"] if _replacement(old) == path), None)
             parts.append(_operation(method, path, operation, old, common))
     return "".join(parts)
 
 
-def _newer(path: str) -> str | None:
-    return next((path.replace(old, new, 1) for old, new in _OLD if path.startswith(old)), None)
+def _replacement(path: str) -> str | None:
+    """Return the path that has replaced a path of the first version; None for other paths."""
+    return next((path.replace(old, new, 1) for old, new in _REPLACED_PREFIXES if path.startswith(old)), None)
 
 
 def _common_responses(schema: Mapping[str, Any]) -> dict[str, str]:
-    """Return the most frequent text of each status that any route may have."""
-    found: dict[str, list[str]] = {}
+    """Return the most frequent description of each status in ``_COMMON_STATUS``."""
+    texts: dict[str, list[str]] = {}
     for methods in schema["paths"].values():
         for operation in methods.values():
             for status, response in operation["responses"].items():
-                found.setdefault(status, []).append(response["description"])
-    return {status: max(set(found[status]), key=found[status].count) for status in _COMMON_STATUS if status in found}
+                texts.setdefault(status, []).append(response["description"])
+    return {status: max(set(texts[status]), key=texts[status].count) for status in _COMMON_STATUS if status in texts}
 
 
 def _operation(method: str, path: str, operation: Mapping[str, Any], old: str | None, common: Mapping[str, str]) -> str:
-    """Return the section of one route: its text, and beside it on a wide screen an example."""
+    """Return the section of one route: its text and an example, side by side on a wide screen.
+
+    Args:
+        method: HTTP method.
+        path: path of the route.
+        operation: OpenAPI description of the route.
+        old: path of the first version that does the same; None: there is none.
+        common: texts of responses that are left out, by status.
+    """
     text = [f"{operation['summary']}.", *_paragraphs(operation)]
     if old:
         text.append(f"Also at `{old}`.")
     text += _table("parameter", _parameters(operation))
     body = operation.get("requestBody", {})
     for media_type, content in body.get("content", {}).items():
-        text.append(f"Body: `{media_type}`. {_plain(body.get('description', ''))}".strip())
+        text.append(f"Body: `{media_type}`. {_without_command(body.get('description', ''))}".strip())
         text += _table("field", field_rows(content["schema"]))
     text += _table("status", _responses(operation, common), columns=2)
     example = _example(method, path, operation)
@@ -107,8 +120,8 @@ def _paragraphs(operation: Mapping[str, Any]) -> Iterator[str]:
             yield " ".join(paragraph.split())
 
 
-def _plain(text: str) -> str:
-    """Return a description without its command line, which the example shows."""
+def _without_command(text: str) -> str:
+    """Return a description; an empty text if it is a command line, which the example shows."""
     return "" if text.startswith("curl ") else text
 
 
@@ -136,7 +149,7 @@ def _table(heading: str, rows: Iterator[str], columns: int = 3) -> Iterator[str]
 
 
 def _example(method: str, path: str, operation: Mapping[str, Any]) -> str:
-    """Return code blocks with a request and its response. Requests whose responses do not end are not run by tests."""
+    """Return code blocks with a request and its response. Tests do not run requests whose responses are endless."""
     content = operation["responses"]["200"].get("content", {})
     command = operation.get("requestBody", {}).get("description", "")
     if command.startswith("curl "):

@@ -25,17 +25,18 @@ Numbers are big-endian.
 
 [The tree viewer](../tree-viewer.md) and [Drake's visualizer](../drake-visualizer.md) say what the messages do.
 """
-_FIRST: Final = "viewer2_comms_t"
+_FIRST_TYPE: Final = "viewer2_comms_t"
+"""Type at the top of the page; the others are in alphabetical order."""
 
 
 def page() -> str:
     """Return the page as Markdown."""
-    files = sorted(_FOLDER.glob("*.lcm"), key=lambda file: (file.stem != _FIRST, file.stem))
+    files = sorted(_FOLDER.glob("*.lcm"), key=lambda file: (file.stem != _FIRST_TYPE, file.stem))
     return _HEAD + "".join(_section(file) for file in files)
 
 
 def _section(file: Path) -> str:
-    """Return the section of one type; the first line of its file is a comment that says what it is."""
+    """Return the section of one type. The first line of its file is a comment that describes it."""
     lines = file.read_text("utf-8").splitlines()
     start = next(number for number, line in enumerate(lines) if line.startswith("package"))
     definition = "\n".join(lines[start:]).strip()

@@ -42,7 +42,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Browser view", "gateway.viewer.config", "ViewerConfig"),
     ("State", "gateway.state.config", "StateConfig"),
 )
-"""Headings, modules and classes."""
+"""Heading, module and class of each group of limits that are fields."""
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     (
         "HTTP connections",
@@ -110,6 +110,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
     ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("MAX_RETRIES",)),
 )
+"""Heading, module and names of each group of limits that are constants."""
 _NOT_LIMITS: Final = frozenset(
     {
         "tcpq_port",
@@ -125,7 +126,7 @@ _NOT_LIMITS: Final = frozenset(
         "height",
     }
 )
-"""Numeric fields of these classes that are not limits."""
+"""Numeric fields of ``CLASSES`` that are not limits."""
 
 
 def page() -> str:
@@ -147,16 +148,17 @@ def page() -> str:
 
 
 def _limits_of(kind: type[Any]) -> Iterator[tuple[str, Any, str]]:
-    (body,) = ast.parse(inspect.getsource(kind)).body
-    assert isinstance(body, ast.ClassDef)
-    texts = _docstrings(body.body)
+    """Yield name, default and docstring of each limit of a dataclass."""
+    (definition,) = ast.parse(inspect.getsource(kind)).body
+    assert isinstance(definition, ast.ClassDef)
+    texts = _docstrings(definition.body)
     for field in fields(kind):
         if field.name not in _NOT_LIMITS and type(field.default) in (int, float):
             yield field.name, field.default, texts.get(field.name, "")
 
 
 def _docstrings(body: list[ast.stmt]) -> dict[str, str]:
-    """Return the docstrings of assignments, by name."""
+    """Return the docstrings below assignments, as one line each, by the assigned name."""
     docstrings = {}
     for statement, after in pairwise(body):
         if isinstance(statement, ast.AnnAssign):
@@ -175,7 +177,7 @@ def _row(name: str, value: str, text: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number as text; multiples of 1024 with the prefix Ki, Mi or Gi."""
+    """Return a number as text. Multiples of 1024 get the prefix Ki, Mi or Gi."""
     if isinstance(value, int):
         for unit, size in (("Gi", 1 << 30), ("Mi", 1 << 20), ("Ki", 1 << 10)):
             if value >= size and value % size == 0:

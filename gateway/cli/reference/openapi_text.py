@@ -9,23 +9,24 @@ from typing import Any, Final
 from urllib.parse import quote
 
 URL: Final = "http://127.0.0.1:8000"
+"""Address of the gateway in example requests."""
 _MAX_EXTRA_PARAMETERS: Final = 3
-"""Optional query parameters in an example request; all of them would hide the route."""
+"""Maximum number of optional query parameters in an example request: more would hide the route."""
 _MAX_COLUMNS: Final = 60
-"""Longest line of an example request; the site shows it in half of the page."""
+"""Maximum length of a line of an example request, which the site shows in half of its width."""
 _SUFFIXES: Final[Mapping[str, str]] = {
     "image/png": "png",
     "image/jpeg": "jpg",
     "application/zip": "npz",
     "model/gltf-binary": "glb",
 }
-"""File suffixes of media types that are no text."""
+"""File suffixes of binary media types."""
 ENDLESS: Final = frozenset({"application/x-ndjson", "multipart/x-mixed-replace"})
-"""Media types of responses that do not end by themselves."""
+"""Media types of responses that end only when the client disconnects."""
 
 
 def type_text(schema: Mapping[str, Any]) -> str:
-    """Return a schema's type, values and limits in words: ``integer, 1 to 16384``."""
+    """Return a schema's type, values and limits in words, such as ``integer, 1 to 16384``."""
     if "enum" in schema:
         return ", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in schema["enum"])
     kind = schema.get("type", "any")
@@ -51,7 +52,7 @@ def type_text(schema: Mapping[str, Any]) -> str:
 
 
 def field_rows(schema: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a table row for each field of an object, or for each named item of an array (the camera's parameters)."""
+    """Yield a table row for each field of an object, or for each kind of item of an array (the camera's parameters)."""
     if schema.get("type") == "array" and "anyOf" in schema["items"]:
         for item in schema["items"]["anyOf"]:
             yield row(item["title"], type_text(item["properties"]["value"]), item.get("description", ""))
@@ -62,20 +63,20 @@ def field_rows(schema: Mapping[str, Any]) -> Iterator[str]:
 
 
 def row(name: str, kind: str, text: str) -> str:
-    """Return a row of three cells."""
+    """Return a table row of three cells: name, type and text."""
     cells = (f"`{name}`", kind, " ".join(text.split()))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def example_of(holder: Mapping[str, Any]) -> Any:
-    """Return the first example of a parameter or media type, None without one."""
+    """Return the first example of a parameter or media type; None if it has none."""
     if "example" in holder:
         return holder["example"]
     return next((entry["value"] for entry in holder.get("examples", {}).values()), None)
 
 
 def curl(method: str, path: str, operation: Mapping[str, Any]) -> str:
-    """Return a command line for an operation, with its example values."""
+    """Return a curl command for an operation, with its example values."""
     parameters = operation.get("parameters", ())
     for parameter in parameters:
         if parameter["in"] == "path":
@@ -93,7 +94,7 @@ def curl(method: str, path: str, operation: Mapping[str, Any]) -> str:
 
 
 def wrapped(words: list[str]) -> str:
-    """Return a command line, continued on the next line where a word would be beyond the last column."""
+    """Return a command line, broken before words that would exceed ``_MAX_COLUMNS``."""
     lines = [words[0]]
     for word in words[1:]:
         if len(lines[-1]) + len(word) < _MAX_COLUMNS:
@@ -104,22 +105,26 @@ def wrapped(words: list[str]) -> str:
 
 
 def _query(parameters: Any) -> str:
-    """Return the query of an example: what is required, and the first optional values that are not the default."""
-    chosen, extra = [], 0
+    """Return the query of an example request: required parameters, and the first optional ones.
+
+    Examples that equal the default are left out.
+    """
+    pairs, optional_count = [], 0
     for parameter in parameters:
         value = example_of(parameter)
         if parameter["in"] != "query" or value in (None, "", parameter["schema"].get("default")):
             continue
         if not parameter["required"]:
-            extra += 1
-            if extra > _MAX_EXTRA_PARAMETERS:
+            optional_count += 1
+            if optional_count > _MAX_EXTRA_PARAMETERS:
                 continue
         values = value if isinstance(value, list) else [value]
-        chosen += [f"{parameter['name']}={quote(str(item), safe=',;=')}" for item in values]
-    return f"?{'&'.join(chosen)}" if chosen else ""
+        pairs += [f"{parameter['name']}={quote(str(item), safe=',;=')}" for item in values]
+    return f"?{'&'.join(pairs)}" if pairs else ""
 
 
 def _body_words(body: Mapping[str, Any]) -> list[str]:
+    """Return the arguments of curl for a request's body."""
     for media_type, content in body.get("content", {}).items():
         value = example_of(content)
         if media_type == "application/json" and value is not None:

@@ -46,6 +46,7 @@ def page() -> str:
 
 
 def _limits(metadata: list[object]) -> str:
+    """Return a sentence with a setting's limits, or an empty text."""
     limits = [
         f"{text} `{value}`"
         for item in metadata

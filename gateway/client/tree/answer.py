@@ -1,4 +1,4 @@
-"""Results of requests: ``Answer``, and the error of refused commands."""
+"""Results of requests: ``Answer``, and the error for commands that the viewer rejected."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from gateway.client.tree.published import Path
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
 """Status codes of responses. All negative codes are failures."""
 UNSUPPORTED: Final = -4
-"""Status of an ``Answer`` if the viewer ignored a command. No viewer sends it."""
+"""Status of an ``Answer`` if the viewer ignored a command. This client sets it; no viewer sends it."""
 
 
 class TreeViewerError(RuntimeError):
-    """The viewer refused at least one command of a request. It executed the other commands."""
+    """The viewer rejected at least one command of a request. It executed the other commands."""
 
     def __init__(self, answer: Answer) -> None:
         super().__init__(answer.error or f"the viewer answered with status {answer.status}")
@@ -43,7 +43,12 @@ class Answer:
 
 
 def answer_of(response: wire.Response, missing: list[Path]) -> Answer:
-    """Return the result of a request, given the paths that are missing after publishing again."""
+    """Return the result of a request.
+
+    Args:
+        response: response to the request.
+        missing: paths without geometry that the client could not restore.
+    """
     body = response.body
 
     def paths(name: str) -> tuple[Path, ...]:

@@ -1,4 +1,4 @@
-"""Clicks on geometry in the browser: the callbacks of ``TreeViewer.on_click`` and the threads that they need."""
+"""Clicks on geometry in the browser: the callbacks of ``TreeViewer.on_click``, and the threads that call them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Final
 from gateway.client.tree.published import Path, is_at_or_below
 
 RENEW_SECONDS: Final = 10.0
-"""Interval of repeated subscriptions. A viewer forgets a client after 30 s without one."""
+"""Interval of repeated subscriptions. A viewer drops the subscription of a client after 30 s without one."""
 MAX_WAITING: Final = 100
 """Maximum number of clicks that wait for a callback; further ones are dropped."""
 
@@ -36,7 +36,7 @@ Callback = Callable[[Click], Any]
 
 
 class ClickListener:
-    """Callbacks of one client. A thread calls them in order; another repeats the client's subscription."""
+    """Callbacks of one client. One thread runs them in order; another repeats the client's subscription."""
 
     def __init__(self, renew: Callable[[list[Path]], None]) -> None:
         """``renew`` sends the subscription without waiting for a response."""
@@ -53,7 +53,7 @@ class ClickListener:
         with self._lock:
             self._callbacks.append(entry)
             if not self._threads:
-                for name, target in (("clicks", self._call), ("renew", self._repeat)):
+                for name, target in (("clicks", self._run_callbacks), ("renew", self._renew_subscription)):
                     self._threads.append(threading.Thread(target=target, name=f"treeviewer-{name}", daemon=True))
                     self._threads[-1].start()
 
@@ -79,13 +79,13 @@ class ClickListener:
             self._clicks.put_nowait(click)
 
     def close(self) -> None:
-        """End the threads. A callback that runs is not interrupted."""
+        """End the threads without waiting for them. A running callback is not interrupted."""
         self._closed.set()
         with contextlib.suppress(queue.Full):
             self._clicks.put_nowait(None)
 
-    def _call(self) -> None:
-        """Call the callbacks of each click: the body of a thread. An exception is logged."""
+    def _run_callbacks(self) -> None:
+        """Run the callbacks of each click until ``close``: the body of a thread. An exception is logged."""
         while (click := self._clicks.get()) is not None and not self._closed.is_set():
             with self._lock:
                 callbacks = [callback for path, callback in self._callbacks if is_at_or_below(click.path, path)]
@@ -95,8 +95,8 @@ class ClickListener:
                 except Exception:  # one callback must not end the others  # noqa: BLE001
                     _log.exception("A callback of on_click has failed")
 
-    def _repeat(self) -> None:
-        """Repeat the subscription: the body of a thread."""
+    def _renew_subscription(self) -> None:
+        """Repeat the subscription until ``close``: the body of a thread."""
         while not self._closed.wait(RENEW_SECONDS):
             paths = self.paths()
             if paths:

@@ -1,4 +1,6 @@
-"""Convert colours and images from what users write (names, hexadecimal, uint8, floats, files) to the protocol's."""
+"""Convert colours and images from the forms that users pass (names, hexadecimal, uint8, floats, files) to the
+protocol's fields.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gateway.client.tree.wire import empty_with_header
 
 RANGE_TOLERANCE: Final = 1e-5
-"""Accepted distance of a float below 0 or above 1, for rounding errors. The viewer clamps such values."""
+"""Accepted excess of a float beyond 0 or 1, for rounding errors. The viewer clamps such values."""
 
 
 class HasPixels(Protocol):
@@ -52,11 +54,11 @@ def rgba(value: ArrayLike) -> list[float]:
 
 
 def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
-    """Return a copy of the colours of ``count`` vertices, (count, 3) or (count, 4), uint8 or float32.
+    """Return a copy of vertex colours, (count, 3) or (count, 4), uint8 or float32.
 
     Args:
         name: name of the field, for the error text.
-        values: an array whose last axis has 3 or 4 numbers; rows of a grid follow each other.
+        values: an array whose last axis has 3 or 4 channels; a grid of colours is flattened row by row.
         count: number of vertices.
 
     Raises:
@@ -87,7 +89,7 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     if isinstance(value, (str, os.PathLike)):
         return Path(value).read_bytes()
     mode = getattr(value, "mode", None)
-    if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # of Pillow: palettes, bits, CMYK
+    if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # Pillow: palettes, 1 bit, CMYK
         raise ValueError(f"an image of mode {mode} is not supported; use image.convert('RGB') or 'RGBA'")
     array = np.asarray(value)
     if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
@@ -101,7 +103,7 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
-    """Check colours or intensities, of any shape: uint8, or floats from 0 to 1.
+    """Check that colours or intensities are uint8, or floats from 0 to 1.
 
     NaN is allowed; the viewer shows it as 0.
 
@@ -123,7 +125,10 @@ def check_range(name: str, values: NDArray[Any]) -> None:
 
 
 def _from_integers(array: NDArray[Any]) -> NDArray[Any]:
-    """Return integers as uint8 where they are one number 0xrrggbb, or from 0 to 255 and not only 0 and 1."""
+    """Return an integer 0xrrggbb, or channels of 0 to 255, as uint8; other integers unchanged.
+
+    Channels of only 0 and 1 stay unchanged, as numbers from 0 to 1.
+    """
     if array.ndim == 0 and 0 <= array <= 0xFFFFFF:
         number = int(array)
         return np.array([number >> 16, number >> 8 & 255, number & 255], np.uint8)

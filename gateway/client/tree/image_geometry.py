@@ -1,7 +1,9 @@
-"""Geometry with images and text, which Scenegate adds to Director's. Other viewers refuse it.
+"""Geometry types that Scenegate adds to Director's: images, heightmaps, text, camera frustums.
+
+Other viewers reject them.
 
 Lengths are in metres. Images and text lie in the plane z = 0 of the geometry's frame: rows and lines run along +x,
-their top is towards +y, and they are seen upright from the side of +z. They are not lit.
+the top is towards +y, so that they are upright as seen from +z. They are not lit.
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ class ImagePlane(Geometry):
     """A PNG or JPEG file as bytes, its path, or pixels, top row first: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
     from 0 to 1. ``color`` multiplies it."""
     width: float | None = None
-    """Extent along x; None: from ``height``, for square pixels."""
+    """Extent along x; None: computed from ``height`` for square pixels."""
     height: float | None = None
-    """Extent along y; None: from ``width``, for square pixels."""
+    """Extent along y; None: computed from ``width`` for square pixels."""
 
     def _fields(self) -> dict[str, Any]:
         if self.width is None and self.height is None:
@@ -47,12 +49,12 @@ class Heightmap(Geometry):
 
     kind = "heightmap"
     heights: ArrayLike
-    """z at each point of a grid, (R, C) with R, C >= 2. x grows with the column and y with the row, as
-    ``numpy.meshgrid`` counts. NaN makes a hole."""
+    """z at each point of a grid, (R, C) with R, C >= 2. x grows with the column and y with the row, as in
+    ``numpy.meshgrid`` by default. NaN makes a hole."""
     lengths: Sequence[float]
-    """Extents along x and y."""
+    """Extents of the rectangle along x and y."""
     colors: ArrayLike | None = None
-    """Colours of the heights, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
+    """A colour for each height, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
     image: ImageLike | None = None
     """Texture, as in ``ImagePlane``. Its first row lies along the first row of heights."""
 
@@ -73,7 +75,7 @@ class Heightmap(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Text(Geometry):
-    """Text on a rectangle that is centred on the origin. The font has ASCII and the sign of degrees."""
+    """Text on a rectangle that is centred on the origin. The font has ASCII and the degree sign."""
 
     kind = "text"
     text: str
@@ -81,7 +83,7 @@ class Text(Geometry):
     size: float = 0.1
     """Height of a line."""
     background: ArrayLike | None = None
-    """Colour of the rectangle behind the letters, as for ``color``; None: none."""
+    """Colour of the rectangle behind the letters, in any form of ``color``; None: no rectangle."""
 
     def _fields(self) -> dict[str, Any]:
         background = {} if self.background is None else {"background": rgba(self.background)}
@@ -90,7 +92,10 @@ class Text(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class CameraFrustum(Geometry):
-    """The edges of a camera's view in its optical frame: +z forward, +x right, +y down. Intrinsics are in pixels."""
+    """The edges of a camera's view in its optical frame: +z forward, +x right, +y down.
+
+    Image size, focal length and principal point are in pixels, or all in another unit.
+    """
 
     kind = "camera_frustum"
     width: float
@@ -108,18 +113,18 @@ class CameraFrustum(Geometry):
     depth: float = 0.3
     """Distance of the image plane from the camera, in metres."""
     image: ImageLike | None = None
-    """Image on the image plane, as in ``ImagePlane``; None: none."""
+    """Image on the image plane, as in ``ImagePlane``; None: only the edges are shown."""
     line_width: float | None = None
     """Width of the edges in pixels, 1 to 256; None: 1."""
 
     @classmethod
     def from_fov(cls, fovy: float, aspect: float = 4.0 / 3.0, **options: Any) -> CameraFrustum:
-        """Return the frustum of a camera with a vertical field of view.
+        """Return the frustum of a camera with a vertical field of view, in units of the image's height.
 
         Args:
             fovy: Angle from the bottom to the top edge, radians.
             aspect: Width divided by height.
-            options: Other fields.
+            options: Other fields, such as ``depth`` and ``image``.
         """
         return cls(width=aspect, height=1.0, fx=0.5 / math.tan(0.5 * fovy), **options)
 

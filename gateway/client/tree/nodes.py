@@ -1,4 +1,7 @@
-"""Paths of the tree, and batches of changes: what ``viewer`` and its batches are indexed for."""
+"""``Node``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
+
+Indexing a viewer, a batch or a node returns a ``Node``.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,24 @@ from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.published import Changes, Key, Path, path_of
 
 
-class Target(Protocol):
-    """Receiver of changes: a viewer or a batch."""
+class Sender(Protocol):
+    """Sends changes: a viewer at once, a batch at the end of its block."""
 
     def send(self, changes: Changes) -> Answer:
-        """Send or collect changes."""
+        """Send changes and wait for the response, or collect them."""
 
 
 class Node:
     """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
-    __slots__ = ("_target", "path")
+    __slots__ = ("_sender", "path")
 
-    def __init__(self, target: Target, path: Path) -> None:
-        self._target = target
+    def __init__(self, sender: Sender, path: Path) -> None:
+        self._sender = sender
         self.path = path
 
     def __getitem__(self, key: Key) -> Node:
-        return Node(self._target, self.path + path_of(key))
+        return Node(self._sender, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
         """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
@@ -41,19 +44,19 @@ class Node:
         changes.set(self.path, [geometry.body() for geometry in geometries])
         if transform is not None:
             changes.transform(self.path, Transform.of(transform).body())
-        return self._target.send(changes)
+        return self._sender.send(changes)
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Replace the transform to the parent: (4, 4), three numbers (a translation) or a ``Transform``."""
+        """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
         changes = Changes()
         changes.transform(self.path, Transform.of(value).body())
-        return self._target.send(changes)
+        return self._sender.send(changes)
 
     def set_visible(self, visible: bool) -> Answer:
         """Show or hide this path and everything below it, in the browser and in images."""
         changes = Changes()
         changes.set_property(self.path, visible=bool(visible))
-        return self._target.send(changes)
+        return self._sender.send(changes)
 
     def set_opacity(self, opacity: float) -> Answer:
         """Multiply the alpha of this path and of everything below it by ``opacity``, 0 to 1."""
@@ -62,13 +65,13 @@ class Node:
             raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
         changes = Changes()
         changes.set_property(self.path, opacity=opacity)
-        return self._target.send(changes)
+        return self._sender.send(changes)
 
     def delete(self) -> Answer:
         """Delete this path and everything below it."""
         changes = Changes()
         changes.delete(self.path)
-        return self._target.send(changes)
+        return self._sender.send(changes)
 
 
 class Batch:
@@ -77,13 +80,13 @@ class Batch:
     def __init__(self) -> None:
         self.changes = Changes()
         self.answer: Answer | None = None
-        """Result of the request, after the block has ended."""
+        """Result of the request; None until the block has ended."""
 
     def __getitem__(self, key: Key) -> Node:
         return Node(self, path_of(key))
 
     def send(self, changes: Changes) -> Answer:
-        """Add changes to the batch. The result says nothing, since the viewer has not received them yet."""
+        """Add changes to the batch. The result is a placeholder: the viewer has not received them yet."""
         self.changes.add(changes)
         return Answer(OK)
 
@@ -96,8 +99,8 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
     """Return the changes that replace the transforms of many paths.
 
     Args:
-        paths: N indices of nodes, as in ``viewer[...]``.
-        poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
+        paths: N paths, as for ``viewer[...]``.
+        poses: (N, 7): X_parent_node of each path as x, y, z in metres and the quaternion w, x, y, z.
 
     Raises:
         ValueError: the shapes differ, or a number is not finite.
@@ -115,6 +118,6 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
 
 
 def _describe(value: object) -> str:
-    """Return at most about 40 characters on any value, for an error text."""
+    """Return a short description of any value, about 40 characters, for an error text."""
     text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
     return text if len(text) <= 40 else f"{text[:40]}…"

@@ -1,7 +1,4 @@
-"""Robots in the tree viewer: their geometry is published once, then joint values move the links.
-
-``TreeViewer.robot`` reads the file and returns a ``PublishedRobot``.
-"""
+"""Robots in the tree viewer: ``PublishedRobot`` sends the geometry once, then the transforms of links that move."""
 
 from __future__ import annotations
 
@@ -9,24 +6,18 @@ import threading
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.client.tree.answer import Answer
+from gateway.client.tree.answer import OK, Answer
 from gateway.client.tree.geometry import Transform
+from gateway.client.tree.nodes import Sender
 from gateway.client.tree.published import Changes, Path, path_of
 
 if TYPE_CHECKING:
     from gateway.robots.robot import Joint, JointValue, Robot
-
-
-class Sender(Protocol):
-    """Sends changes: a ``TreeViewer``."""
-
-    def send(self, changes: Changes) -> Answer:
-        """Send changes and wait for the response."""
 
 
 class PublishedRobot:
@@ -43,13 +34,13 @@ class PublishedRobot:
         self._robot = robot
         self._lock = threading.Lock()
         self._values = dict(joints)
-        """Values that were set, by joint name."""
+        """Values of joints that have been set, by name."""
         self.path = path
         """Path of the robot. The links are at ``path + (link,)``."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
         self._poses = robot.link_poses(self._values)
-        """X_robot_link of each link in the viewer, (N, 4, 4)."""
+        """X_robot_link that the viewer shows, (number of links, 4, 4)."""
         changes, images = Changes(), PartImages() if textures else None
         changes.delete(path)
         for link, parts in zip(robot.links, robot.parts, strict=True):
@@ -74,10 +65,10 @@ class PublishedRobot:
         return self._robot.joint_values(self._values)
 
     def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
-        """Move the links. One message has the transforms of the links that move; none is sent if no link moves.
+        """Set joint values. One request has the transforms of all links that move; none is sent if no link moves.
 
         Args:
-            values: Values in radians or metres, by joint name. The other joints keep theirs.
+            values: Values in radians or metres, by joint name. Other joints keep their values.
 
         Raises:
             ValueError: There is no such joint, or a value is invalid.
@@ -89,7 +80,7 @@ class PublishedRobot:
             moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
             changes = Changes()
             _add_poses(changes, self.path, [self.links[index] for index in moved], poses[moved])
-            answer = self._viewer.send(changes) if moved.size else Answer(0)
+            answer = self._viewer.send(changes) if moved.size else Answer(OK)
             self._values, self._poses = merged, poses
         return answer
 
