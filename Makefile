@@ -32,8 +32,7 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean \
-	check-deploy dist dist-test publish image image-test image-push image-index release
+.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
@@ -60,6 +59,8 @@ check: lint ## lint, format, types, import contracts, compose file, files for Gi
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/[!c]*.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+
+.PHONY: check-deploy dist dist-test publish image image-test image-push image-index release
 
 check-deploy: $(VENV)/.tools ## Kubernetes objects and workflows, by programs that uv fetches; actionlint where it is installed
 	$(UVX) --from kubernetes-validate==$(KUBERNETES_VALIDATE) kubernetes-validate --strict --quiet \
@@ -111,10 +112,11 @@ mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notic
 docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source
 	$(BIN)/python -m gateway.cli.reference docs
 
-docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; warnings are errors
+# zensical does not count griffe's warnings, which are about docstrings.
+docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; a warning is an error
 	@mkdir -p out
 	@$(SITE_ENV) $(SITE_VENV)/bin/zensical build --strict --clean >out/site.log 2>&1; code=$$?; cat out/site.log; \
-		test $$code -eq 0 && ! grep -q '^griffe: ' out/site.log  # docstrings: zensical does not count these warnings
+		test $$code -eq 0 && ! grep -q '^griffe: ' out/site.log
 
 docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
 	$(SITE_ENV) $(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
@@ -137,7 +139,7 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
-	rm -rf $(VENV) .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(SITE_VENV) out/site out/site.log .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:

@@ -2,9 +2,9 @@
 
     python -m bench.browser [FOLDER [NAME ...]]
 
-FOLDER (default: docs/images) gets view-demo.png, view-robot.png, view-cloud.png and view-phone.png, or those that are
-named (``demo``). The robot is of recorded requests, in the folder that SCENEGATE_CORPUS names; without them, that
-picture is left as it is. Chromium draws by SwiftShader, without a GPU.
+FOLDER (default: docs/images) gets view-demo.png, view-empty.png, view-robot.png, view-cloud.png and view-phone.png, or
+those that are named (``demo``). The robot is of recorded requests, in the folder that SCENEGATE_CORPUS names; without
+them, that picture is left as it is. Chromium draws by SwiftShader, without a GPU.
 """
 
 from __future__ import annotations
@@ -42,9 +42,16 @@ class Pictures:
 
     def demo(self) -> None:
         """The demo scene and what the stereo camera sees of it."""
-        with gateway("--demo", *FLAGS) as running, self._page(running, "light") as page:
+        with gateway("--demo", *FLAGS) as running, self._page(running, "light&shadows=on") as page:
+            page.get_by_role("button", name="Selection, stereo").click()
             page.locator("[data-image=disparity] img").wait_for()
             self._shoot(page, "demo")
+
+    def empty(self) -> None:
+        """The page before anything is published."""
+        with gateway(*FLAGS) as running, self._page(running, "dark", nodes=1) as page:
+            page.get_by_text("The scene is empty").wait_for()
+            self._shoot(page, "empty")
 
     def phone(self) -> None:
         """The same on a small screen."""
@@ -87,22 +94,26 @@ class Pictures:
             with gateway("--mesh-root", place, *FLAGS) as running:
                 with TreeViewer(tcpq_url(running)) as viewer:
                     viewer["robot"].set(MeshFile(str(file)))
-                with self._page(running, "dark") as page:
+                with self._page(running, "dark&shadows=on") as page:
                     page.wait_for_function("scenegate.model.find(['robot'])?.parts != null")
                     for kind, request in kinds.items():
                         if (answer := post(running.port, request.moved(640, 480))).status != 200:
                             raise SystemExit(f"{kind}: {answer.body.decode()}")
                     post(running.port, kinds["color"].moved(640, 480)[:3000])
+                    page.get_by_role("button", name="Selection, stereo").click()
                     page.get_by_role("tab", name="Renders").click()
                     page.wait_for_function("document.querySelectorAll('.renders li').length == 4")
                     self._shoot(page, "robot")
 
     @contextmanager
-    def _page(self, running: Gateway, theme: str, width: int = 1280, height: int = 800) -> Iterator[Any]:
+    def _page(
+        self, running: Gateway, theme: str, width: int = 1280, height: int = 800, nodes: int = 2
+    ) -> Iterator[Any]:
+        """Yield the page when it has a number of nodes. ``theme`` may have further parameters of the URL."""
         page = self._browser.new_page(viewport={"width": width, "height": height})
         page.set_default_timeout(1e3 * SECONDS)
         page.goto(f"http://127.0.0.1:{running.port}/view?theme={theme}")
-        page.wait_for_function("window.scenegate?.model.nodes.size > 1")
+        page.wait_for_function(f"window.scenegate?.model.nodes.size >= {nodes}")
         yield page
         page.close()
 
@@ -136,6 +147,7 @@ def main() -> None:
         pictures = Pictures(browser, folder)
         known: dict[str, Callable[[], None]] = {
             "demo": pictures.demo,
+            "empty": pictures.empty,
             "robot": pictures.robot,
             "cloud": pictures.cloud,
             "phone": pictures.phone,

@@ -289,44 +289,59 @@ class Gallery:
 
     def stereo(self) -> Picture:
         """Draw the stereo camera's stream: images with projector dots and noise, matched disparity, exact disparity."""
-        model, divisor = read_profile("rc_visard_160c").model, 2
-        k = model.intrinsics(divisor)
         pose = camera("eye=1.55,-1.5,1.3;target=0,0.1,0.62", drawn=self._demo).X_world_camera
-        exposure, depths, images = Exposure(), [], []
-        wanted = Output.COLOR | Output.DEPTH
-        middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
-        with self._renderer.render(self._demo, middle, Output.DEPTH) as seen:
-            assert seen.depth is not None
-            for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
-                view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
-                with self._renderer.render(self._demo, view, wanted, Look("pbr")) as frame:
-                    assert frame.color is not None
-                    assert frame.depth is not None
-                    dots = projected_dots(
-                        frame.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth
-                    )
-                    key = frame_key(1, 1, stream)
-                    images.append(sensor_image(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
-                    depths.append(frame.depth.copy())
-        count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
-        matched = match_pair(images[0], images[1], count, noise_sigma, ImageKind.DOTS)
-        ft = k.focal_length * model.baseline
-        exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
-        most = float(np.percentile(exact[exact > 0], 99.5))
-
-        def painted(disparity: NDArray[Any]) -> Picture:
-            level = np.clip(disparity / most * 255.0, 0, 255).astype(np.uint8)
-            colors = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8)
-            return np.where((disparity > 0)[..., None], colors, np.uint8(255))
-
-        def grey(image: Picture) -> Picture:
-            return np.repeat(image[..., None], 3, axis=2)
-
-        pixels = matched.disparity * np.float32(DISPARITY_SCALE)
-        tiles = [grey(images[0]), grey(images[1]), painted(pixels), painted(exact)]
-        top, side = (k.height - HEIGHT // 2) // 2, (k.width - WIDTH // 2) // 2
+        tiles = stereo_tiles(self._renderer, self._demo, pose)
+        height, width = tiles[0].shape[:2]
+        top, side = (height - HEIGHT // 2) // 2, (width - WIDTH // 2) // 2
         tiles = [tile[top : top + HEIGHT // 2, side : side + WIDTH // 2] for tile in tiles]
         return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
+
+
+def stereo_tiles(
+    renderer: CpuRenderer, drawn: DrawList, pose: NDArray[np.float64], frame: int = 1, most: float | None = None
+) -> list[Picture]:
+    """Return left and right image with projector dots and noise, matched and exact disparity, RGB, 640 x 480.
+
+    Args:
+        pose: of the left camera's optical frame in the world.
+        frame: number of the frame, which chooses the noise.
+        most: disparity of the last colour, pixels; None: nearly the largest one.
+    """
+    model, divisor = read_profile("rc_visard_160c").model, 2
+    k = model.intrinsics(divisor)
+    exposure, depths, images = Exposure(), [], []
+    wanted = Output.COLOR | Output.DEPTH
+    middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
+    with renderer.render(drawn, middle, Output.DEPTH) as seen:
+        assert seen.depth is not None
+        for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
+            view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
+            with renderer.render(drawn, view, wanted, Look("pbr")) as rendered:
+                assert rendered.color is not None
+                assert rendered.depth is not None
+                dots = projected_dots(
+                    rendered.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth
+                )
+                key = frame_key(1, frame, stream)
+                exposed = sensor_image(rendered.color, exposure, key, color=False, dots=dots, dot_light=1.5)
+                images.append(exposed.image)
+                depths.append(rendered.depth.copy())
+    count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
+    matched = match_pair(images[0], images[1], count, noise_sigma, ImageKind.DOTS)
+    ft = k.focal_length * model.baseline
+    exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
+    last = float(np.percentile(exact[exact > 0], 99.5)) if most is None else most
+
+    def painted(disparity: NDArray[Any]) -> Picture:
+        level = np.clip(disparity / last * 255.0, 0, 255).astype(np.uint8)
+        colors = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8)
+        return np.where((disparity > 0)[..., None], colors, np.uint8(255))
+
+    def grey(image: Picture) -> Picture:
+        return np.repeat(image[..., None], 3, axis=2)
+
+    pixels = matched.disparity * np.float32(DISPARITY_SCALE)
+    return [grey(images[0]), grey(images[1]), painted(pixels), painted(exact)]
 
 
 def main() -> None:

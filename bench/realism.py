@@ -1,4 +1,4 @@
-"""Images for docs/stereo-camera.md's section on realism, and the CPU time of each part.
+"""Images for docs/stereo-models.md's section on realism, and the CPU time of each part.
 
 python -m bench.realism docs/images      (writes realism-demo.webp and realism-parts.webp)
 python -m bench.realism --seconds 3      (prints the CPU ms of both grey camera images of the demo scene, for each part)

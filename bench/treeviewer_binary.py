@@ -8,7 +8,8 @@ others that speaks binary over a socket: meshcat (MessagePack over ZeroMQ to its
 process, meldis takes messages in process). PYTHON is an interpreter that has it. All are asked in turn, so that
 whatever else the machine does meets all alike; figures are medians (p99 after the slash) in ms, ratios are of medians.
 Beside them is the processors' time of client and server for one call (Linux), which says the same on a busy machine.
-A million points over UDP need a larger receive buffer than most systems allow, and are not measured. S bounds each job.
+Meshes with an image, height maps, images and 1000 poses in one message are measured for ours only. A million points
+over UDP need a larger receive buffer than most systems allow, and are not measured. S bounds each job.
 """
 
 from __future__ import annotations
@@ -24,16 +25,21 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bench.running import tree_of
 from bench.table import Row, at_least, at_most, show, skipped
 from bench.treeviewer_clients import Figures, process, started
 from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
-from gateway.client import Mesh, PointCloud, TreeViewer
+from gateway.client import Box, Geometry, Heightmap, ImagePlane, Mesh, PointCloud, TreeViewer
 
 OURS = ("ours, tcpq", "ours, udp")
 PEER = "meshcat"
 POINTS = {"cloud 100k": 100_000, "cloud 100k, colours of bytes": 100_000, "cloud 1M": MILLION}
-JOBS = ("mesh 100k", *POINTS)
+OWN_JOBS = ("mesh 100k, image", "heightmap 300 x 300", "image 1 megapixel", "1000 poses")
+"""Jobs that the peer does not do in one call."""
+POSES = 1000
+JOBS = ("mesh 100k", *POINTS, *OWN_JOBS)
 CPU = "CPU, "
 FEW_MS = 10.0
 """Limit in ms for "a few milliseconds"."""
@@ -65,15 +71,30 @@ def asking(url: str) -> Ask:
     """Ours by its own client."""
     viewer = TreeViewer(url, timeout=30.0, binary=True)
     vertices, faces = mesh_arrays()
-    geometries: dict[str, Mesh | PointCloud] = {"mesh 100k": Mesh(vertices, faces)}
+    pixels = np.random.default_rng(1).integers(0, 256, (1000, 1000, 3), np.uint8)
+    geometries: dict[str, Geometry] = {
+        "mesh 100k": Mesh(vertices, faces),
+        "mesh 100k, image": Mesh(vertices, faces, uv=vertices[:, :2], image=pixels[:256, :256]),
+        "heightmap 300 x 300": Heightmap(pixels[:300, :300, 0] / 255.0, (1.0, 1.0)),
+        "image 1 megapixel": ImagePlane(pixels, width=1.0),
+    }
     for name, count in POINTS.items():
         points, rgb = cloud_arrays(count)
         geometries[name] = PointCloud(points, rgb=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
+
+    paths = [f"swarm/{index}" for index in range(POSES)]
+    with viewer.batch() as batch:
+        for path in paths:
+            batch[path].set(Box((0.1, 0.1, 0.1)))
+    poses = np.random.default_rng(2).normal(size=(POSES, 7))
 
     def ask(job: str) -> float:
         if url.startswith("udpm") and job == "cloud 1M":
             return math.inf
         begin = time.perf_counter()
+        if job == "1000 poses":
+            viewer.set_transforms(paths, poses + begin)  # other ones in each call
+            return 1000.0 * (time.perf_counter() - begin)
         viewer[job.partition(" ")[0]].set(geometries[job])
         return 1000.0 * (time.perf_counter() - begin)
 
@@ -102,11 +123,12 @@ def measure(contestants: dict[str, Contestant], seconds: float) -> dict[str, Fig
     """All jobs of all, in turn; the processors' time as jobs of their own, named with ``CPU``."""
     table = {name: Figures(name, {name: [] for job in JOBS for name in (job, CPU + job)}) for name in contestants}
     for job in JOBS:
-        for contestant in contestants.values():
+        able = {name: each for name, each in contestants.items() if name in OURS or job not in OWN_JOBS}
+        for contestant in able.values():
             contestant.ask(job)
-        end = time.monotonic() + seconds * len(contestants)
+        end = time.monotonic() + seconds * len(able)
         while time.monotonic() < end:
-            for name, contestant in contestants.items():
+            for name, contestant in able.items():
                 processes = contestant.processes()
                 before = computed(processes)
                 table[name].jobs[job].append(contestant.ask(job))
@@ -124,6 +146,9 @@ def rows(table: dict[str, Figures]) -> list[Row]:
             mine, other = table[name].median(job), table[PEER].median(job) if PEER in table else math.nan
             what = f"tree viewer, binary, {name.partition(', ')[2]}: {job}"
             if math.isnan(mine):
+                continue
+            if job in OWN_JOBS:
+                found.append(Row(what, f"{mine:.2f} ms"))
                 continue
             if math.isnan(other):
                 found.append(skipped(what, "no interpreter with meshcat (--peers)"))

@@ -192,6 +192,7 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
 
 async def test_while_it_compiles_log_health_and_responses_have_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on = asyncio.Event(), asyncio.Event()
+    percent = 100 * warmup.FUNCTIONS["shading"] // sum(warmup.FUNCTIONS[part] for part in warmup.NEEDED)
 
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         assert set(progress.expected) == set(parts) == set(warmup.NEEDED)
@@ -212,9 +213,10 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
                 assert described["state"] == "starting"
                 compiling = described["compiling"]
                 assert compiling.pop("seconds") >= 0.0
-                assert compiling == {"percent": 50, "seconds_left": 1}
-            answer = await client.get("/example")
+                assert compiling == {"percent": percent, "seconds_left": 1}
+            answer = await client.get("/example", headers={"Accept": "text/html"})
             assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
+            assert f"{percent} %" in answer.text
             go_on.set()
             async with asyncio.timeout(SECONDS):
                 while (await client.get("/readyz")).status_code != 200:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -25,14 +26,17 @@ class SceneFile:
 
     root: Node
     """Root of the tree, which does not change any more."""
-    cameras: tuple[GltfCamera, ...]
+    cameras: tuple[GltfCamera, ...] = ()
     """The file's cameras, in the Z-up world."""
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
     """Sentences about properties that were ignored or repaired."""
-    generator: str
-    """``asset.generator``."""
+    generator: str = ""
+    """``asset.generator`` of a glTF file."""
     lights: tuple[Light, ...] = ()
     """The file's lights, in the Z-up world."""
+    digests: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 in hexadecimal of the files that were read, by path relative to the scene file's folder. The scene file
+    is first."""
 
     @property
     def from_drake(self) -> bool:
@@ -68,20 +72,17 @@ class FolderFiles:
         return data
 
 
-def read_scene_file(
-    path: Path, *, up: Up = "auto", limits: GltfLimits | None = None, files: FolderFiles | None = None
-) -> SceneFile:
+def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = None) -> SceneFile:
     """Read a ``.gltf`` or ``.glb`` file.
 
     Args:
         up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
         limits: None: ``GltfLimits()``.
-        files: Reads ``path`` and the files that it refers to, for callers that need their digests; None: a new one.
 
     Raises:
         SceneFileError: The file is not readable, not glTF, or beyond a limit.
     """
-    files = files or FolderFiles(path)
+    files = FolderFiles(path)
     try:
         scene = read_gltf(files.read_scene(), resolve=files.resolve, limits=limits or GltfLimits())
     except OSError as error:
@@ -89,14 +90,14 @@ def read_scene_file(
     except GltfError as error:
         raise SceneFileError(f"{path}: {error}") from None
     if up == "z" or (up == "auto" and scene.from_drake):
-        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator, scene.lights)
+        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator, scene.lights, files.digests)
     root = scene.root
     rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
     lights = tuple(
         replace(light, position=_rotated(light.position), direction=_rotated(light.direction)) for light in scene.lights
     )
-    return SceneFile(rotated, cameras, scene.warnings, scene.generator, lights)
+    return SceneFile(rotated, cameras, scene.warnings, scene.generator, lights, files.digests)
 
 
 def _rotated(vector: tuple[float, float, float]) -> tuple[float, float, float]:

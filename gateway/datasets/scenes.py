@@ -12,18 +12,16 @@ from typing import Final
 import msgspec
 
 from gateway.assets.mesh_formats import parse_mesh
-from gateway.assets.scene_file import FolderFiles, SceneFileError, Up, read_scene_file
+from gateway.assets.scene_file import FolderFiles, SceneFileError, Up
 from gateway.client import manifest
 from gateway.datasets.sources import Source, SourceKind
-from gateway.gltf import GltfCamera, GltfLimits
+from gateway.gltf import GltfCamera
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
-from gateway.robots.errors import RobotFileError
-from gateway.robots.joint_text import parse_joints
-from gateway.robots.reader import read_robot
+from gateway.robots.scene_files import MESH_LIMITS, read_scene
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -39,8 +37,6 @@ from gateway.treeviewer.quota import TreeQuota
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
 
-MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
-"""Limits of mesh files, the same as in the live tree."""
 _BOUNDARY_BYTES: Final = 200
 """Bytes at the start of a request in which its boundary is found. It has at most 70 characters (RFC 2046, 5.1.1)."""
 
@@ -108,40 +104,17 @@ def load_scene(source: Source, options: LoadOptions = LoadOptions()) -> LoadedSc
         raise SceneError(str(error)) from None
 
 
-def _load_gltf(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
-    """Load a glTF file."""
-    scene = read_scene_file(Path(source.path), up=options.up, files=files)
+def _load_file(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
+    """Load a glTF file, a mesh or a robot."""
+    scene = read_scene(Path(source.path), up=options.up, joints=options.joints, roots=options.roots)
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera = scene.cameras[0] if scene.cameras else None
-    description = _describe(source, files.digests, labels, scene.generator, scene.warnings)
+    description = _describe(source, scene.digests, labels, scene.generator, scene.warnings)
     return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
-
-
-def _load_mesh(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
-    """Load a mesh file as one node."""
-    suffix = Path(source.path).suffix[1:].lower()
-    parts = parse_mesh(files.read_scene(), suffix, files.resolve, MESH_LIMITS)
-    root = Node(None, children={Path(source.path).stem: Node(parts)})
-    draw_list, labels = _flatten_numbered(root)
-    return LoadedScene(root, draw_list, None, "studio", None, _describe(source, files.digests, labels))
-
-
-def _load_robot(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
-    """Load a robot file as a node for each link, in the pose of the joint values."""
-    try:
-        robot = read_robot(source.path, roots=options.roots)
-        root = robot.tree(parse_joints(options.joints))
-    except ImportError as error:
-        raise SceneError(str(error)) from None
-    except RobotFileError as error:
-        raise SceneError(str(error).removeprefix(f"{source.path}: ")) from None
-    draw_list, labels = _flatten_numbered(root)
-    description = _describe(source, robot.digests, labels, warnings=robot.warnings)
-    return LoadedScene(root, draw_list, None, "studio", None, description)
 
 
 def _load_tree(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
@@ -179,9 +152,9 @@ def _load_request(source: Source, files: FolderFiles, options: LoadOptions) -> L
 
 
 _LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, LoadOptions], LoadedScene]]] = {
-    SourceKind.GLTF: _load_gltf,
-    SourceKind.MESH: _load_mesh,
-    SourceKind.ROBOT: _load_robot,
+    SourceKind.GLTF: _load_file,
+    SourceKind.MESH: _load_file,
+    SourceKind.ROBOT: _load_file,
     SourceKind.TREE: _load_tree,
     SourceKind.REQUEST: _load_request,
 }

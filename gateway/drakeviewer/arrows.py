@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from gateway.scene.geometry import Cylinder, Part, Surface
 from gateway.scene.materials import Color, material
 from gateway.scene.transforms import scaling, translation
 from renderers import primitives
+
+SIDES: Final = 12
+"""Sides of an arrow: those of contacts are a few pixels wide, and a message may have thousands."""
 
 
 def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:
@@ -39,16 +43,15 @@ def arrow(
     X_world_arrow = translation(*origin) @ rotation_from_z(vector)
     arrow_material = material(color)
     begin, end = (-0.5 * length, 0.5 * length) if centred else (0.0, length)
-    head = Surface(primitives.cone())
+    head, shaft = Surface(primitives.cone(SIDES)), Surface(primitives.cylinder(SIDES))
     size = 2.0 * radius
     X_tip_head = scaling(size, size, size)
-    shaft = Part(
-        Cylinder(radius, length), arrow_material, X_world_arrow @ translation(0.0, 0.0, 0.5 * (begin + end)), "arrow"
-    )
+    X_arrow_shaft = translation(0.0, 0.0, 0.5 * (begin + end)) @ scaling(radius, radius, length)
     tips = [translation(0.0, 0.0, end + size)]
     if centred:
         tips.append(translation(0.0, 0.0, begin - size) @ rotation_from_z((0.0, 0.0, -1.0)))
-    return (shaft, *(Part(head, arrow_material, X_world_arrow @ tip @ X_tip_head, "arrow") for tip in tips))
+    body = Part(shaft, arrow_material, X_world_arrow @ X_arrow_shaft, "arrow")
+    return (body, *(Part(head, arrow_material, X_world_arrow @ tip @ X_tip_head, "arrow") for tip in tips))
 
 
 def triad(length: float, radius: float) -> tuple[Part, ...]:

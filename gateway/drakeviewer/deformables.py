@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gateway.drakeviewer.config import Limits
-from gateway.drakeviewer.geometry import color_of, transform_of
+from gateway.drakeviewer.float_meshes import surface_of
 from gateway.drakeviewer.link_paths import split_name
-from gateway.drakeviewer.meshes import surface_of
 from gateway.drakeviewer.messages import Link
 from gateway.drakeviewer.robots import ROOT, show_family
+from gateway.drakeviewer.shapes import color_of, transform_of
 from gateway.scene.geometry import Part
 from gateway.scene.materials import material
 from gateway.scene.tree import Path, TreeEdit

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.config import Limits
-from gateway.drakeviewer.geometry import read_geometries
 from gateway.drakeviewer.link_paths import link_paths
 from gateway.drakeviewer.messages import WORLD, Draw, Link, LinkKey, LinkNames
+from gateway.drakeviewer.shapes import read_geometries
 from gateway.scene.tree import Node, Path, TreeEdit
 
 ROOT: Final = "drake"

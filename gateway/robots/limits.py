@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gateway.gltf import GltfLimits
+from gateway.robots.errors import RobotFileError
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,3 +31,18 @@ class RobotLimits:
     """Maximum size of the compiled model of an MJCF file."""
     mesh: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
     """Limits of the content of each mesh file."""
+
+
+def check_count(count: int, limit: int, what: str) -> None:
+    """Check a number of objects in a robot file.
+
+    Args:
+        count: Number of objects.
+        limit: Maximum number.
+        what: Name of the objects, in the plural.
+
+    Raises:
+        RobotFileError: There are more than the limit.
+    """
+    if count > limit:
+        raise RobotFileError(f"it has {count} {what}, the limit is {limit}")

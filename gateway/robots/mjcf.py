@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
-from gateway.robots.limits import RobotLimits
+from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
@@ -40,15 +40,11 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
         model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
     except RobotFileError as error:
         raise RobotFileError(f"{mentioned_files.link_prefix(str(error))}{error}") from None
-    for count, limit, what in (
-        (model.nbody, limits.max_links, "bodies"),
-        (model.njnt, limits.max_links, "joints"),
-        (model.ngeom, limits.max_geometries, "geometries"),
-        (model.nmeshvert, limits.mesh.max_vertices, "vertices"),
-        (model.nmeshface, limits.mesh.max_elements, "triangles"),
-    ):
-        if count > limit:
-            raise RobotFileError(f"it has {count} {what}, the limit is {limit}")
+    check_count(model.nbody, limits.max_links, "bodies")
+    check_count(model.njnt, limits.max_links, "joints")
+    check_count(model.ngeom, limits.max_geometries, "geometries")
+    check_count(model.nmeshvert, limits.mesh.max_vertices, "vertices")
+    check_count(model.nmeshface, limits.mesh.max_elements, "triangles")
     links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
     joints = _joints(mujoco, model)
     converter = MjcfGeometry(mujoco, model)

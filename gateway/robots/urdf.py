@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError
-from gateway.robots.limits import RobotLimits
+from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
 from gateway.robots.urdf_model import UrdfGeometry, UrdfJoint, UrdfLink, UrdfMaterial, UrdfMesh, UrdfModel
 from gateway.robots.xml_text import Element, numbers, positive_number, required
@@ -36,13 +36,9 @@ def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
         raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
     links, joints = root.findall("link"), root.findall("joint")
     geometry_count = sum(1 for link in links for _ in (*link.iter("visual"), *link.iter("collision")))
-    for count, limit, what in (
-        (len(links), limits.max_links, "links"),
-        (len(joints), limits.max_links, "joints"),
-        (geometry_count, limits.max_geometries, "geometries"),
-    ):
-        if count > limit:
-            raise RobotFileError(f"it has {count} {what}, the limit is {limit}")
+    check_count(len(links), limits.max_links, "links")
+    check_count(len(joints), limits.max_links, "joints")
+    check_count(geometry_count, limits.max_geometries, "geometries")
     if not links:
         raise RobotFileError("it has no links")
     materials = dict(_named_materials(root))

@@ -123,7 +123,7 @@ async def _exclusive(progress: Progress) -> AsyncIterator[None]:
 async def compile_in_children(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children, ``python -m gateway.wiring.warmup FD PART ..``, read from a pipe which part is the next.
+    The children, ``python -P -m gateway.wiring.warmup FD PART ..``, read from a pipe which part is the next.
 
     Args:
         parts: names in ``warmup.PARTS``; at most 255.
@@ -166,8 +166,9 @@ async def _compile_in_child(
         compiled: part -> cache folders of its kernels; extended here.
     """
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.wiring.warmup", str(queue), *parts),
-        env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root())},
+        *(sys.executable, "-P", "-m", "gateway.wiring.warmup", str(queue), *parts),
+        # The same modules as here, whatever lies in the current folder: it may be a clone of another version.
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,

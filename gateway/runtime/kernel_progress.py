@@ -15,8 +15,6 @@ _LOG_STEP_PERCENT: Final = 20
 """Progress between two lines of the log."""
 _MIN_ESTIMATE_FRACTION: Final = 0.1
 """Minimum progress, 0 to 1, for an estimate of the remaining time."""
-_DEFAULT_RETRY_SECONDS: Final = 5
-"""Retry-After while there is no estimate."""
 
 
 @dataclass(slots=True)
@@ -53,11 +51,6 @@ class Progress:
         if self.fraction < _MIN_ESTIMATE_FRACTION:
             return None
         return math.ceil(max(1.0, (time.monotonic() - self.first_compiled) * (1 / self.fraction - 1)))
-
-    @property
-    def retry_after(self) -> int:
-        """Seconds after which a client should try again."""
-        return self.seconds_left or _DEFAULT_RETRY_SECONDS
 
     def set_waiting(self, waiting: bool) -> None:
         """Set ``waiting``, and call ``on_change`` if it changes."""

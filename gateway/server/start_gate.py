@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection
 
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.runtime.kernel_progress import Progress
@@ -13,10 +13,9 @@ from gateway.server.starting_page import starting_page
 
 
 class StartGate:
-    """Respond to requests until the interfaces have started.
+    """Hold requests until the interfaces have started: Drake's client never retries.
 
-    A browser gets a page that shows the progress and opens the requested one afterwards. Other requests get 503 with
-    Retry-After while kernels are compiled (tens of seconds), and wait while they are loaded (a second).
+    A browser gets a page that shows the progress and opens the requested one afterwards.
     """
 
     def __init__(
@@ -46,24 +45,15 @@ class StartGate:
             await self._app(scope, receive, send)
             return
         if not self._started.is_set():
-            if (response := self._response(scope)) is not None:
-                await response(scope, receive, send)
+            if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
+                headers = {"Retry-After": "1", "Cache-Control": "no-store"}
+                await HTMLResponse(starting_page(self._compiling()), 503, headers)(scope, receive, send)
                 return
             await self._started.wait()
         if scope["type"] == "http" and (problem := self._problem()):
             await PlainTextResponse(f"The gateway did not start: {problem}\n", status_code=503)(scope, receive, send)
             return
         await self._app(scope, receive, send)
-
-    def _response(self, scope: Scope) -> Response | None:
-        """Return the response before the start, or None if the request waits."""
-        progress = self._compiling()
-        if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
-            return HTMLResponse(starting_page(progress), 503, {"Retry-After": "1", "Cache-Control": "no-store"})
-        if progress is None:
-            return None
-        text = f"Scenegate is starting: {progress}. Try again in {progress.retry_after} s.\n"
-        return PlainTextResponse(text, 503, {"Retry-After": str(progress.retry_after)})
 
 
 def _accepts_html(scope: Scope) -> bool:

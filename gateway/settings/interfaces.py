@@ -53,13 +53,16 @@ class InterfaceSettings(BaseSettings):
         "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
     )
     backdrop: str | None = option(
-        None, "Render endpoint", "Geometry added to every image: a .gltf or .glb file, or 'live' for the live tree."
+        None,
+        "Render endpoint",
+        "Geometry added to every image: 'live' for the live tree, or a file: glTF, a mesh, or a robot (urdf, xml), "
+        "whose packages are found by --mesh-root.",
     )
     up: Literal["auto", "y", "z"] = option(
         "auto",
         "Render endpoint",
-        "Up axis of the files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, else "
-        "Y.",
+        "Up axis of glTF files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, "
+        "else Y.",
     )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder in which rejected render requests are stored for replay."

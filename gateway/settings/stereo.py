@@ -17,7 +17,10 @@ class StereoSettings(BaseSettings):
 
     grpc_port: Port = option(50051, "Stereo camera", "Port of the gRPC image stream. 0 picks a free port.")
     stereo_scene: str = option(
-        "live", "Stereo camera", "Scene in front of the camera: 'live' for the live tree, or a .gltf or .glb file."
+        "live",
+        "Stereo camera",
+        "Scene in front of the camera: 'live' for the live tree, or a file: glTF, a mesh, or a robot (urdf, xml), "
+        "whose packages are found by --mesh-root.",
     )
     stereo_images: Path | None = option(
         None,

@@ -18,12 +18,12 @@ _SPECS: Final[dict[str, Spec]] = {name: spec for specs in NODES.values() for nam
 _SERVICE_NAMES: Final = list(dict.fromkeys(name for services in device.SERVICES.values() for name in services))
 
 # The enums describe the names, but do not validate them. For unknown names, the handlers return 404 as the device does;
-# FastAPI would return 422.
+# FastAPI would return 422. Swagger UI fills its form with the default of an enum, not with the example.
 NodeName = Annotated[
     str,
     Path(
         description="Name of a node",
-        json_schema_extra={"enum": [*NODES, *NODE_ALIASES]},
+        json_schema_extra={"enum": [*NODES, *NODE_ALIASES], "default": "rc_stereomatching"},
         openapi_examples=example("rc_stereomatching"),
     ),
 ]
@@ -31,7 +31,7 @@ ParameterName = Annotated[
     str,
     Path(
         description="Name of a parameter of the node",
-        json_schema_extra={"enum": list(_SPECS)},
+        json_schema_extra={"enum": list(_SPECS), "default": "quality"},
         openapi_examples=example("quality"),
     ),
 ]
@@ -47,7 +47,7 @@ ServiceName = Annotated[
     str,
     Path(
         description="Name of a service of the node",
-        json_schema_extra={"enum": _SERVICE_NAMES},
+        json_schema_extra={"enum": _SERVICE_NAMES, "default": "reset_defaults"},
         openapi_examples=example("reset_defaults"),
     ),
 ]

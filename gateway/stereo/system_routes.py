@@ -68,9 +68,12 @@ def system_router(*services: StereoService) -> APIRouter:
         return device.pipelines(services)[number]
 
     for number in device.pipelines(services):
-        api.get(f"/api/v2/pipelines/{number}", summary="A pipeline", responses=json_example(_PIPELINE))(
-            partial(pipeline, number)
-        )
+        api.get(
+            f"/api/v2/pipelines/{number}",
+            summary="A pipeline",
+            description="Type, model and state of one stereo camera.",  # else FastAPI takes the docstring of partial
+            responses=json_example(_PIPELINE),
+        )(partial(pipeline, number))
 
     @api.get("/api/v2/pipelines/{number}", include_in_schema=False)
     async def unknown_pipeline(number: str) -> Response:

@@ -13,16 +13,15 @@ import time
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import islice
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 
 from gateway.scene.live import Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.tree import Change, Node, Path, changes
-from gateway.viewer.frames import FrameBuilder, encode_fragment
+from gateway.viewer.frames import FrameBuilder
 from gateway.viewer.geometry_json import part_json
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoRig
@@ -111,9 +110,9 @@ class Encoder:
 
     def _encode(self, old: Snapshot, target: Snapshot) -> Iterator[Update | None]:
         """Yield None whenever ``MAX_BLOCKING_SECONDS`` have passed, and the update at the end."""
-        nodes: list[msgspec.Raw] = []
+        builder = FrameBuilder()
         removed: list[int] = []
-        transforms: list[tuple[int, Node]] = []
+        transforms = _Transforms()
         meshes: set[int] = set()
         node_json: dict[str, Any] = {}  # of the node whose changes are being read
         pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
@@ -123,11 +122,11 @@ class Encoder:
                 removed.append(node_id)
                 continue
             if change.kind in ("added", "transform"):
-                transforms.append((node_id, change.node))
+                transforms.add(node_id, change.node)
             if change.kind not in ("transform", "reordered"):
                 # The changes of one node follow each other.
                 if node_json and node_json["id"] != node_id:
-                    nodes.append(encode_fragment(node_json))
+                    builder.add_node(node_json)
                     node_json = {}
                 node_json["id"] = node_id
                 self._add_change(node_json, change, change.node, meshes)
@@ -135,14 +134,11 @@ class Encoder:
                 yield None
                 pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
         if node_json:
-            nodes.append(encode_fragment(node_json))
-        builder = FrameBuilder()
+            builder.add_node(node_json)
         header: dict[str, Any] = {"kind": "update", "from": old.revision, "revision": target.revision}
         if removed:
             header["removed"] = removed
-        if nodes:
-            header["nodes"] = nodes
-        _add_transforms(builder, header, transforms)
+        transforms.add_to(builder, header)
         yield Update(builder.finish(header), frozenset(meshes))
 
     def _add_change(self, node_json: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
@@ -161,26 +157,37 @@ class Encoder:
             meshes.update(draw["mesh"] for part in parts or () for draw in part["draws"])
 
 
-def _add_transforms(builder: FrameBuilder, header: dict[str, Any], nodes: list[tuple[int, Node]]) -> None:
-    """Add the ids (uint32) and transforms of nodes to the body.
+class _Transforms:
+    """The ids (uint32) and transforms of nodes: a pose (7 float32) or a column-major matrix (16 float32) each.
 
-    A transform is a pose (7 float32) or a column-major matrix (16 float32).
+    They are converted one by one: converting all of them at the end blocks the event loop.
     """
-    poses = [(node_id, node.pose) for node_id, node in nodes if node.pose is not None]
-    matrices = [(node_id, node.matrix) for node_id, node in nodes if node.pose is None]
-    if poses:
-        # array() converts tuples faster than NumPy; like NumPy it converts values beyond float32 to infinity.
-        header["poses"] = {
-            "ids": builder.add_array(array("I", [node_id for node_id, _ in poses])),
-            "values": builder.add_array(array("f", chain.from_iterable([pose for _, pose in poses]))),
-        }
-    if matrices:
-        with np.errstate(over="ignore"):
-            values = np.array([matrix.T for _, matrix in matrices], dtype=np.float64).astype(np.float32)
-        header["matrices"] = {
-            "ids": builder.add_array(array("I", [node_id for node_id, _ in matrices])),
-            "values": builder.add_array(values),
-        }
+
+    __slots__ = ("_matrices", "_matrix_ids", "_pose_ids", "_poses")
+
+    def __init__(self) -> None:
+        self._pose_ids = array("I")
+        self._poses = array("f")
+        self._matrix_ids = array("I")
+        self._matrices = array("f")
+
+    def add(self, node_id: int, node: Node) -> None:
+        """Add a node. Values beyond float32 become infinite."""
+        if node.pose is not None:
+            self._pose_ids.append(node_id)
+            self._poses.extend(node.pose)
+        else:
+            self._matrix_ids.append(node_id)
+            self._matrices.extend(node.matrix.T.ravel().tolist())
+
+    def add_to(self, builder: FrameBuilder, header: dict[str, Any]) -> None:
+        """Add the arrays to a frame."""
+        for name, ids, values in (
+            ("poses", self._pose_ids, self._poses),
+            ("matrices", self._matrix_ids, self._matrices),
+        ):
+            if ids:
+                header[name] = {"ids": builder.add_array(ids), "values": builder.add_array(values)}
 
 
 def encode_status(status: dict[str, Any]) -> bytes:

@@ -23,19 +23,22 @@ _PREFIX: Final = struct.Struct("<II")
 _json: Final = msgspec.json.Encoder()
 
 
-def encode_fragment(value: dict[str, Any]) -> msgspec.Raw:
-    """Encode a value as JSON now. The result can be part of a header, which is encoded later."""
-    return msgspec.Raw(_json.encode(value))
-
-
 class FrameBuilder:
-    """Collects the arrays of a frame's body."""
+    """Collects the nodes of a frame's header, and the arrays of its body."""
 
-    __slots__ = ("_chunks", "_size")
+    __slots__ = ("_chunks", "_nodes", "_size")
 
     def __init__(self) -> None:
+        self._nodes = bytearray()
+        """JSON objects with commas between them."""
         self._chunks: list[bytes] = []
         self._size = 0
+
+    def add_node(self, node: dict[str, Any]) -> None:
+        """Encode a node for the header's array ``nodes`` now: encoding thousands at once blocks the event loop."""
+        if self._nodes:
+            self._nodes += b","
+        self._nodes += _json.encode(node)
 
     def add_array(self, values: NDArray[Any] | packed_array[Any]) -> list[int]:
         """Append an array to the body; return its ``[offset, count]`` for the header."""
@@ -49,10 +52,13 @@ class FrameBuilder:
         return [offset, int(values.size) if isinstance(values, np.ndarray) else len(values)]
 
     def finish(self, header: dict[str, Any]) -> bytes:
-        """Return the complete frame, with ``header`` and the arrays added so far."""
-        text = _json.encode(header)
-        text += b" " * (-(len(text) + _PREFIX.size) % ALIGNMENT)
-        return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *self._chunks))
+        """Return the complete frame, with the fields of ``header`` (at least one), and the nodes and arrays so far."""
+        text: list[bytes | bytearray] = [_json.encode(header)]
+        if self._nodes:
+            text = [text[0][:-1], b',"nodes":[', self._nodes, b"]}"]
+        text_bytes = sum(map(len, text))
+        padding_bytes = -(text_bytes + _PREFIX.size) % ALIGNMENT
+        return b"".join((_PREFIX.pack(MAGIC, text_bytes + padding_bytes), *text, b" " * padding_bytes, *self._chunks))
 
 
 def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:

@@ -17,6 +17,7 @@ _IDENTITY: Final = np.eye(4)
 
 def part_json(part: Part, resources: Resources) -> dict[str, Any]:
     """Return a part's kind, draws and, if it has one, source. A point cloud also has ``points`` and ``channels``.
+    Text has ``facesCamera``: the page turns it towards the camera.
 
     A draw is a mesh with a material and a matrix.
     """
@@ -36,6 +37,8 @@ def part_json(part: Part, resources: Resources) -> dict[str, Any]:
         fields["channels"] = _channel_widths(part.shape)
     if part.source:
         fields["source"] = part.source
+    if part.kind == "text":
+        fields["facesCamera"] = True
     return fields
 
 
@@ -64,10 +67,19 @@ def _material_json(material: Material, resources: Resources) -> dict[str, Any]:
         ("unlit", material.unlit, False),
         ("pointSize", material.point_size, 1.0),
         ("lineWidth", material.line_width, 1.0),
+        ("normalScale", material.normal_scale, 1.0),
+        ("occlusionStrength", material.occlusion_strength, 1.0),
+        ("emissiveStrength", material.emissive_strength, 1.0),
     )
     fields.update({name: value for name, value, default in optional if value != default})
-    if material.base_color_texture is not None:
-        fields["texture"] = _texture_json(material.base_color_texture, resources)
+    textures = (
+        ("texture", material.base_color_texture),
+        ("metallicRoughnessTexture", material.metallic_roughness_texture),
+        ("normalTexture", material.normal_texture),
+        ("occlusionTexture", material.occlusion_texture),
+        ("emissiveTexture", material.emissive_texture),
+    )
+    fields.update({name: _texture_json(texture, resources) for name, texture in textures if texture is not None})
     return fields
 
 

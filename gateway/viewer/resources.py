@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import deque
 from typing import Any, Final, Generic, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary, finalize
@@ -15,7 +16,7 @@ from gateway.scene.meshing import MAX_EXTENT
 from gateway.viewer.frames import FrameBuilder
 from renderers.cache import Cache
 from renderers.color import srgb_colors_from_linear
-from renderers.drawlist import Image, Mesh
+from renderers.drawlist import Image, Mesh, Topology
 
 T = TypeVar("T")
 
@@ -82,18 +83,9 @@ class Resources:
         """Register the point cloud that a mesh draws."""
         self._clouds[mesh_id] = cloud
 
-    def channel(self, mesh_id: int, name: str) -> NDArray[np.float32] | None:
-        """Return a channel of the point cloud that a mesh draws.
-
-        Returns:
-            (N, k) float32: k values for each of the N points that are drawn. None if there is no such cloud or channel.
-        """
-        cloud = self._clouds.get(mesh_id)
-        values = None if cloud is None else cloud.channels.get(name)
-        if cloud is None or values is None or len(values) != len(cloud.points):
-            return None
-        is_drawn = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
-        return np.ascontiguousarray(values.reshape(len(values), -1)[is_drawn], dtype=np.float32)
+    def cloud(self, mesh_id: int) -> PointCloud | None:
+        """Return the point cloud that a mesh draws, or None if there is no such cloud."""
+        return self._clouds.get(mesh_id)
 
     def take_removed_meshes(self) -> set[int]:
         """Return the ids of the meshes that were removed since the last call."""
@@ -123,20 +115,57 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
     """Return the frame of a mesh.
 
     Positions, normals and texture coordinates are float32, colours uint8 and sRGB, indices uint32. The header has no
-    ``index`` if the indices are 0, 1, 2, ...
+    ``index`` if the indices are 0, 1, 2, ... A mesh of points also has its bounds, ``box``: minimum and maximum. Points
+    are in the order of ``sample_order``.
     """
     builder = FrameBuilder()
     header: dict[str, Any] = {"kind": "mesh", "id": mesh_id, "topology": int(mesh.topology)}
-    header["position"] = builder.add_array(mesh.positions)
+    indices = mesh.elements.ravel()
+    is_indexed = len(indices) != len(mesh.positions) or not np.array_equal(
+        indices, np.arange(len(indices), dtype=indices.dtype)
+    )
+    order: NDArray[np.int64] | slice = slice(None)
+    if mesh.topology is Topology.POINTS and len(mesh.positions):
+        header["box"] = [mesh.positions.min(axis=0).tolist(), mesh.positions.max(axis=0).tolist()]
+        if not is_indexed:
+            order = sample_order(len(mesh.positions))
+    header["position"] = builder.add_array(mesh.positions[order])
     for name, values in (("normal", mesh.normals), ("uv", mesh.uv0), ("uv1", mesh.uv1)):
         if values is not None:
-            header[name] = builder.add_array(values)
+            header[name] = builder.add_array(values[order])
     if mesh.colors is not None:
-        header["color"] = builder.add_array(colors_to_uint8(srgb_colors_from_linear(mesh.colors)))
-    indices = mesh.elements.ravel()
-    if len(indices) != len(mesh.positions) or not np.array_equal(indices, np.arange(len(indices), dtype=indices.dtype)):
+        header["color"] = builder.add_array(colors_to_uint8(srgb_colors_from_linear(mesh.colors))[order])
+    if is_indexed:
         header["index"] = builder.add_array(indices)
     return builder.finish(header)
+
+
+def sample_order(count: int) -> NDArray[np.int64]:
+    """Return an order of points in which every range is an even sample of all: a page draws a large cloud in parts.
+
+    Consecutive points are the golden ratio of the count apart.
+
+    Returns:
+        (N,) int64, a permutation of 0 to ``count`` - 1.
+    """
+    step = max(1, int(count * (5**0.5 - 1) / 2))
+    while math.gcd(step, count) > 1:
+        step += 1
+    return np.arange(count, dtype=np.int64) * step % max(1, count)
+
+
+def channel_values(cloud: PointCloud, name: str) -> NDArray[np.float32] | None:
+    """Return a channel of a point cloud, in the order of the points in the cloud's mesh frame.
+
+    Returns:
+        (N, k) float32: k values for each of the N points that are drawn. None if there is no such channel.
+    """
+    values = cloud.channels.get(name)
+    if values is None or len(values) != len(cloud.points):
+        return None
+    is_drawn = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
+    drawn = values.reshape(len(values), -1)[is_drawn]
+    return np.ascontiguousarray(drawn[sample_order(len(drawn))], dtype=np.float32)
 
 
 def colors_to_uint8(colors: NDArray[np.float32]) -> NDArray[np.uint8]:

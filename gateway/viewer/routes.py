@@ -17,8 +17,10 @@ from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
 
 from gateway.scene.clicks import Button
+from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
 from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.resources import channel_values
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 
@@ -63,11 +65,11 @@ def router(hub: ViewHub) -> APIRouter:
 
     @routes.get("/view/channel/{mesh_id}", include_in_schema=False)
     async def channel(mesh_id: int, name: str) -> Response:
-        values = hub.resources.channel(mesh_id, name)
-        if values is None:
-            return PlainTextResponse(f"mesh {mesh_id} is not a point cloud with a channel {name[:80]!r}", 404)
+        cloud = hub.resources.cloud(mesh_id)
         # In a thread, because a channel may have tens of megabytes.
-        data = await asyncio.to_thread(values.tobytes)
+        data = None if cloud is None else await asyncio.to_thread(_encode_channel, cloud, name)
+        if data is None:
+            return PlainTextResponse(f"mesh {mesh_id} is not a point cloud with a channel {name[:80]!r}", 404)
         return Response(data, media_type="application/octet-stream", headers=REVALIDATE)
 
     @routes.websocket("/view/ws")
@@ -145,6 +147,12 @@ def _read_click(text: str) -> _Click | None:
         return _click_decoder.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError):
         return None
+
+
+def _encode_channel(cloud: PointCloud, name: str) -> bytes | None:
+    """Return a channel of a point cloud as float32, or None if there is no such channel."""
+    values = channel_values(cloud, name)
+    return None if values is None else values.tobytes()
 
 
 def _encode_png(image: Image) -> bytes:

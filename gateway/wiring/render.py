@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from gateway.assets.scene_file import read_scene_file
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
 from gateway.render.events import RenderRecord
 from gateway.render.routes import router
 from gateway.render.service import RenderService
+from gateway.robots.scene_files import read_scene
 from gateway.scene.tree import Node
 from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
@@ -69,5 +69,6 @@ async def _backdrop(context: Context) -> Callable[[], Node] | None:
         return None
     if settings.backdrop == "live":
         return lambda: context.tree.snapshot.root
-    scene = await asyncio.to_thread(read_scene_file, Path(settings.backdrop), up=settings.up)
+    path, roots = Path(settings.backdrop), settings.mesh_root
+    scene = await asyncio.to_thread(read_scene, path, up=settings.up, roots=roots)
     return lambda: scene.root

@@ -60,7 +60,7 @@ async def _load_kernels(context: Context) -> None:
 
 
 async def _compile_kernels(context: Context) -> None:
-    """Compile the kernels. The log or a terminal, ``/readyz`` and responses to requests show the progress."""
+    """Compile the kernels. The log or a terminal, ``/readyz`` and the starting page show the progress."""
     progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.NEEDED})
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe

@@ -11,7 +11,7 @@ import numpy as np
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
-from gateway.assets.scene_file import read_scene_file
+from gateway.robots.scene_files import read_scene
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
@@ -145,7 +145,8 @@ async def _scene(settings: Settings) -> Snapshot | None:
     """Return the scene of ``--stereo-scene``; None if that is the live tree."""
     if settings.stereo_scene == "live":
         return None
-    file = await asyncio.to_thread(read_scene_file, Path(settings.stereo_scene), up=settings.up)
+    path, roots = Path(settings.stereo_scene), settings.mesh_root
+    file = await asyncio.to_thread(read_scene, path, up=settings.up, roots=roots)
     return Snapshot(file.root, 0)
 
 

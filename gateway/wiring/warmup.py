@@ -91,16 +91,19 @@ BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
 """Parts that are compiled after the server is ready."""
 PARTS: Final[Mapping[str, Callable[[], None]]] = {**NEEDED, **BACKGROUND}
 FUNCTIONS: Final[Mapping[str, int]] = {
-    "shading": 115,
-    "raster": 85,
-    "setup": 30,
+    "shading": 125,
+    "raster": 95,
+    "setup": 40,
     "stereo": 105,
-    "normals": 30,
+    "normals": 35,
     "formats": 45,
-    "antialiasing": 40,
-    "studio": 60,
+    "antialiasing": 45,
+    "studio": 65,
 }
-"""Approximate number of functions that Numba compiles for each part: the scale of the progress bar."""
+"""Approximate number of functions that Numba compiles for each part: the scale of the progress bar.
+
+A few more than there are, since LLVM works on after the last one.
+"""
 
 
 def run() -> None:

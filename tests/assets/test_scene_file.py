@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
+from gateway.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
 from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from tests.support import forms
@@ -96,11 +96,10 @@ def test_lights_are_rotated_with_the_scene(
 def test_the_files_that_were_read_are_listed_with_their_digests(tmp_path: Path) -> None:
     (tmp_path / "corners.bin").write_bytes(bytes(36))
     path = written(tmp_path, buffers=[{"byteLength": 36, "uri": "corners.bin"}])
-    files = FolderFiles(path)
-    read_scene_file(path, files=files)
+    digests = read_scene_file(path).digests
     expected = {each: hashlib.sha256((tmp_path / each).read_bytes()).hexdigest() for each in (path.name, "corners.bin")}
-    assert files.digests == expected
-    assert list(files.digests) == [path.name, "corners.bin"]
+    assert digests == expected
+    assert list(digests) == [path.name, "corners.bin"]
 
 
 @pytest.mark.parametrize(("generator", "from_drake"), [("VTK", True), ("Drake glTF merger", True), ("other", False)])

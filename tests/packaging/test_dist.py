@@ -18,7 +18,7 @@ import pytest
 from gateway import __version__
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
-from tests.support.waiting import SECONDS
+from tests.support.waiting import SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -65,8 +65,12 @@ def metadata(wheel: Path) -> Message:
 
 
 def test_wheel_has_every_file_of_the_packages(wheel: Path) -> None:
-    tracked = run("git", "ls-files", "gateway", "renderers").split()
-    expected = {file for file in tracked if not file.startswith("gateway/viewer/web/")}
+    files = {file for package in ("gateway", "renderers") for file in (ROOT / package).rglob("*") if file.is_file()}
+    expected = {
+        file.relative_to(ROOT).as_posix()
+        for file in files
+        if "__pycache__" not in file.parts and ROOT / "gateway/viewer/web" not in file.parents
+    }
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     assert {name for name in names if ".dist-info/" not in name} == expected
@@ -119,7 +123,10 @@ def test_installed_wheel_serves_the_demo(wheel: Path, tmp_path: Path) -> None:
             for asset in assets:
                 assert http.get(asset).status_code == 200, asset
             assert http.get("/docs").status_code == 200
-            assert http.get("/scene/render").headers["content-type"] == "image/png"
+            # 503 while its kernels are still being compiled.
+            drawn = wait_until(lambda: got if (got := http.get("/scene/render")).status_code != 503 else None)
+            assert drawn is not None
+            assert drawn.headers["content-type"] == "image/png", drawn.text
             states = {name: each["state"] for name, each in http.get("/healthz").json()["interfaces"].items()}
         assert set(states.values()) == {"ready"}, states
         assert process.stop() == 0

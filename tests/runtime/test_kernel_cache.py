@@ -7,6 +7,7 @@ import fcntl
 import os
 import pickle
 import stat
+import sys
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -216,10 +217,22 @@ async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, m
 
 
 async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONHOME", str(cache))  # no interpreter starts with that
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
         await kernels.compile_in_children(["shading"], Progress({"shading": 1}))
     assert not kernels.are_cached()
+
+
+@pytest.mark.slow
+async def test_children_import_what_this_process_does(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An installed Scenegate may be started in a clone of another version."""
+    (tmp_path / "gateway").mkdir()
+    (tmp_path / "gateway" / "__init__.py").write_text("raise ImportError('another version')")
+    monkeypatch.chdir(tmp_path)
+    await kernels.compile_in_children(["normals"], Progress({"normals": 1}))
+    assert kernels.are_cached(["normals"])
 
 
 async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,9 +34,10 @@ def half() -> Progress:
     return progress
 
 
-async def test_requests_wait_while_kernels_are_loaded_except_open_paths() -> None:
+@pytest.mark.parametrize("compiling", [False, True])
+async def test_requests_wait_for_the_start_except_open_paths(compiling: bool) -> None:
     started = asyncio.Event()
-    async with gate(started) as http:
+    async with gate(started, compiling=half() if compiling else None) as http:
         assert (await http.get("/things/open")).text == "open"
         waiting = asyncio.create_task(http.get("/things/a"))
         for _ in range(10):
@@ -44,15 +45,6 @@ async def test_requests_wait_while_kernels_are_loaded_except_open_paths() -> Non
         assert not waiting.done()
         started.set()
         assert (await waiting).text == "a"
-
-
-@pytest.mark.parametrize("method", ["GET", "POST"])
-async def test_requests_get_503_with_the_progress_while_kernels_are_compiled(method: str) -> None:
-    async with gate(asyncio.Event(), compiling=half()) as http:
-        answer = await http.request(method, "/things/a")
-    assert answer.status_code == 503
-    assert int(answer.headers["retry-after"]) >= 1
-    assert answer.text.startswith("Scenegate is starting: compiling the rendering kernels, once: 50 %, about ")
 
 
 async def test_a_browser_gets_a_page_with_the_progress() -> None:

@@ -1,4 +1,4 @@
-"""Director's own client and tests, from a checkout that ``SCENEGATE_DIRECTOR`` names (docs/tree-viewer.md)."""
+"""Director's own client and tests, from the checkout ``SCENEGATE_DIRECTOR`` (docs/tree-viewer-compatibility.md)."""
 
 from __future__ import annotations
 

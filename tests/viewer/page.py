@@ -28,7 +28,9 @@ class Publisher:
         lcm = liblcm()
         with clients.Client(base_url=url) as http:
             interfaces = http.get("/healthz").json()["interfaces"]
-        self.bus = lcm.LCM(interfaces["treeviewer"]["tcpq"]["url"])
+        self.url: str = interfaces["treeviewer"]["tcpq"]["url"]
+        """URL of the gateway's TCPQ hub."""
+        self.bus = lcm.LCM(self.url)
         self.sent = 0
 
     def send(self, **request: Any) -> None:
@@ -74,7 +76,7 @@ class View(Watched):
               const box = new Box3();
               box.min.set(-2, -0.5, -0.5);
               box.max.set(2, 0.5, 0.5);
-              stage.look("side", box);
+              stage.look("side", [box]);
               for (const object of [stage.grid, stage.axes, frustum.object]) stage.show(object, false);
             }"""
         )
@@ -83,6 +85,16 @@ class View(Watched):
         """Return the pixels of the view, (H, W, 3) uint8."""
         png = self.page.locator(".stage canvas").screenshot()
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+    def open_stereo_panel(self) -> None:
+        """Open the panels on the right, which are closed at first."""
+        self.page.get_by_role("button", name="Selection, stereo").click()
+        self.page.get_by_role("tab", name="Stereo").click()
+
+    def open_display_menu(self) -> None:
+        """Open the menu of the toolbar, unless it is open."""
+        if not self.page.locator("#display").is_visible():
+            self.page.get_by_role("button", name="Display").click()
 
     def share(self, color: str, side: str = "both") -> float:
         """Return the share of pixels with a colour, of the whole view or one half."""

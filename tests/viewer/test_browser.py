@@ -147,6 +147,20 @@ def test_images_and_sizes_in_pixels(
     shown.until(lambda: low <= shown.share("red") <= high, f"{low} to {high} of the view in red")
 
 
+@pytest.mark.parametrize("quaternion", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]])
+def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[float]) -> None:
+    """A plane would be seen from the edge, or from behind."""
+    shown, publisher = view
+    text = {"type": "text", "text": "MM", "size": 1, "color": GREEN, "background": RED}
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": UPRIGHT}}])
+    shown.look_at("it")
+    shown.until(lambda: shown.share("red") > 0.05, "the text is shown")
+    publisher.send(setgeometry=[{"path": ["it"], "geometry": {**text, "transform": {"quaternion": quaternion}}}])
+    publisher.box(["sign"], [0.0, 0.0, 1.0, 1.0], x=9.0, size=0.1)
+    shown.until(lambda: row(shown, ["sign"]).count() == 1, "the turned text has arrived")
+    shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
+
+
 def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["pick", "left"], RED, x=-1.0)
@@ -164,6 +178,7 @@ def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) 
 
 def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
+    shown.open_stereo_panel()
     thumb = shown.page.locator("[data-image=disparity] img")
     reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
     shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
@@ -185,6 +200,7 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
 
 def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
+    shown.open_stereo_panel()
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
     with clients.Client(base_url=gateway[1]) as http:
@@ -195,6 +211,7 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
 
 def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
+    shown.open_stereo_panel()
     shown.page.get_by_role("tab", name="Renders").click()
     assert shown.page.locator(".renders li").count() == 0
     with clients.Client(base_url=gateway[1], headers={"content-type": CONTENT_TYPE}) as http:
@@ -215,11 +232,12 @@ def test_background_choices(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["ground"], RED)
     shown.look_at("ground")
+    shown.open_display_menu()
     choice = shown.page.get_by_label("Background")
     for name, color in (("white", (255, 255, 255)), ("black", (0, 0, 0)), ("sky", (204, 229, 255))):
         choice.select_option(name)
         shown.until(lambda color=color: tuple(shown.colors()[5, 5]) == color, name)
-    shown.page.get_by_role("button", name="Light or dark").click()
+    shown.page.get_by_label("Dark theme").check()
     assert tuple(shown.colors()[5, 5]) == (204, 229, 255), "what was chosen stays"
     choice.select_option("theme")
     shown.until(lambda: shown.colors()[5, 5].max() < 64, "the dark theme's own")
@@ -232,7 +250,7 @@ def test_downloads_of_image_and_scene(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: shown.share("red", "left") > 0.02, "a red box on the left")
     seen = shown.colors()
     with shown.page.expect_download() as image:
-        shown.page.get_by_role("button", name="This view as PNG").click()
+        shown.page.get_by_role("button", name="PNG").click()
     assert image.value.suggested_filename == "scenegate.png"
     drawn = np.asarray(Image.open(image.value.path()).convert("RGB"))
     assert drawn.shape == seen.shape
@@ -284,8 +302,16 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
         keyboard.press("Tab")
         element = "e => [e.ariaLabel, e.textContent, e.title].find(text => text?.trim()) ?? ''"
         reached.add(shown.page.evaluate(f"({element})(document.activeElement)").strip())
-    wanted = {"Top", "Front", "Side", "Grid on the ground", "Wireframe", "Point size", "Background", ".glb"}
-    assert wanted <= reached
+    assert {"Top", "Front", "Side", "Display", "PNG", ".glb"} <= reached
+    shown.open_display_menu()
+    reached = set()
+    for _ in range(12):
+        keyboard.press("Tab")
+        element = "e => e.ariaLabel ?? e.parentElement.textContent"
+        reached.add(shown.page.evaluate(f"({element})(document.activeElement)"))
+    assert {"Grid on the ground", "Wireframe", "Shadows", "Point size", "Background", "Dark theme"} <= reached
+    keyboard.press("Escape")
+    shown.page.locator("#display").wait_for(state="hidden")
 
 
 def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
@@ -301,6 +327,110 @@ def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -
         assert shown.page.evaluate("document.documentElement.scrollWidth") == 360, "nothing is wider than the screen"
     shown.page.keyboard.press("Escape")
     tabs.wait_for(state="hidden")
+
+
+def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Publisher]) -> None:
+    """Three chunks; what is drawn before them stays."""
+    shown, publisher = view
+    publisher.box(["beside"], GREEN, x=1.3, size=0.8)
+    count = 3 * 65_536
+    x, z = np.random.default_rng(1).uniform(-1, 0, (2, count))
+    points = np.stack((x, np.zeros(count), z + 0.5), axis=1).round(4).tolist()
+    publisher.send(
+        setgeometry=[{"path": ["cloud"], "geometry": {"type": "pointcloud", "points": points, "color": RED}}]
+    )
+    shown.look_at("cloud")
+    chunks = "scenegate.drawing.root.children.filter((o) => o.isPoints).map((o) => 1 + o.children.length)"
+    assert shown.page.evaluate(chunks) == [3]
+    shown.until(lambda: shown.page.evaluate("scenegate.stage.clouds.isComplete"), "all chunks are drawn")
+    assert shown.share("red", "left") > 0.1
+    assert shown.share("green", "right") > 0.05
+
+
+def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["phone"], RED)
+    shown.page.set_viewport_size({"width": 360, "height": 740})
+    shown.until(lambda: shown.page.evaluate("innerWidth") == 360, "a small screen")
+    for bar in (".bar", ".bar .tools", ".status"):
+        assert shown.page.evaluate(
+            "bar => { const e = document.querySelector(bar); return e.scrollWidth <= e.clientWidth; }", bar
+        ), f"{bar} is wider than the screen"
+    shown.open_display_menu()
+    menu = shown.page.locator("#display")
+    box = menu.bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= 360
+    menu.get_by_role("button", name="Top").click()
+    shown.until(
+        lambda: shown.page.evaluate(
+            "scenegate.stage.camera.position.z > 4 * Math.abs(scenegate.stage.camera.position.y)"
+        ),
+        "from above",
+    )
+
+
+def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["home"], RED)
+    shown.page.wait_for_function("scenegate.model.find(['home'])?.parts != null")
+    shown.page.keyboard.press("h")
+    extent = shown.page.evaluate(
+        """() => {
+          const { stage, drawing, model } = scenegate;
+          const [{ min, max }] = drawing.boxes(model.root);
+          const corners = [];
+          for (const x of [min.x, max.x])
+            for (const y of [min.y, max.y])
+              for (const z of [min.z, max.z]) corners.push(min.clone().set(x, y, z));
+          stage.camera.updateMatrixWorld();
+          const seen = corners.map((corner) => corner.project(stage.camera));
+          return Math.max(...seen.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
+        }"""
+    )
+    assert 0.8 < extent < 1.0
+    assert not shown.page.evaluate("scenegate.frustum.object.visible")
+    shown.open_stereo_panel()
+    shown.until(lambda: shown.page.evaluate("scenegate.frustum.object.visible"), "the stereo camera")
+
+
+def test_empty_scene_shows_how_to_publish(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    empty = shown.page.get_by_role("region", name="The scene is empty")
+    empty.wait_for()
+    shown.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    hub = publisher.url
+    for way, line in (("Python", "TreeViewer("), ("A file", "scenegate publish"), ("Drake", "DrakeLcm(")):
+        empty.get_by_role("tab", name=way).click()
+        shown.until(lambda line=line: line in empty.inner_text() and hub in empty.inner_text(), way)
+        empty.get_by_role("button", name="Copy").click()
+        empty.get_by_text("Copied").wait_for()
+        assert line in shown.page.evaluate("navigator.clipboard.readText()")
+    publisher.box(["something"], RED)
+    empty.wait_for(state="hidden")
+
+
+def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
+    """Both are drawn, also after the page is loaded again, and the URL overrides them."""
+    shown, publisher = view
+    publisher.box(["above"], RED, size=0.6)
+    # Without a GPU, an image of the default size takes seconds with occlusion.
+    shown.page.set_viewport_size({"width": 400, "height": 360})
+    drawn = (
+        "[scenegate.stage.lights.object.children.some((lamp) => lamp.castShadow), scenegate.stage.occlusion !== null]"
+    )
+    assert shown.page.evaluate(drawn) == [False, False]
+    shown.open_display_menu()
+    shown.page.get_by_label("Shadows").check()
+    shown.page.get_by_label("Ambient occlusion").check()
+    assert shown.page.evaluate(drawn) == [True, True]
+    shown.page.reload()
+    shown.look_at("above")
+    shown.until(lambda: shown.share("red") > 0.01, "the box")
+    assert shown.page.evaluate(drawn) == [True, True]
+    shown.page.goto(f"{shown.page.url}&shadows=off&occlusion=off")
+    shown.look_at("above")
+    assert shown.page.evaluate(drawn) == [False, False]
 
 
 def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
@@ -369,6 +499,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
     with gateway_process("--only", "scene,view", "--demo") as (_, url):
         view = View(browser, url)
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
+        view.open_stereo_panel()
         view.page.get_by_text("No stereo camera runs in this gateway.").wait_for()
         view.page.get_by_role("tab", name="Renders").click()
         view.page.get_by_text("No render endpoint runs in this gateway.").wait_for()
@@ -407,6 +538,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     page.goto(f"{url}/view")
     waiting = page.get_by_text("Waiting for the gateway …").locator("visible=true")
     page.get_by_text("Waiting for the scene …").wait_for()
+    page.get_by_role("button", name="Selection, stereo").click()
     waiting.wait_for()
     page.get_by_role("tab", name="Renders").click()
     waiting.wait_for()
@@ -417,7 +549,7 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     response[0] = lambda route: route.abort()
     page.get_by_text("these are its last images").wait_for()
     sockets.pop().connect_to_server()
-    page.get_by_text("The scene is empty.").wait_for()
+    page.get_by_text("The scene is empty").wait_for()
     page.get_by_role("tab", name="Renders").click()
     page.get_by_text("No render requests yet.").or_(page.locator(".renders li").first).wait_for()
     page.close()

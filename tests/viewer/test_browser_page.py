@@ -106,7 +106,9 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
             page.until(lambda: page.share("blue") > 0.5, "a blue background")  # noqa: B023
             page.until(lambda: np.allclose(page.page.evaluate(where), home), "the home camera")  # noqa: B023
             assert not page.page.evaluate("scenegate.stage.grid.visible")
-            assert page.page.get_by_label("Grid on the ground").get_attribute("aria-pressed") == "false"
+            page.open_display_menu()
+            assert not page.page.get_by_label("Grid on the ground").is_checked()
+            page.page.keyboard.press("Escape")
     finally:
         if later is not None:
             later.page.close()
@@ -115,6 +117,7 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
     assert view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1]
     view.page.keyboard.press("h")
     view.until(lambda: np.allclose(view.page.evaluate(where), home), "home again")
+    view.open_display_menu()
     view.page.get_by_label("Background").select_option("white")
     view.until(lambda: view.share("blue") < 0.01, "the visitor's own background")
     view.page.get_by_label("Background").select_option("theme")

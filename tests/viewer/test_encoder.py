@@ -19,7 +19,7 @@ from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.geometry_json import part_json
-from gateway.viewer.resources import Resources, colors_to_uint8, encode_mesh
+from gateway.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from tests.viewer.model import Model, tree_of
@@ -254,12 +254,66 @@ def test_materials_and_channels_are_encoded() -> None:
     color = draw["material"].pop("color")
     assert draw["material"] == {"alpha": "blend", "metallic": 1.0, "pointSize": 3.0}
     assert color == pytest.approx([1.0, 1.0, 1.0, 0.5]), "colours come from channel rgb"
-    values = resources.channel(draw["mesh"], "intensity")
+    cloud = resources.cloud(draw["mesh"])
+    assert cloud is not None
+    values = channel_values(cloud, "intensity")
     assert values is not None
-    assert values.ravel().tolist() == [0.0, 1.0]
-    assert resources.channel(draw["mesh"], "empty") is None
-    assert resources.channel(draw["mesh"], "longer") is None
-    assert resources.channel(999, "intensity") is None
+    assert sorted(values.ravel().tolist()) == [0.0, 1.0]
+    assert channel_values(cloud, "empty") is None
+    assert channel_values(cloud, "longer") is None
+    assert resources.cloud(999) is None
+
+
+def test_points_and_channels_have_the_same_order_and_every_part_is_a_sample() -> None:
+    count = 5000
+    x = np.arange(count, dtype=np.float32)
+    points = np.stack((x, 2 * x, -x), axis=1)
+    cloud = PointCloud(points, {"x": x})
+    tree, resources = LiveTree(), Resources()
+    encoder = Encoder(resources)
+    with tree.edit() as edit:
+        edit.set_parts(("cloud",), (Part(cloud, MATERIAL),))
+    encoder.advance(tree.snapshot)
+    (mesh_id,) = asyncio.run(encoder.update(EMPTY_SNAPSHOT))[0].meshes
+    frame = resources.mesh_frame(mesh_id)
+    assert frame is not None
+    header, body = parse_frame(frame)
+    sent = np.frombuffer(body, np.float32, 3 * count, header["position"][0]).reshape(-1, 3)
+    assert header["box"] == [[0.0, 0.0, 1.0 - count], [count - 1.0, 2.0 * count - 2.0, 0.0]]
+    values = channel_values(cloud, "x")
+    assert values is not None
+    np.testing.assert_array_equal(values[:, 0], sent[:, 0])
+    np.testing.assert_array_equal(np.sort(sent[:, 0]), x)
+    for start in range(0, count, 500):
+        in_tenths = np.histogram(sent[start : start + 500, 0], bins=10, range=(0, count))[0]
+        assert in_tenths.min() >= 45, "each part has a tenth of the points in every tenth of the cloud"
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 100, 65_537])
+def test_sample_order_is_a_permutation(count: int) -> None:
+    assert np.array_equal(np.sort(sample_order(count)), np.arange(count))
+
+
+def test_maps_of_a_material_are_encoded() -> None:
+    image = Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8))
+    texture = Texture(image)
+    material = Material(
+        metallic_roughness_texture=texture,
+        normal_texture=texture,
+        normal_scale=0.5,
+        occlusion_texture=texture,
+        occlusion_strength=0.25,
+        emissive_texture=texture,
+        emissive_strength=3.0,
+    )
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    mesh = Mesh(corners, np.array([[0, 1, 2]], np.uint32), uv0=corners[:, :2].copy())
+    (draw,) = part_json(Part(Surface(mesh), material), Resources())["draws"]
+    sent = draw["material"]
+    maps = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
+    assert {sent[name]["image"] for name in maps} == {1}, "one image, one download"
+    assert (sent["normalScale"], sent["occlusionStrength"], sent["emissiveStrength"]) == (0.5, 0.25, 3.0)
+    assert "texture" not in sent
 
 
 def test_alpha_mask_emission_and_texture_transform_are_encoded() -> None:
@@ -354,3 +408,9 @@ def test_vertex_colours_are_encoded_as_srgb(indices: Any) -> None:
     header, body = parse_frame(encode_mesh(1, mesh))
     offset, count = header["color"]
     assert list(body[offset : offset + count]) == [188, 188, 188, 128] * 3
+
+
+def test_text_faces_the_camera() -> None:
+    part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"), Resources())
+    assert part["facesCamera"] is True
+    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()), Resources())

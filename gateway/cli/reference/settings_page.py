@@ -36,8 +36,9 @@ def page() -> str:
             metavar = metavar_of(field)
             value = "" if metavar == "on|off" else f" {metavar}"
             default = default_of(field.default)
+            text = str(field.description).replace("*", "\\*")
             parts.append(
-                f"### `{flag_of(name)}{value}`{f' (or `{second}`)' if second else ''}\n\n{field.description}\n\n"
+                f"### `{flag_of(name)}{value}`{f' (or `{second}`)' if second else ''}\n\n{text}\n\n"
                 f"Environment: `{env_of(name)}`. TOML: `{name}`. "
                 f"Default: {f'`{default}`' if default else 'none'}.{_limits(field.metadata)}\n"
             )

@@ -31,6 +31,7 @@ export class Batch {
     mesh.count = 0;
     mesh.frustumCulled = false; // else its bounds had to be updated with every pose
     mesh.matrixAutoUpdate = false;
+    mesh.castShadow = mesh.receiveShadow = true;
     mesh.userData.batch = this;
     this.scene.add(mesh);
     return mesh;

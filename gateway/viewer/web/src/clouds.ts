@@ -1,8 +1,7 @@
 // Colours of a point cloud: as published, along an axis, or from one of its channels.
 
-import { BufferAttribute, type BufferGeometry } from "three";
 import { colorize, rangeOf, type MapName, type Range } from "./colormaps";
-import type { Part } from "./protocol";
+import type { MeshPayload, Part } from "./protocol";
 
 export interface CloudLook {
   /** "" as published, "x", "y", "z" of the cloud's own frame, or a channel as "name" or "name:component". */
@@ -18,22 +17,20 @@ export function colorChoices(part: Part): [string, string][] {
   return [["", "as published"], ["x", "x"], ["y", "y"], ["z", "z"], ...channels];
 }
 
-/** Set the colours of a cloud's geometry; resolves to the range of the values. */
-export async function colorCloud(geometry: BufferGeometry, mesh: number, look: CloudLook): Promise<Range | null> {
-  const position = geometry.getAttribute("position") as BufferAttribute;
+/** Return the colours of a cloud's points, RGBA, and the range of their values; null if it has no such channel. */
+export async function colorCloud({ id, position }: MeshPayload, look: CloudLook): Promise<{ colors: Uint8Array; range: Range } | null> {
   const axis = ["x", "y", "z"].indexOf(look.by);
-  let values = position.array as Float32Array;
+  let values = position;
   let offset = axis;
   let stride = 3;
   if (axis < 0) {
     const [name = "", component = "0"] = look.by.split(/:(?=\d+$)/);
-    const response = await fetch(`/view/channel/${mesh}?name=${encodeURIComponent(name)}`);
+    const response = await fetch(`/view/channel/${id}?name=${encodeURIComponent(name)}`);
     if (!response.ok) return null;
     values = new Float32Array(await response.arrayBuffer());
-    stride = Math.max(1, Math.round(values.length / position.count));
+    stride = Math.max(1, Math.round((3 * values.length) / position.length));
     offset = Number(component);
   }
   const range = rangeOf(values, offset, stride);
-  geometry.setAttribute("color", new BufferAttribute(colorize(values, offset, stride, range, look.map), 4, true));
-  return range;
+  return { colors: colorize(values, offset, stride, range, look.map), range };
 }

@@ -10,6 +10,9 @@ import {
   Mesh,
   Object3D,
   Points,
+  Quaternion,
+  SRGBColorSpace,
+  Sphere,
   Vector3,
   type Intersection,
   type Material as ThreeMaterial,
@@ -17,18 +20,24 @@ import {
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Batch, type BatchInstance } from "./batches";
+import { CHUNK_POINTS, type CloudProgress } from "./cloudprogress";
 import { colorCloud } from "./clouds";
 import { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
+/** A cloud's further chunks are children of its first one. */
 type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
+/** Chunks of a cloud that are searched for the point under the pointer: half a million points take 10 ms. */
+const PICKED_CHUNKS = 8;
 /** One draw of a node. */
 type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
 
 export class Drawing {
   readonly root = new Object3D();
   private readonly geometries = new Map<number, BufferGeometry>();
+  /** Geometries of a point cloud's chunks, by mesh id. */
+  private readonly chunks = new Map<number, BufferGeometry[]>();
   /** Geometries of lines of more than one pixel, by mesh id. */
   private readonly wideLines = new Map<number, LineSegmentsGeometry>();
   /** Batches by mesh id and material key. */
@@ -38,6 +47,7 @@ export class Drawing {
   constructor(
     private readonly model: Model,
     readonly materials: Materials,
+    private readonly progress: CloudProgress,
     private readonly redraw: () => void,
   ) {
     this.root.matrixAutoUpdate = false;
@@ -58,7 +68,7 @@ export class Drawing {
     const draws: Drawn[] = [];
     for (const part of node.parts)
       for (const draw of part.draws) {
-        const drawn = this.draw(node, draw, opacity);
+        const drawn = this.draw(node, draw, opacity, part.facesCamera === true);
         if (drawn) draws.push(drawn);
       }
     if (draws.length) this.drawn.set(node, draws);
@@ -73,6 +83,8 @@ export class Drawing {
       this.batches.delete(id);
       this.geometries.get(id)?.dispose();
       this.geometries.delete(id);
+      for (const chunk of this.chunks.get(id) ?? []) chunk.dispose();
+      this.chunks.delete(id);
       this.wideLines.get(id)?.dispose();
       this.wideLines.delete(id);
       this.model.meshes.delete(id);
@@ -91,15 +103,15 @@ export class Drawing {
     return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
   }
 
-  /** Return the bounds without floors and walls that are much larger than the rest, as gateway/scene/bounds.py does. */
-  focus(node: TreeNode): Box3 {
+  /** Return the boxes of all draws without floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
+  focus(node: TreeNode): Box3[] {
     const size = (box: Box3) => box.getSize(new Vector3()).toArray();
     const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
     const boxes = this.boxes(node);
     const solid = boxes.filter((box) => !flat(box)).reduce((all, box) => all.union(box), new Box3());
-    if (solid.isEmpty()) return this.bounds(node);
+    if (solid.isEmpty()) return boxes;
     const longestFlat = 1.5 * solid.getSize(new Vector3()).length();
-    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= longestFlat).reduce((all, box) => all.union(box), solid);
+    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= longestFlat);
   }
 
   nodeAt(hit: Intersection): TreeNode | undefined {
@@ -108,7 +120,8 @@ export class Drawing {
     return hit.object.userData.node as TreeNode | undefined;
   }
 
-  private boxes(node: TreeNode): Box3[] {
+  /** Return the world bounds of each draw of a subtree. */
+  boxes(node: TreeNode): Box3[] {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
       for (const drawn of this.drawn.get(each) ?? []) {
@@ -121,27 +134,28 @@ export class Drawing {
     return boxes;
   }
 
-  private draw(node: TreeNode, draw: Draw, opacity: number): Drawn | null {
+  private draw(node: TreeNode, draw: Draw, opacity: number, facesCamera: boolean): Drawn | null {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
-    const geometry = this.geometry(payload);
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
     const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
     const colors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || colors);
-    if (payload.topology === 3 && opacity === 1 && !blended)
-      return { local, instance: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
+    if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
+      return { local, instance: this.batch(draw, this.geometry(payload), colors).add(node, world, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
-    if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
+    if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, colors, opacity));
     else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)
       object = new LineSegments2(this.wideLine(payload), this.materials.wideLine(material, colors, opacity));
-    else if (payload.topology === 2) object = new LineSegments(geometry, this.materials.line(material, colors, opacity));
-    else object = this.points(node, draw, geometry, colors, opacity);
+    else if (payload.topology === 2) object = new LineSegments(this.geometry(payload), this.materials.line(material, colors, opacity));
+    else object = this.points(node, draw, payload, opacity);
+    if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
     object.matrix.copy(world);
     object.matrixWorldNeedsUpdate = true;
     object.userData.node = node;
+    if (facesCamera) object.onBeforeRender = (_renderer, _scene, camera) => turnToCamera(object, camera);
     this.root.add(object);
     return { local, object };
   }
@@ -155,22 +169,36 @@ export class Drawing {
     return batch;
   }
 
-  private points(node: TreeNode, draw: Draw, geometry: BufferGeometry, colors: boolean, opacity: number): Points {
-    const look = node.cloud;
-    const object = new Points(geometry, this.materials.points(draw.material, colors, opacity));
-    if (!look) return object;
-    const coloredGeometry = geometry.clone();
-    object.userData.ownGeometry = coloredGeometry;
-    void colorCloud(coloredGeometry, draw.mesh, look).then((range) => {
-      if (!range || !object.parent) return;
-      node.cloudRange = range;
-      object.geometry = coloredGeometry;
-      const white = { ...draw.material, color: [1, 1, 1, draw.material.color[3]] as [number, number, number, number] };
-      this.materials.release(object.material as ThreeMaterial);
-      object.material = this.materials.points(white, true, opacity);
-      this.redraw();
+  private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): Points {
+    const material = this.materials.points(draw.material, payload.color !== undefined, opacity);
+    const objects = this.chunkGeometries(payload).map((geometry) => new Points(geometry, material));
+    const [first, ...others] = objects as [Points, ...Points[]];
+    objects.forEach((object, number) => {
+      if (others.length) this.progress.add(object, number);
+      if (number >= PICKED_CHUNKS) object.raycast = () => {};
+      object.userData.node = node;
     });
-    return object;
+    if (others.length) first.add(...others);
+    if (node.cloud) void this.colorPoints(node, draw, objects, payload, opacity);
+    return first;
+  }
+
+  /** Color a cloud as its node's page settings say. */
+  private async colorPoints(node: TreeNode, draw: Draw, objects: Points[], payload: MeshPayload, opacity: number): Promise<void> {
+    if (!node.cloud) return;
+    const colored = await colorCloud(payload, node.cloud);
+    const [first] = objects;
+    if (!colored || !first?.parent) return;
+    node.cloudRange = colored.range;
+    const white = { ...draw.material, color: [1, 1, 1, draw.material.color[3]] as [number, number, number, number] };
+    this.materials.release(first.material as ThreeMaterial);
+    const material = this.materials.points(white, true, opacity);
+    objects.forEach((object, number) => {
+      object.geometry = object.userData.ownGeometry = object.geometry.clone();
+      object.geometry.setAttribute("color", new BufferAttribute(chunkOf(colored.colors, 4, number), 4, true));
+      object.material = material;
+    });
+    this.redraw();
   }
 
   private move(node: TreeNode): void {
@@ -194,7 +222,9 @@ export class Drawing {
       }
       this.root.remove(drawn.object);
       this.materials.release(drawn.object.material as ThreeMaterial);
-      (drawn.object.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
+      const objects = [drawn.object, ...drawn.object.children];
+      for (const object of objects) (object.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
+      if (objects.length > 1) this.progress.remove(new Set(objects));
     }
     this.drawn.delete(node);
   }
@@ -206,10 +236,28 @@ export class Drawing {
     geometry = new LineSegmentsGeometry();
     geometry.setPositions(Float32Array.from({ length: 3 * index.length }, (_, i) => payload.position[3 * index[Math.floor(i / 3)]! + (i % 3)]!));
     const { color } = payload;
-    if (color)
-      geometry.setColors(Float32Array.from({ length: 3 * index.length }, (_, i) => color[4 * index[Math.floor(i / 3)]! + (i % 3)]! / 255));
+    if (color) geometry.setColors(linearColors(color, index));
     this.wideLines.set(payload.id, geometry);
     return geometry;
+  }
+
+  /** Return the geometries of a cloud's chunks; a cloud with an index is one chunk. */
+  private chunkGeometries(payload: MeshPayload): BufferGeometry[] {
+    const count = payload.position.length / 3;
+    if (payload.index || count <= CHUNK_POINTS) return [this.geometry(payload)];
+    let geometries = this.chunks.get(payload.id);
+    if (!geometries) {
+      const { position, color } = payload;
+      geometries = Array.from({ length: Math.ceil(count / CHUNK_POINTS) }, (_, number) => {
+        const geometry = new BufferGeometry();
+        geometry.setAttribute("position", new BufferAttribute(chunkOf(position, 3, number), 3));
+        if (color) geometry.setAttribute("color", new BufferAttribute(chunkOf(color, 4, number), 4, true));
+        setBounds(geometry, payload);
+        return geometry;
+      });
+      this.chunks.set(payload.id, geometries);
+    }
+    return geometries;
   }
 
   private geometry(payload: MeshPayload): BufferGeometry {
@@ -223,9 +271,40 @@ export class Drawing {
     if (payload.uv1) geometry.setAttribute("uv1", new BufferAttribute(payload.uv1, 2));
     if (payload.index) geometry.setIndex(new BufferAttribute(payload.index, 1));
     if (payload.topology === 3 && !payload.normal) geometry.computeVertexNormals();
+    setBounds(geometry, payload);
     this.geometries.set(payload.id, geometry);
     return geometry;
   }
+}
+
+/** Turn an object about its origin so that its x and y axes are those of the camera. Position and scale stay. */
+function turnToCamera(object: Object3D, camera: Object3D): void {
+  const position = new Vector3().setFromMatrixPosition(object.matrixWorld);
+  const scale = new Vector3().setFromMatrixScale(object.matrixWorld);
+  object.matrixWorld.compose(position, camera.getWorldQuaternion(new Quaternion()), scale);
+}
+
+/** Set the bounds that the gateway sent, which would take a tenth of a second for millions of points. */
+function setBounds(geometry: BufferGeometry, { box }: MeshPayload): void {
+  if (!box) return;
+  geometry.boundingBox = new Box3(new Vector3(...box[0]), new Vector3(...box[1]));
+  geometry.boundingSphere = geometry.boundingBox.getBoundingSphere(new Sphere());
+}
+
+/** Return the part of an array of `width` numbers a point that a chunk of the cloud has. */
+function chunkOf<A extends Float32Array | Uint8Array>(array: A, width: number, number: number): A {
+  return array.subarray(width * number * CHUNK_POINTS, width * (number + 1) * CHUNK_POINTS) as A;
+}
+
+/** Return the linear colours of a line's vertices: its material has a shader of its own. */
+function linearColors(color: Uint8Array, index: Uint32Array): Float32Array {
+  const linear = new Float32Array(3 * index.length);
+  const value = new Color();
+  index.forEach((vertex, i) => {
+    value.setRGB(color[4 * vertex]! / 255, color[4 * vertex + 1]! / 255, color[4 * vertex + 2]! / 255, SRGBColorSpace);
+    value.toArray(linear, 3 * i);
+  });
+  return linear;
 }
 
 function visible(node: TreeNode): boolean {

@@ -3,13 +3,16 @@
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Matrix4, Object3D } from "three";
 import type { Rig } from "./protocol";
 
-const LENGTH = 0.5;
+/** Distance of the drawn image plane from the camera, metres. */
+const LENGTH = 0.25;
 
 export class Frustum {
   readonly object = new Object3D();
   readonly material = new LineBasicMaterial();
   private readonly lines = new LineSegments(new BufferGeometry(), this.material);
   private shape = "";
+  private posed = false;
+  private wanted = false;
 
   constructor(private readonly redraw: () => void) {
     this.object.matrixAutoUpdate = false;
@@ -17,8 +20,16 @@ export class Frustum {
     this.object.add(this.lines);
   }
 
+  /** Show or hide the camera while it has a pose. */
+  setShown(on: boolean): void {
+    this.wanted = on;
+    this.object.visible = this.posed && on;
+    this.redraw();
+  }
+
   show(rig: Rig): void {
-    this.object.visible = rig.pose !== null;
+    this.posed = rig.pose !== null;
+    this.object.visible = this.posed && this.wanted;
     if (rig.pose) {
       this.object.matrix.copy(new Matrix4().fromArray(rig.pose));
       this.object.matrixWorldNeedsUpdate = true;

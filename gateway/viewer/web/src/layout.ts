@@ -20,14 +20,19 @@ export class Layout {
     this.element = h("div", { class: "layout" }, h("nav", { class: "drawer left" }, tree), stage, panels, shade);
   }
 
-  /** Open the panels that fit the screen, also after it was resized. */
+  /** Open the tree if the screen has room for it, also after it was resized. */
   start(): void {
     const fit = () => {
       this.set("left", !NARROW.matches);
-      this.set("right", !NARROW.matches);
+      this.set("right", false);
     };
     NARROW.addEventListener("change", fit);
     fit();
+  }
+
+  /** Open a panel if the screen has room for it. */
+  openIfWide(side: Side): void {
+    if (!NARROW.matches && !this.isOpen(side)) this.set(side, true);
   }
 
   isOpen(side: Side): boolean {

@@ -6,35 +6,42 @@ import { DetailsPanel } from "./detailspanel";
 import { h } from "./dom";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
+import { EmptyState } from "./emptystate";
 import { Layout } from "./layout";
 import { Lightbox } from "./lightbox";
 import { Materials } from "./materials";
 import { Model, type TreeNode } from "./model";
-import type { Message, PageSettings, SceneUpdate } from "./protocol";
+import type { Message, PageSettings, SceneUpdate, Status } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
 import { Stage, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
+import { choice, keep } from "./options";
 import { backgroundColors, colorsOn, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
 
 const model = new Model();
 const redraw = () => stage.redraw();
-const materials = new Materials(redraw);
-const drawing = new Drawing(model, materials, redraw);
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(stageElement, drawing.root);
+const stage = new Stage(stageElement);
+const materials = new Materials(redraw, () => stage.lights.room);
+const drawing = new Drawing(model, materials, stage.clouds, redraw);
+stage.content.add(drawing.root);
 const frustum = new Frustum(redraw);
 stage.scene.add(frustum.object);
 const status = new StatusBar();
 const lightbox = new Lightbox();
 const hint = h("p", { class: "hint", role: "status", hidden: true });
-stageElement.append(hint);
+const emptyState = new EmptyState();
+stageElement.append(hint, emptyState.element);
 
 let selected: TreeNode | null = null;
 let updates = 0;
+/** True while clients stream images of the stereo camera. */
+let streaming = false;
+let stereoOffered = false;
 let fitted = false;
 let background = startingBackground();
 let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
@@ -51,23 +58,46 @@ const details = new DetailsPanel({
 const sensors = new SensorsPanel(lightbox);
 const renders = new RendersPanel(lightbox);
 const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, updateActivePanels);
-const bar = toolbar({
-  panel: (side) => layout.toggle(side),
-  look,
-  fit: () => fit(selected),
-  orthographic: (on) => stage.setOrthographic(on),
-  grid: (on) => stage.show(stage.grid, on),
-  axes: (on) => stage.show(stage.axes, on),
-  wireframe: (on) => materials.setWireframe(on),
-  pointSize: (pixels) => materials.setPointSize(pixels),
-  background: (name) => {
-    background = name;
-    showBackground();
+const SWITCH = ["off", "on"] as const;
+const chosen = {
+  background,
+  theme: startingTheme(),
+  shadows: choice("shadows", SWITCH, "off") === "on",
+  occlusion: choice("occlusion", SWITCH, "off") === "on",
+};
+const bar = toolbar(
+  {
+    panel: (side) => layout.toggle(side),
+    look,
+    fit: () => fit(selected),
+    orthographic: (on) => stage.setOrthographic(on),
+    grid: (on) => stage.show(stage.grid, on),
+    axes: (on) => stage.show(stage.axes, on),
+    wireframe: (on) => materials.setWireframe(on),
+    shadows: (on) => {
+      keep("shadows", on ? "on" : "off");
+      chosen.shadows = on;
+      placeShadows();
+    },
+    occlusion: (on) => {
+      keep("occlusion", on ? "on" : "off");
+      stage.setOcclusion(on);
+    },
+    pointSize: (pixels) => materials.setPointSize(pixels),
+    background: (name) => {
+      keep("background", name);
+      background = name;
+      showBackground();
+    },
+    theme: (name) => {
+      keep("theme", name);
+      setTheme(name);
+    },
+    snapshot: () => void snapshot(),
+    file: () => `/scene.glb?${viewQuery()}`,
   },
-  theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
-  snapshot: () => void snapshot(),
-  file: () => `/scene.glb?${viewQuery()}`,
-}, background);
+  chosen,
+);
 const layout = new Layout(tree.element, stageElement, tabs.element, bar, () => updateActivePanels());
 
 /** Panels send requests to the gateway only while they are visible. */
@@ -75,6 +105,20 @@ function updateActivePanels(): void {
   const visible = layout?.isOpen("right") ? tabs.current : "";
   sensors.setActive(visible === "Stereo");
   renders.setActive(visible === "Renders");
+  frustum.setShown(streaming || visible === "Stereo");
+}
+
+/** Show the stereo camera while clients stream its images; open its panel when the first one is known. */
+function showStreams(message: Status): void {
+  const before = streaming;
+  streaming = (message.facts ?? []).some(({ name, value }) => name === "streams" && Number(value) > 0);
+  if (streaming === before) return;
+  if (streaming && !stereoOffered) {
+    stereoOffered = true;
+    tabs.show("Stereo");
+    layout.openIfWide("right");
+  }
+  updateActivePanels();
 }
 
 function select(node: TreeNode | null): void {
@@ -82,7 +126,9 @@ function select(node: TreeNode | null): void {
   tree.select(node);
   details.show(node);
   highlight();
-  if (node) tabs.show("Selection");
+  if (!node) return;
+  tabs.show("Selection");
+  layout.openIfWide("right");
 }
 
 function highlight(): void {
@@ -95,8 +141,13 @@ function refreshBelow(node: TreeNode): void {
   redraw();
 }
 
+/** Cast shadows where the scene is now, if the visitor wants them. */
+function placeShadows(): void {
+  stage.setShadows(chosen.shadows ? drawing.focus(model.root) : null);
+}
+
 function fit(node: TreeNode | null): void {
-  stage.fit(node ? drawing.bounds(node) : drawing.focus(model.root));
+  stage.fit(node ? drawing.boxes(node) : drawing.focus(model.root));
 }
 
 function look(direction: Direction): void {
@@ -126,6 +177,7 @@ function receive(message: Message): void {
       break;
     case "status":
       status.show(message);
+      showStreams(message);
       renders.announce(message);
       break;
   }
@@ -143,7 +195,9 @@ function update(message: SceneUpdate): void {
     fitted = true;
     look("home");
   }
-  showHint(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
+  if (change.added.length || change.removed.length) placeShadows();
+  emptyState.setShown(empty);
+  showHint("", "centre");
   redraw();
 }
 
@@ -224,7 +278,8 @@ async function snapshot(): Promise<void> {
 }
 
 document.querySelector("#app")?.append(bar.element, layout.element, status.element, lightbox.element);
-setTheme(startingTheme());
+setTheme(chosen.theme);
+stage.setOcclusion(chosen.occlusion);
 tabs.show("Stereo");
 layout.start();
 
@@ -257,6 +312,7 @@ let framesBefore = 0;
 setInterval(() => {
   status.tick(stage.frames - framesBefore, updates, model.nodes.size - 1, model.revision);
   framesBefore = stage.frames;
+  if (updates && chosen.shadows) placeShadows(); // things move
   updates = 0;
   details.update();
 }, 1000);

@@ -1,27 +1,30 @@
-// Materials and textures, shared by draws with equal properties. Shading follows the rasterizer's "plain" look: no
-// conversion between colour spaces, light from the camera.
+// Materials and textures, shared by draws with equal properties. Materials are those of glTF: metallic-roughness, or unlit.
 
 import {
   ClampToEdgeWrapping,
   DoubleSide,
+  Euler,
   FrontSide,
   ImageLoader,
   LineBasicMaterial,
   MeshBasicMaterial,
   MeshLambertMaterial,
+  MeshStandardMaterial,
   MirroredRepeatWrapping,
   NearestFilter,
+  NoColorSpace,
   PointsMaterial,
   RepeatWrapping,
+  SRGBColorSpace,
   Texture,
   type Material as ThreeMaterial,
-  type MeshLambertMaterialParameters,
+  type MeshBasicMaterialParameters,
   type Wrapping,
 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import { BEFORE, shiftDepth } from "./depth";
 import { h } from "./dom";
-import type { Material } from "./protocol";
+import type { Material, TextureUse } from "./protocol";
+import { BEFORE, patch } from "./shaders";
 
 const WRAP: Record<number, Wrapping> = {
   10497: RepeatWrapping,
@@ -44,6 +47,16 @@ function placeholderImage(): HTMLCanvasElement {
   return canvas;
 }
 
+/** Matt materials get a cheaper shader. */
+function isShiny(material: Material): boolean {
+  return (material.roughness ?? 1) < 1 || isMetallic(material);
+}
+
+/** Only metals reflect the room, without which they would be black: it takes four fifths of the time without a GPU. */
+function isMetallic({ metallic = 0 }: Material): boolean {
+  return metallic > 0;
+}
+
 interface SharedMaterial {
   material: ThreeMaterial;
   users: number;
@@ -58,7 +71,11 @@ export class Materials {
   /** Pixels; 0 is the scene's own size. */
   private pointSize = 0;
 
-  constructor(private readonly redraw: () => void) {}
+  /** @param room returns the environment that shiny materials reflect, Y-up */
+  constructor(
+    private readonly redraw: () => void,
+    private readonly room: () => Texture,
+  ) {}
 
   /** Return the key of a batch: all properties but the colour. */
   key(material: Material, vertexColors: boolean): string {
@@ -75,7 +92,7 @@ export class Materials {
   translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const threeMaterial = this.surface(material, vertexColors);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
       threeMaterial.transparent = true;
       threeMaterial.depthWrite = false;
       threeMaterial.opacity = material.color[3] * opacity;
@@ -85,8 +102,8 @@ export class Materials {
 
   line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = shiftDepth(new LineBasicMaterial({ vertexColors }), BEFORE);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      const threeMaterial = patch(new LineBasicMaterial({ vertexColors }), BEFORE);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
       this.fade(threeMaterial, material.color[3] * opacity);
       return threeMaterial;
     });
@@ -95,8 +112,8 @@ export class Materials {
   /** Return a material for lines of more than one pixel, which are drawn as LineSegments2. */
   wideLine(material: Material, vertexColors: boolean, opacity: number): LineMaterial {
     return this.acquire(`wide line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = shiftDepth(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      const threeMaterial = patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
       this.fade(threeMaterial, material.color[3] * opacity);
       return threeMaterial;
     }) as LineMaterial;
@@ -104,10 +121,10 @@ export class Materials {
 
   points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = new PointsMaterial({ vertexColors, sizeAttenuation: false });
+      const threeMaterial = patch(new PointsMaterial({ vertexColors, sizeAttenuation: false }));
       threeMaterial.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
       threeMaterial.size = this.pointSize * devicePixelRatio || (threeMaterial.userData.size as number);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2]);
+      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
       this.fade(threeMaterial, material.color[3] * opacity);
       return threeMaterial;
     });
@@ -137,7 +154,7 @@ export class Materials {
   setWireframe(on: boolean): void {
     this.wireframe = on;
     for (const { material } of this.shared.values())
-      if (material instanceof MeshLambertMaterial || material instanceof MeshBasicMaterial) material.wireframe = on;
+      if ("wireframe" in material) material.wireframe = on;
     this.redraw();
   }
 
@@ -155,34 +172,58 @@ export class Materials {
     threeMaterial.opacity = opacity;
   }
 
-  private surface(material: Material, vertexColors: boolean): MeshLambertMaterial | MeshBasicMaterial {
-    const parameters: MeshLambertMaterialParameters = {
+  private surface(material: Material, vertexColors: boolean): MeshStandardMaterial | MeshLambertMaterial | MeshBasicMaterial {
+    const parameters: MeshBasicMaterialParameters = {
       vertexColors,
       side: material.doubleSided ? DoubleSide : FrontSide,
       wireframe: this.wireframe,
-      map: material.texture ? this.texture(material.texture) : null,
+      map: this.texture(material.texture, SRGBColorSpace),
     };
     if (material.alpha === "mask") parameters.alphaTest = material.cutoff ?? 0.5;
-    if (material.unlit) return new MeshBasicMaterial(parameters);
-    const threeMaterial = new MeshLambertMaterial(parameters);
-    if (material.emissive) threeMaterial.emissive.setRGB(...material.emissive);
-    return threeMaterial;
+    if (material.unlit) return patch(new MeshBasicMaterial(parameters));
+    const threeMaterial = isShiny(material) ? this.shiny(material, parameters) : new MeshLambertMaterial(parameters);
+    if (material.emissive) threeMaterial.emissive.setRGB(...material.emissive, SRGBColorSpace);
+    threeMaterial.emissiveMap = this.texture(material.emissiveTexture, SRGBColorSpace);
+    threeMaterial.emissiveIntensity = material.emissiveStrength ?? 1;
+    threeMaterial.normalMap = this.texture(material.normalTexture, NoColorSpace);
+    // Without tangents, three.js' bitangent points to the image's bottom, because (0, 0) is its top-left corner.
+    const scale = material.normalScale ?? 1;
+    threeMaterial.normalScale.set(scale, -scale);
+    threeMaterial.aoMap = this.texture(material.occlusionTexture, NoColorSpace);
+    threeMaterial.aoMapIntensity = material.occlusionStrength ?? 1;
+    return patch(threeMaterial);
   }
 
-  private texture(texture: NonNullable<Material["texture"]>): Texture {
-    const key = JSON.stringify(texture);
+  private shiny(material: Material, parameters: MeshBasicMaterialParameters): MeshStandardMaterial {
+    const map = this.texture(material.metallicRoughnessTexture, NoColorSpace);
+    return new MeshStandardMaterial({
+      ...parameters,
+      metalness: material.metallic ?? 0,
+      metalnessMap: map,
+      roughness: material.roughness ?? 1,
+      roughnessMap: map,
+      envMap: isMetallic(material) ? this.room() : null,
+      envMapIntensity: 0.3,
+      envMapRotation: new Euler(Math.PI / 2, 0, 0),
+    });
+  }
+
+  private texture(use: TextureUse | undefined, colorSpace: typeof SRGBColorSpace | typeof NoColorSpace): Texture | null {
+    if (!use) return null;
+    const key = JSON.stringify(use) + colorSpace;
     let threeTexture = this.textures.get(key);
     if (!threeTexture) {
-      threeTexture = this.load(`/view/image/${texture.image}`);
+      threeTexture = this.load(`/view/image/${use.image}`);
+      threeTexture.colorSpace = colorSpace;
       threeTexture.flipY = false; // glTF: (0, 0) is the top-left corner
-      threeTexture.wrapS = WRAP[texture.wrap[0]] ?? RepeatWrapping;
-      threeTexture.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
+      threeTexture.wrapS = WRAP[use.wrap[0]] ?? RepeatWrapping;
+      threeTexture.wrapT = WRAP[use.wrap[1]] ?? RepeatWrapping;
       threeTexture.anisotropy = 4;
-      if (!texture.linear) threeTexture.magFilter = NearestFilter;
-      threeTexture.channel = texture.set ?? 0;
-      if (texture.transform) {
+      if (!use.linear) threeTexture.magFilter = NearestFilter;
+      threeTexture.channel = use.set ?? 0;
+      if (use.transform) {
         threeTexture.matrixAutoUpdate = false;
-        threeTexture.matrix.set(...texture.transform, 0, 0, 1);
+        threeTexture.matrix.set(...use.transform, 0, 0, 1);
       }
       this.textures.set(key, threeTexture);
     }

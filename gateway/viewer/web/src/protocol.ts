@@ -5,6 +5,17 @@ const MAGIC = 0x31564753;
 /** [offset in bytes, number of values] */
 type Span = [number, number];
 
+export interface TextureUse {
+  image: number;
+  wrap: [number, number];
+  linear: boolean;
+  /** Texture coordinate set of the mesh; default 0. */
+  set?: number;
+  /** a, b, c, d, e, f: u' = a u + b v + c, v' = d u + e v + f */
+  transform?: [number, number, number, number, number, number];
+}
+
+/** Colours are in sRGB. */
 export interface Material {
   color: [number, number, number, number];
   alpha?: "mask" | "blend";
@@ -17,15 +28,17 @@ export interface Material {
   unlit?: boolean;
   pointSize?: number;
   lineWidth?: number;
-  texture?: {
-    image: number;
-    wrap: [number, number];
-    linear: boolean;
-    /** Texture coordinate set of the mesh; default 0. */
-    set?: number;
-    /** a, b, c, d, e, f: u' = a u + b v + c, v' = d u + e v + f */
-    transform?: [number, number, number, number, number, number];
-  };
+  texture?: TextureUse;
+  /** Green: roughness, blue: metallic. */
+  metallicRoughnessTexture?: TextureUse;
+  normalTexture?: TextureUse;
+  /** Default 1, as those below. */
+  normalScale?: number;
+  /** Red: occlusion. */
+  occlusionTexture?: TextureUse;
+  occlusionStrength?: number;
+  emissiveTexture?: TextureUse;
+  emissiveStrength?: number;
 }
 
 export interface Draw {
@@ -42,6 +55,8 @@ export interface Part {
   /** Number of columns of each channel of a point cloud, by name. */
   channels?: Record<string, number>;
   source?: string;
+  /** True: the part is turned about its origin so that it is always seen from the front. */
+  facesCamera?: boolean;
 }
 
 export interface NodeUpdate {
@@ -72,6 +87,8 @@ export interface MeshPayload {
   id: number;
   topology: 1 | 2 | 3;
   position: Float32Array;
+  /** Bounds of the positions: minimum and maximum. */
+  box?: [Vector, Vector];
   normal?: Float32Array;
   color?: Uint8Array;
   uv?: Float32Array;
@@ -165,6 +182,7 @@ export function parse(buffer: ArrayBuffer): Message {
         kind: "mesh",
         id: header.id as number,
         topology: header.topology as 1 | 2 | 3,
+        box: header.box as [Vector, Vector] | undefined,
         position: floats(header.position as Span),
         normal: header.normal ? floats(header.normal as Span) : undefined,
         color: header.color ? bytes(header.color as Span) : undefined,

@@ -1,14 +1,12 @@
-// Camera, controls, light, grid and axes. Draws only after a change.
+// Camera, controls, grid and axes. Draws only after a change.
 
 import {
   AxesHelper,
   Box3,
   Box3Helper,
   Color,
-  ColorManagement,
-  DirectionalLight,
   GridHelper,
-  LinearSRGBColorSpace,
+  Object3D,
   OrthographicCamera,
   PerspectiveCamera,
   Raycaster,
@@ -17,13 +15,12 @@ import {
   Vector3,
   WebGLRenderer,
   type Intersection,
-  type Object3D,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { BEFORE, BEHIND, shiftDepth } from "./depth";
-
-// No conversion between colour spaces, as in the rasterizer's "phong" look.
-ColorManagement.enabled = false;
+import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
+import { Lights } from "./lights";
+import { Occlusion } from "./occlusion";
+import { BEFORE, BEHIND, patch } from "./shaders";
 
 const FOV = 45;
 /** Half the view's height over that of the framed box. */
@@ -37,6 +34,8 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
 };
 
 const Z_UP = new Vector3(0, 0, 1);
+/** What an empty scene frames. */
+const NOTHING = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 export type Button = "left" | "middle" | "right";
 /** By the number of MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
@@ -50,7 +49,11 @@ export class Stage {
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
   camera: PerspectiveCamera | OrthographicCamera = this.perspective;
   controls: OrbitControls;
-  private readonly light = new DirectionalLight(0xffffff, Math.PI);
+  /** Point clouds of several chunks. */
+  readonly clouds = new CloudProgress();
+  readonly lights: Lights;
+  /** Null: off. */
+  private occlusion: Occlusion | null = null;
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
   /** Half the height of the orthographic view, metres. */
@@ -58,26 +61,30 @@ export class Stage {
   /** Number of frames drawn. */
   frames = 0;
 
-  constructor(
-    private readonly holder: HTMLElement,
-    private readonly content: Object3D,
-  ) {
+  /** The drawn scene: `pick` searches it. */
+  readonly content = new Object3D();
+
+  constructor(private readonly holder: HTMLElement) {
     this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
-    this.renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.renderer.shadowMap.enabled = true;
+    this.lights = new Lights(this.renderer);
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.domElement.tabIndex = 0;
     this.renderer.domElement.setAttribute("aria-label", "3D view of the scene");
     holder.append(this.renderer.domElement);
-    for (const camera of [this.perspective, this.orthographic]) camera.up.copy(Z_UP);
+    for (const camera of [this.perspective, this.orthographic]) {
+      camera.up.copy(Z_UP);
+      camera.layers.enable(CLOUD_LAYER);
+    }
     this.grid.rotation.x = Math.PI / 2;
     // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
-    for (const material of [this.grid.material].flat()) shiftDepth(material, BEHIND);
-    for (const material of [this.axes.material].flat()) shiftDepth(material, BEFORE);
+    for (const material of [this.grid.material].flat()) patch(material, BEHIND);
+    for (const material of [this.axes.material].flat()) patch(material, BEFORE);
     this.highlight.visible = false;
-    this.scene.add(content, this.grid, this.axes, this.highlight, this.light, this.light.target);
+    this.scene.add(this.content, this.grid, this.axes, this.highlight, this.lights.object);
     this.controls = this.newControls();
     new ResizeObserver(() => this.resize()).observe(holder);
-    this.look("home", new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1)));
+    this.look("home", []);
     this.renderer.setAnimationLoop(() => this.draw());
   }
 
@@ -117,17 +124,15 @@ export class Stage {
     this.redraw();
   }
 
-  /** Frame a box from the current direction. */
-  fit(box: Box3): void {
-    if (box.isEmpty()) return;
-    this.placeCamera(box, this.camera.position.clone().sub(this.controls.target).normalize());
+  /** Frame boxes from the current direction. */
+  fit(boxes: Box3[]): void {
+    if (boxes.length) this.placeCamera(boxes, this.camera.position.clone().sub(this.controls.target).normalize());
   }
 
-  /** Frame a box from a named direction. */
-  look(direction: Direction, box: Box3): void {
+  /** Frame boxes from a named direction. */
+  look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
-    const framed = box.isEmpty() ? new Box3(new Vector3(-1, -1, -1), new Vector3(1, 1, 1)) : box;
-    this.placeCamera(framed, new Vector3(...DIRECTIONS[direction]).normalize());
+    this.placeCamera(boxes.length ? boxes : [NOTHING], new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
   /** Place the camera. */
@@ -157,26 +162,43 @@ export class Stage {
     this.redraw();
   }
 
-  /** Move the camera to the distance at which all corners of the box are in view. */
-  private placeCamera(box: Box3, direction: Vector3): void {
-    const centre = box.getCenter(new Vector3());
+  /**
+   * Move the camera to the nearest place from which all boxes are in view, with equal margins.
+   *
+   * A point with coordinates a (to the right), b (up) and c (towards the camera) is in view of a camera at (x, y, distance)
+   * if |a - x| and |b - y| are at most tangent * (distance - c).
+   */
+  private placeCamera(boxes: Box3[], direction: Vector3): void {
     const right = this.camera.up.clone().cross(direction).normalize();
     const up = direction.clone().cross(right);
-    const tangent = Math.tan((FOV * Math.PI) / 360) / MARGIN;
-    const { aspect } = this.perspective;
-    let distance = 1e-3;
-    let halfHeight = 1e-3;
-    for (const x of [box.min.x, box.max.x])
-      for (const y of [box.min.y, box.max.y])
-        for (const z of [box.min.z, box.max.z]) {
-          const corner = new Vector3(x, y, z).sub(centre);
-          const extent = Math.max(Math.abs(corner.dot(right)) / aspect, Math.abs(corner.dot(up)));
-          distance = Math.max(distance, extent / tangent + corner.dot(direction));
-          halfHeight = Math.max(halfHeight, extent * MARGIN);
-        }
-    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(centre).addScaledVector(direction, distance);
-    this.controls.target.copy(centre);
-    this.finishPlacing(halfHeight);
+    const tanY = Math.tan((FOV * Math.PI) / 360) / MARGIN;
+    const tanX = tanY * this.perspective.aspect;
+    const most = { right: -Infinity, left: -Infinity, top: -Infinity, bottom: -Infinity };
+    const range = new Box3();
+    const corner = new Vector3();
+    for (const { min, max } of boxes)
+      for (let k = 0; k < 8; k++) {
+        corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        const [a, b, c] = [corner.dot(right), corner.dot(up), corner.dot(direction)];
+        range.expandByPoint(corner.set(a, b, c));
+        most.right = Math.max(most.right, a + tanX * c);
+        most.left = Math.max(most.left, -a + tanX * c);
+        most.top = Math.max(most.top, b + tanY * c);
+        most.bottom = Math.max(most.bottom, -b + tanY * c);
+      }
+    const distance = Math.max((most.right + most.left) / (2 * tanX), (most.top + most.bottom) / (2 * tanY));
+    const depth = (range.min.z + range.max.z) / 2;
+    const target = new Vector3()
+      .addScaledVector(right, (most.right - most.left) / 2)
+      .addScaledVector(up, (most.top - most.bottom) / 2)
+      .addScaledVector(direction, depth);
+    const [x, y] = [target.dot(right), target.dot(up)];
+    const halfWidth = Math.max(range.max.x - x, x - range.min.x);
+    const halfHeight = Math.max(range.max.y - y, y - range.min.y, halfWidth / this.perspective.aspect);
+    for (const camera of [this.perspective, this.orthographic])
+      camera.position.copy(target).addScaledVector(direction, Math.max(distance - depth, 1e-3));
+    this.controls.target.copy(target);
+    this.finishPlacing(Math.max(1e-3, MARGIN * halfHeight));
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the framed box. */
@@ -184,6 +206,18 @@ export class Stage {
     const cell = 10 ** Math.floor(Math.log10(halfHeight));
     this.grid.scale.setScalar(cell);
     this.axes.scale.setScalar(cell);
+  }
+
+  /** Cast shadows within boxes; null: cast none. */
+  setShadows(boxes: Box3[] | null): void {
+    this.lights.castShadows(boxes);
+    this.redraw();
+  }
+
+  setOcclusion(on: boolean): void {
+    this.occlusion?.dispose();
+    this.occlusion = on ? new Occlusion(this.renderer, this.scene, this.camera) : null;
+    this.resize();
   }
 
   setOrthographic(on: boolean): void {
@@ -194,7 +228,7 @@ export class Stage {
     next.position.copy(this.camera.position);
     this.camera = next;
     this.controls.object = next;
-    this.resize();
+    this.setOcclusion(this.occlusion !== null);
     this.controls.update();
     this.redraw();
   }
@@ -212,6 +246,7 @@ export class Stage {
     const caster = new Raycaster();
     caster.setFromCamera(point, this.camera);
     const size = this.camera.position.distanceTo(this.controls.target) * 0.01;
+    caster.layers.enableAll();
     caster.params.Points.threshold = size;
     caster.params.Line.threshold = size;
     return caster.intersectObject(this.content, true)[0];
@@ -221,6 +256,7 @@ export class Stage {
     const width = Math.max(1, this.holder.clientWidth);
     const height = Math.max(1, this.holder.clientHeight);
     this.renderer.setSize(width, height);
+    this.occlusion?.setSize(width, height, this.renderer.getPixelRatio());
     this.perspective.aspect = width / height;
     this.perspective.updateProjectionMatrix();
     const half = this.halfHeight;
@@ -244,12 +280,31 @@ export class Stage {
 
   private draw(): void {
     this.controls.update();
-    if (!this.dirty) return;
+    if (this.dirty) this.drawImage();
+    else if (this.clouds.refine(performance.now())) this.refineClouds();
+    else return;
+    this.frames += 1;
+  }
+
+  private drawImage(): void {
     this.dirty = false;
     this.updateClippingPlanes();
-    this.light.position.copy(this.camera.position);
-    this.light.target.position.copy(this.controls.target);
+    this.lights.follow(this.camera, this.controls.target);
+    this.clouds.start(performance.now(), this.occlusion !== null);
+    if (this.occlusion) this.occlusion.render(this.controls.getDistance() * Math.tan((FOV * Math.PI) / 360));
+    else this.renderer.render(this.scene, this.camera);
+  }
+
+  /** Add chunks of point clouds to the image, which has its depths still. */
+  private refineClouds(): void {
+    const { mask } = this.camera.layers;
+    const { background } = this.scene;
+    this.camera.layers.set(CLOUD_LAYER);
+    this.scene.background = null; // three.js clears the image to a background, even without autoClear
+    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = false;
     this.renderer.render(this.scene, this.camera);
-    this.frames += 1;
+    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = true;
+    this.scene.background = background;
+    this.camera.layers.mask = mask;
   }
 }

@@ -8,7 +8,7 @@ const LIGHTS: Record<string, string> = { ready: "good", starting: "wait", stoppe
 export class StatusBar {
   readonly element = h("footer", { class: "status" });
   private readonly connection = h("span", { class: "light wait", role: "status" }, "connecting …");
-  private readonly rates = h("span", { title: "Frames drawn and updates received per second" });
+  private readonly rates = h("span", { class: "rates", title: "Frames drawn and updates received per second" });
   private readonly interfaces = h("span", { class: "interfaces" });
   private readonly facts = h("span", { class: "facts" });
 
@@ -26,7 +26,12 @@ export class StatusBar {
   }
 
   tick(frames: number, updates: number, nodes: number, revision: number): void {
-    this.rates.textContent = `${nodes} ${nodes === 1 ? "node" : "nodes"} · revision ${revision} · ${updates} updates/s · ${frames} fps`;
+    const wide = (text: string) => h("span", { class: "wide" }, text);
+    this.rates.replaceChildren(
+      `${nodes} ${nodes === 1 ? "node" : "nodes"}`,
+      wide(` · revision ${revision} · ${updates} updates/s`),
+      ` · ${frames} fps`,
+    );
   }
 
   show(status: Status): void {

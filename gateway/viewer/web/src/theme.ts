@@ -1,6 +1,9 @@
-// Light or dark theme and background: from the URL (?theme=dark&background=sky), else from the system's setting.
+// Light or dark theme, and the colours of the background.
 
-export type Theme = "light" | "dark";
+import { choice } from "./options";
+
+export const THEMES = ["light", "dark"] as const;
+export type Theme = (typeof THEMES)[number];
 
 /** Colours of the background, the grid and the stereo camera's frustum. */
 export interface BackgroundColors {
@@ -20,8 +23,7 @@ export type Background = "theme" | keyof typeof BACKGROUND_COLORS;
 export const BACKGROUNDS: readonly Background[] = ["theme", "white", "black", "sky"];
 
 export function startingBackground(): Background {
-  const requested = new URLSearchParams(location.search).get("background");
-  return BACKGROUNDS.find((name) => name === requested) ?? "theme";
+  return choice("background", BACKGROUNDS, "theme");
 }
 
 export function backgroundColors(name: Background): BackgroundColors {
@@ -44,7 +46,5 @@ export function colorsOn(rgb: [number, number, number]): BackgroundColors {
 }
 
 export function startingTheme(): Theme {
-  const requested = new URLSearchParams(location.search).get("theme");
-  if (requested === "light" || requested === "dark") return requested;
-  return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  return choice("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 }

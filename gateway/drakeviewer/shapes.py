@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from gateway.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.assets.mesh_formats import PLAIN_MATERIAL
 from gateway.drakeviewer.config import Limits
-from gateway.drakeviewer.memory_meshes import memory_mesh
-from gateway.drakeviewer.meshes import surface_of
+from gateway.drakeviewer.float_meshes import surface_of
+from gateway.drakeviewer.json_meshes import memory_mesh
 from gateway.drakeviewer.messages import Geometry, GeometryType, MessageError
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere
 from gateway.scene.materials import Color, material

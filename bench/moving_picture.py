@@ -1,0 +1,78 @@
+"""The moving picture of the README: the demo scene, what its stereo camera sees, and its disparity image.
+
+    python -m bench.moving_picture [OUT.webp [QUALITY]]
+
+OUT (default: docs/images/demo.webp) shows one period of the demo, twice as fast. The same sources give the same pixels.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from bench.gallery import camera, stereo_tiles
+from gateway.demo import Demo
+from gateway.demo.motion import PERIOD
+from gateway.scene.flatten import flatten
+from gateway.scene.live import LiveTree
+from renderers.drawlist import DrawList
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer, warmup
+
+WIDTH, HEIGHT = 640, 480
+FRAMES, SPEED = 120, 2.0
+QUALITY: Final = 60
+"""Quality of lossy WebP, 0 to 100."""
+EYE: Final = "eye=2.6,-2.3,1.95;target=0.15,0.03,0.82;fovy=40"
+STEREO_EYE: Final = "eye=1.05,-0.95,2.1;target=0.0,0.08,0.74"
+MAX_DISPARITY: Final = 80.0
+"""Disparity of the last colour, pixels."""
+
+
+def main() -> None:
+    out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images/demo.webp")
+    quality = int(sys.argv[2]) if len(sys.argv) > 2 else QUALITY
+    warmup()
+    renderer, tree = CpuRenderer(), LiveTree()
+    demo = Demo(tree)
+    demo.populate()
+    frames: list[Image.Image] = []
+    for k in range(FRAMES):
+        demo.move_to(k * PERIOD / FRAMES)
+        frames.append(Image.fromarray(draw(renderer, flatten(tree.snapshot.root), k)))
+    frame_ms = round(1000.0 * PERIOD / SPEED / FRAMES)
+    frames[0].save(out, save_all=True, append_images=frames[1:], duration=frame_ms, loop=0, quality=quality, method=6)
+    print(f"{out}: {len(frames)} frames of {frame_ms} ms, {out.stat().st_size / 1e6:.2f} MB")
+
+
+def draw(renderer: CpuRenderer, drawn: DrawList, k: int) -> NDArray[np.uint8]:
+    """Return frame ``k``: (480, 960, 3) RGB."""
+    view = camera(EYE, WIDTH, HEIGHT, drawn)
+    with renderer.render(drawn, view, Output.COLOR, Look("studio", background=(236, 239, 243), samples=8)) as rendered:
+        assert rendered.color is not None
+        large = rendered.color.copy()
+    pose = camera(STEREO_EYE, drawn=drawn).X_world_camera
+    left, _, disparity, _ = stereo_tiles(renderer, drawn, pose, k, MAX_DISPARITY)
+    small = [cv2.resize(tile, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA) for tile in (left, disparity)]
+    caption(large, "scene")
+    caption(small[0], "stereo camera, left image")
+    caption(small[1], "disparity")
+    return np.asarray(np.hstack((large, np.vstack(small))), np.uint8)
+
+
+def caption(image: NDArray[Any], text: str) -> None:
+    """Write a text into the lower left corner, on a dark ground."""
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
+    bottom = image.shape[0]
+    image[bottom - height - 12 :, : width + 16] //= 4
+    cv2.putText(image, text, (8, bottom - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+// Menu of everything that changes how the page draws, and nothing else: it opens below its button in the toolbar.
+
+import { h } from "./dom";
+import { icon } from "./icons";
+import type { Direction } from "./stage";
+import { BACKGROUNDS, type Background, type Theme } from "./theme";
+
+const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
+
+export interface DisplayActions {
+  look(direction: Direction): void;
+  orthographic(on: boolean): void;
+  grid(on: boolean): void;
+  axes(on: boolean): void;
+  wireframe(on: boolean): void;
+  shadows(on: boolean): void;
+  occlusion(on: boolean): void;
+  pointSize(pixels: number): void;
+  background(name: Background): void;
+  theme(name: Theme): void;
+}
+
+export interface DisplayChoices {
+  background: Background;
+  theme: Theme;
+  shadows: boolean;
+  occlusion: boolean;
+}
+
+export interface DisplayMenu {
+  button: HTMLElement;
+  element: HTMLElement;
+  setGrid(on: boolean): void;
+}
+
+export function directionButtons(look: (direction: Direction) => void): HTMLElement[] {
+  const button = (text: string, title: string, direction: Direction) => h("button", { title, onclick: () => look(direction) }, text);
+  return [button("Top", "From above (1)", "top"), button("Front", "From +X (2)", "front"), button("Side", "From −Y (3)", "side")];
+}
+
+export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): DisplayMenu {
+  const check = (text: string, title: string, on: boolean, run: (on: boolean) => void) => {
+    const box = h("input", { type: "checkbox", checked: on, onchange: () => run(box.checked) });
+    return h("label", { class: "check", title }, box, text);
+  };
+  const grid = check("Grid on the ground", "", true, actions.grid);
+  const points = h("input", {
+    type: "range",
+    min: 0,
+    max: 12,
+    step: 1,
+    value: 0,
+    title: "Pixels; at the left end: as published",
+    "aria-label": "Point size",
+    oninput: () => {
+      actions.pointSize(Number(points.value));
+      pixels.textContent = points.value === "0" ? "as sent" : `${points.value} px`;
+    },
+  });
+  const pixels = h("output", {}, "as sent");
+  const backgrounds = h(
+    "select",
+    { "aria-label": "Background", onchange: () => actions.background(backgrounds.value as Background) },
+    ...BACKGROUNDS.map((name) => h("option", { value: name, selected: name === chosen.background }, BACKGROUND_NAMES[name])),
+  );
+  const dark = check("Dark theme", "", chosen.theme === "dark", (on) => actions.theme(on ? "dark" : "light"));
+  const group = (title: string, ...content: HTMLElement[]) => h("fieldset", {}, h("legend", {}, title), ...content);
+  const element = h(
+    "div",
+    { class: "menu", id: "display", popover: "auto", "aria-label": "Display" },
+    h("div", { class: "directions" }, ...directionButtons(actions.look)),
+    group(
+      "Show",
+      grid,
+      check("Axes of the world", "x red, y green, z blue", true, actions.axes),
+      check("Wireframe", "", false, actions.wireframe),
+      check("Orthographic", "Parallel lines stay parallel", false, actions.orthographic),
+    ),
+    group(
+      "Light",
+      check("Shadows", "Of a lamp from the left, behind the viewer", chosen.shadows, actions.shadows),
+      check("Ambient occlusion", "Darkens corners and contacts; costs the most", chosen.occlusion, actions.occlusion),
+    ),
+    group("Points", h("div", { class: "points" }, points, pixels)),
+    group("Page", h("label", { class: "field" }, "Background", backgrounds), dark),
+  );
+  const button = h(
+    "button",
+    { popovertarget: "display", title: "Grid, axes, shadows, point size, background, theme", "aria-haspopup": "dialog" },
+    icon("display"),
+    h("span", { class: "label" }, "Display"),
+  );
+  element.addEventListener("beforetoggle", () => {
+    const { left, bottom } = button.getBoundingClientRect();
+    element.style.top = `${bottom + 6}px`;
+    element.style.left = `${Math.max(6, Math.min(left, innerWidth - 246))}px`;
+  });
+  element.addEventListener("toggle", (event) => button.setAttribute("aria-expanded", String((event as ToggleEvent).newState === "open")));
+  const setGrid = (on: boolean) => {
+    (grid.firstElementChild as HTMLInputElement).checked = on;
+    actions.grid(on);
+  };
+  return { button, element, setGrid };
+}

@@ -1,0 +1,78 @@
+"""Scene files of every format, as --backdrop, --stereo-scene and ``scenegate render`` read them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.assets.scene_file import SceneFileError
+from gateway.robots.reader import read_robot
+from gateway.robots.scene_files import read_scene
+from gateway.scene.geometry import Surface
+from tests.robots.files import ARM, TRIANGLE, link, write
+from tests.support import forms
+
+
+def test_a_robot_is_a_node_for_each_link(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    scene = read_scene(path, joints=["shoulder=0.5"])
+    expected = read_robot(path).link_poses({"shoulder": 0.5})[1]
+    X_world_upper = scene.root.world_matrix(("arm", "upper"))
+    assert X_world_upper is not None
+    np.testing.assert_allclose(X_world_upper, expected, atol=1e-15)
+    assert list(scene.digests) == ["robot.urdf"]
+
+
+def test_packages_of_a_robot_are_found_by_the_roots(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "far/pkg/m.obj")
+    mesh = '<visual><geometry><mesh filename="package://pkg/m.obj"/></geometry></visual>'
+    path = write(tmp_path, link(mesh), "near/deep/robot.urdf")
+    with pytest.raises(SceneFileError, match="name a folder that contains it with --root"):
+        read_scene(path)
+    assert read_scene(path, roots=[tmp_path / "far"]).root
+
+
+def test_a_mesh_is_one_node(tmp_path: Path) -> None:
+    scene = read_scene(write(tmp_path, TRIANGLE, "m.OBJ"))
+    (part,) = scene.root.children["m"].parts or ()
+    assert isinstance(part.shape, Surface)
+    assert list(scene.digests) == ["m.OBJ"]
+
+
+def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
+    path = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
+    assert not np.array_equal(read_scene(path).root.matrix, np.eye(4))
+    assert np.array_equal(read_scene(path, up="z").root.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.txt", "", "its suffix is none of .gltf, .glb, .dae, "),
+        ("a.urdf", "<robot>", "no element found|invalid|unclosed|XML"),
+        ("a.obj", "", "no triangles or points|cannot be read as OBJ"),
+        ("a.gltf", "{", "JSON"),
+    ],
+)
+def test_errors_name_the_file_once(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    path = write(tmp_path, content, name)
+    with pytest.raises(SceneFileError, match=reason) as caught:
+        read_scene(path)
+    assert str(caught.value).count(str(path)) == 1
+
+
+@pytest.mark.parametrize("suffix", [".urdf", ".obj", ".glb"])
+def test_a_missing_file_is_an_error(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(SceneFileError, match=rf"none\{suffix}.*No such file"):
+        read_scene(tmp_path / f"none{suffix}")
+
+
+def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    with pytest.raises(SceneFileError, match=r"robot\.urdf: the robot has no joint 'knee'"):
+        read_scene(path, joints=["knee=1"])
+    with pytest.raises(SceneFileError, match=r"robot\.urdf: --joint 'knee': must be name=value"):
+        read_scene(path, joints=["knee"])
