@@ -9,6 +9,7 @@ import re
 import struct
 from dataclasses import dataclass
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 import cv2
 import numpy as np
@@ -16,7 +17,6 @@ from isal import isal_zlib
 from isal.igzip_lib import IsalError
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError, name_image_errors
 from renderers.stop import check_stop
 
@@ -35,8 +35,6 @@ MAX_UNCHECKED_IDAT: Final = 256 << 10
 to at most 264 MB, which OpenCV reads to the end in some two seconds. The check adds a third to the time of decoding."""
 MAX_IDAT_CHUNKS: Final = 1 << 17
 """Maximum number of a PNG's chunks with pixels: libpng writes 8 KiB into each, that is 1 GiB."""
-MAX_CACHED_BYTES: Final = 64 << 20
-"""Maximum number of encoded bytes that are cached to recognise equal images."""
 
 _PNG_SIZE: Final = struct.Struct(">II")
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
@@ -153,22 +151,21 @@ class ImageFile:
         return _decode(self.data, self.max_pixels)
 
 
-_images: Final[Cache[tuple[bytes, int], Image]] = Cache(MAX_CACHED_BYTES)
-"""Images by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
+_images: Final[WeakValueDictionary[ImageFile, Image]] = WeakValueDictionary()
+"""Images in use, by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
 
 
 def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
-    """Return an image that decodes an encoded file. Equal bytes give the same object while it is cached.
+    """Return an image that decodes an encoded file. Equal bytes give the same object while it is in use.
 
     Args:
         data: PNG, JPEG or WebP, which ``Image.decode`` checks.
         max_pixels: maximum number of pixels that ``Image.decode`` accepts.
     """
-    data = bytes(data)
-    image = _images.get((data, max_pixels))
+    file = ImageFile(bytes(data), max_pixels)
+    image = _images.get(file)
     if image is None:
-        image = Image(b"%08x" % isal_zlib.crc32(data), ImageFile(data, max_pixels))
-        _images.put((data, max_pixels), image, len(data))
+        image = _images[file] = Image(b"%08x" % isal_zlib.crc32(file.data), file)
     return image
 
 

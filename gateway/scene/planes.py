@@ -45,10 +45,14 @@ def heightmap(
         height and (1, 1) at the last one, so that the first row of an image lies along the first row of heights.
     """
     rows, columns = heights.shape
-    u, v = np.meshgrid(np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
+    u, v = np.linspace(0.0, 1.0, columns), np.linspace(0.0, 1.0, rows)
     finite = np.isfinite(heights)
-    z = np.where(finite, heights, np.float32(0.0))
-    positions = np.stack(((u - 0.5) * lengths[0], (v - 0.5) * lengths[1], z), axis=2).reshape(-1, 3)
+    positions = np.empty((rows, columns, 3), np.float32)
+    positions[:, :, 0] = (u - 0.5) * lengths[0]
+    positions[:, :, 1] = ((v - 0.5) * lengths[1])[:, None]
+    positions[:, :, 2] = np.where(finite, heights, np.float32(0.0))
+    uv = np.empty((rows, columns, 2), np.float32)
+    uv[:, :, 0], uv[:, :, 1] = u, v[:, None]
     index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     triangles = np.stack((a, b, c, a, c, d), axis=2).reshape(-1, 3)
@@ -56,19 +60,22 @@ def heightmap(
         triangles = triangles[finite.reshape(-1)[triangles].all(axis=1)]
     if not len(triangles):
         return None
+    normals = _heightmap_normals(positions[:, :, 2], lengths[0] / (columns - 1), lengths[1] / (rows - 1))
+    return Mesh(positions.reshape(-1, 3), triangles, normals.reshape(-1, 3), uv0=uv.reshape(-1, 2), colors=colors)
+
+
+def _heightmap_normals(z: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+    """Return the unit normals, (R, C, 3), of heights, (R, C), at distances ``dx`` and ``dy``."""
+    normals = np.empty((*z.shape, 3), np.float32)
+    z = z.astype(np.float64)
     with np.errstate(all="ignore"):
-        slope_y, slope_x = np.gradient(z.astype(np.float64), lengths[1] / (rows - 1), lengths[0] / (columns - 1))
-        normals = np.stack((-slope_x, -slope_y, np.ones_like(slope_x)), axis=2).reshape(-1, 3)
-        norms = np.linalg.norm(normals, axis=1)
-        normals /= norms[:, None]
-    normals[~np.isfinite(norms)] = (0.0, 0.0, 1.0)  # slopes overflow if ``lengths`` are tiny
-    return Mesh(
-        np.ascontiguousarray(positions, np.float32),
-        np.ascontiguousarray(triangles),
-        np.ascontiguousarray(normals, np.float32),
-        uv0=np.ascontiguousarray(np.stack((u, v), axis=2).reshape(-1, 2), np.float32),
-        colors=colors,
-    )
+        slope_y, slope_x = np.gradient(z, dy, dx)
+        length = np.sqrt(slope_x * slope_x + slope_y * slope_y + 1.0)
+        normals[:, :, 0] = -slope_x / length
+        normals[:, :, 1] = -slope_y / length
+        normals[:, :, 2] = 1.0 / length
+    normals[~np.isfinite(length)] = (0.0, 0.0, 1.0)  # slopes of tiny lengths overflow
+    return normals
 
 
 def frustum(

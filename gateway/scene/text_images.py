@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from functools import cache
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.scene.materials import Color
 
@@ -18,8 +20,8 @@ _MIN_LINE_PIXELS: Final = 8
 """Minimum height of a line, pixels. Text that is still too large is cut off at ``MAX_SIDE``."""
 
 
-def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float]:
-    """Return an image of text as a PNG file, and the image's height, with margins, in heights of a line.
+def text_image(text: str, color: Color, background: Color) -> tuple[NDArray[np.uint8], float]:
+    """Return an image of text, (H, W, 4) uint8 RGBA, straight alpha, and its height in lines of text.
 
     Args:
         text: Lines of text, separated by newlines.
@@ -38,29 +40,31 @@ def text_image(text: str, color: Color, background: Color) -> tuple[bytes, float
     font = _font(size)
     width = min(round(max(font.getlength(line) for line in lines)) + 2 * margin, MAX_SIDE)
     height = min(len(lines) * size + 2 * margin, MAX_SIDE)
-    # Transparent pixels have the letters' colour, since texture filters mix it into the letters' edges.
-    transparent = (*_uint8_channels(color)[:3], 0)
-    image = Image.new("RGBA", (width, height), _uint8_channels(background) if background[3] > 0.0 else transparent)
     letters = Image.new("L", (width, height), 0)
     draw = ImageDraw.Draw(letters)
     ascent, descent = font.getmetrics()
     for row, line in enumerate(lines):
         top = margin + row * size + 0.5 * (size - ascent - descent)
         draw.text((margin, top), line, fill=255, font=font)
+    alpha = np.rint(np.asarray(letters) * np.float32(color[3])).astype(np.uint8)
     if background[3] > 0.0:
-        image.paste(_uint8_channels(color), (0, 0), letters.point(lambda coverage: coverage * color[3]))
-    else:
-        image.putalpha(letters.point(lambda coverage: coverage * color[3]))
-    file = io.BytesIO()
-    image.save(file, "PNG", compress_level=1)
-    return file.getvalue(), height / size
+        image = Image.new("RGBA", (width, height), _uint8_channels(background))
+        image.paste(_uint8_channels(color), (0, 0), Image.fromarray(alpha))
+        return np.array(image), height / size
+    pixels = np.empty((height, width, 4), np.uint8)
+    pixels[:, :, :3] = _uint8_channels(color)[:3]  # of transparent pixels too: filters mix it into the letters' edges
+    pixels[:, :, 3] = alpha
+    return pixels, height / size
 
 
 def missing_characters(text: str) -> str:
-    """Return the characters of a text that the font does not have. It draws crossed boxes for them."""
+    """Return the characters of a text that the font does not have. They appear as crossed boxes."""
+    rare = [char for char in dict.fromkeys(text) if char > "~"]
+    if not rare:
+        return ""
     font = _font(LINE_PIXELS)
     missing = bytes(font.getmask("\uffff"))
-    return "".join(char for char in dict.fromkeys(text) if char > "~" and bytes(font.getmask(char)) == missing)
+    return "".join(char for char in rare if bytes(font.getmask(char)) == missing)
 
 
 @cache

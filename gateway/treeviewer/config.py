@@ -43,6 +43,11 @@ class Limits:
     """Maximum number of pixels in an image: 4096 x 4096, 64 MiB as RGBA."""
     text_chars: int = 1000
     """Maximum number of characters in a text label: a page has about 3000."""
+    text_labels: int = 10_000
+    """Maximum number of text labels in a request, and of different ones that are in use: each has an image of its own,
+    about 100 kB. Labels that a request replaces are in use until it has been executed."""
+    heights: int = 4_000_000
+    """Maximum number of heights in a heightmap: 2000 x 2000, 220 MB as a mesh."""
     channels: int = 64
     """Maximum number of channels in a point cloud."""
     geometry_bytes: int = 4096 * MIB
@@ -64,9 +69,9 @@ class TreeViewerConfig:
     offload_bytes: int = 256 * KIB
     """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
     more compact, it is a quarter."""
-    slice_commands: int = 500
-    """Number of commands of a big request that are executed at a time, between other work of the event loop: 500 take
-    about 1 ms."""
+    slice_commands: int = 2000
+    """Number of commands of a big request that are executed at a time, between other work of the event loop: 2000 take
+    about 5 ms. Each time copies the lists of children that change, so smaller numbers are slow in wide trees."""
     threads: int = 2
     """Number of worker threads for big requests and mesh files."""
     waiting_bytes: int = 1024 * MIB

@@ -30,5 +30,7 @@ class ReadContext:
     arrays: NumberArrays = field(default_factory=NumberArrays)
     meshes: MeshLoader | None = None
     """None: the settings allow no folder of mesh files."""
+    text_labels: int = 0
+    """Number of text labels in the request so far."""
     warnings: list[str] = field(default_factory=list)
     """One sentence for each irregularity of the current command that was tolerated."""

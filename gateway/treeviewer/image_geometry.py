@@ -23,7 +23,7 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, per_vertex, triangles, vertex_colors
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, show
-from gateway.treeviewer.images import CheckedImage, check_image, read_image
+from gateway.treeviewer.images import CheckedImage, drawn_image, read_image
 from gateway.treeviewer.packed_arrays import ArrayError
 from renderers.drawlist import AlphaMode, Material, Mesh
 
@@ -85,7 +85,7 @@ def heightmap(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, 
     if params.get("heights") is None:
         raise CommandError("heights is missing")
     try:
-        heights = context.arrays.grid(params["heights"], context.limits.vertices)
+        heights = context.arrays.grid(params["heights"], context.limits.heights)
     except ArrayError as error:
         raise CommandError(f"heights {error}") from None
     if min(heights.shape) < 2:
@@ -110,6 +110,11 @@ def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
         raise CommandError("text is missing" if value is None else f"text must be a string, not {show(value)}")
     if len(value) > context.limits.text_chars:
         raise CommandError(f"text has {len(value)} characters, the limit is {context.limits.text_chars}")
+    context.text_labels += 1
+    if context.text_labels > context.limits.text_labels:
+        raise CommandError(
+            f"text is label {context.text_labels} of the request, the limit is {context.limits.text_labels}"
+        )
     line_height = 0.1 if params.get("size") is None else fields.positive(params, "size")
     background = fields.color(params, context.warnings, "background", (0.0, 0.0, 0.0, 0.0))
     printable = "".join(char if char.isprintable() or char == "\n" else " " for char in value)
@@ -118,8 +123,8 @@ def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
     missing = missing_characters(printable)
     if missing:
         context.warnings.append(f"the font does not have the characters {show(missing)}")
-    data, lines = text_image(printable, rgba, background)
-    checked = check_image(data, context.limits.image_pixels)
+    pixels, lines = text_image(printable, rgba, background)
+    checked = drawn_image(pixels)
     height = line_height * lines
     width = fields.drawable(height * checked.width / checked.height, "size")
     rectangle = planes.rectangle(width, fields.drawable(height, "size"))

@@ -81,6 +81,13 @@ def check_image(data: bytes, max_pixels: int) -> CheckedImage:
     return CheckedImage(image, *properties)
 
 
+def drawn_image(pixels: NDArray[np.uint8]) -> CheckedImage:
+    """Return an image of pixels, (H, W, 4) RGBA, that this process has drawn."""
+    height, width = pixels.shape[:2]
+    image = image_from_bytes(png_rgba(pixels))
+    return CheckedImage(image, width, height, bool((pixels[:, :, 3] < 255).any()))
+
+
 def _encoded_file(value: Any, context: ReadContext) -> bytes:
     """Return the encoded file of an ``image`` field."""
     if isinstance(value, bytes):

@@ -9,7 +9,7 @@ import math
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +29,41 @@ SMALL_ARRAY_BYTES: Final = 4096
 """Maximum size of arrays that are not counted: the limit on the number of geometries covers them."""
 
 
+class _ObjectsInUse:
+    """Sum of the sizes of objects until they are freed. Each object counts once."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._counted: dict[int, weakref.ref[Any]] = {}
+        """Counted objects, by ``id``."""
+        self._lock = threading.RLock()
+
+    def add(self, objects: list[tuple[Any, int]], maximum: float = math.inf) -> int:
+        """Count objects with their sizes, unless the total would exceed the maximum.
+
+        Returns:
+            the total with the objects, or with those that exceed the maximum.
+        """
+        with self._lock:
+            new = {id(each): (each, size) for each, size in objects if id(each) not in self._counted}
+            total = self.total + sum(size for _, size in new.values())
+            if total <= maximum:
+                for key, (each, size) in new.items():
+                    self._counted[key] = weakref.ref(each, self._on_freed(key, size))
+                self.total = total
+        return total
+
+    def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
+        """Return the callback of a weak reference that subtracts an object."""
+
+        def freed(_: Any) -> None:
+            with self._lock:
+                del self._counted[key]
+                self.total -= size
+
+        return freed
+
+
 class TreeQuota:
     """Nodes, geometries, and bytes of arrays and images in use, and the checks against their limits.
 
@@ -41,17 +76,22 @@ class TreeQuota:
         self._last_count = -math.inf
         self._parts = 0
         """Geometries in the tree, or more: ``_recount`` subtracts those that were replaced or deleted."""
-        self._counted: dict[int, weakref.ref[Any]] = {}
-        """Counted arrays and images, by ``id``."""
-        self._lock = threading.RLock()
-        self.array_bytes = 0
+        self._arrays = _ObjectsInUse()
+        """Bytes of large arrays and images."""
+        self._labels = _ObjectsInUse()
+        """Images of text labels."""
+
+    @property
+    def array_bytes(self) -> int:
         """Bytes of large arrays and images from this interface that are still in use anywhere."""
+        return self._arrays.total
 
     def adopt(self, root: Node) -> None:
         """Count a tree that exists before the first request, even if it exceeds the limits."""
         self._parts = _count_parts(root)
         for _, node in root.walk():
-            self._reserve(_large_objects(node.parts or ()))
+            self._arrays.add(_large_objects(node.parts or ()))
+            self._labels.add(_labels(node.parts or ()))
 
     def check(self, root: Node, path: Path, parts: int = 0) -> str:
         """Return the reason why ``parts`` geometries cannot be added at ``path``, or an empty string.
@@ -74,13 +114,22 @@ class TreeQuota:
         """Count geometries that have been added to the tree."""
         self._parts += count
 
-    def reserve_arrays(self, parts: Iterable[Part]) -> str:
-        """Count the large arrays and images of ``parts`` until they are freed.
+    def reserve_arrays(self, parts: Sequence[Part]) -> str:
+        """Count the large arrays and images of ``parts``, and their text labels, until they are freed.
 
-        Returns the reason why they exceed the limit, or an empty string. Objects over the limit are not counted.
+        Returns the reason why they exceed a limit, or an empty string. Objects over the limit are not counted.
         """
-        objects = _large_objects(parts)
-        return self._reserve(objects, self._limits.geometry_bytes) if objects else ""
+        labels, max_labels = _labels(parts), self._limits.text_labels
+        if labels and (count := self._labels.add(labels, max_labels)) > max_labels:
+            return f"{count} different text labels would be in use, the limit is {max_labels}"
+        objects, max_bytes = _large_objects(parts), self._limits.geometry_bytes
+        before = self.array_bytes
+        if objects and (nbytes := self._arrays.add(objects, max_bytes)) > max_bytes:
+            return (
+                f"the tree's geometry holds {before} bytes and {nbytes - before} more are wanted, "
+                f"the limit is {max_bytes}"
+            )
+        return ""
 
     def _recount(self, root: Node) -> None:
         """Count the geometries in the tree, at most once in ``RECOUNT_SECONDS``."""
@@ -88,36 +137,6 @@ class TreeQuota:
         if now - self._last_count >= RECOUNT_SECONDS:
             self._last_count = now
             self._parts = _count_parts(root)
-
-    def _reserve(self, objects: list[tuple[Any, int]], max_bytes: float = math.inf) -> str:
-        """Count objects that are not counted yet, as ``reserve_arrays`` does.
-
-        Args:
-            objects: arrays and images with their sizes in bytes.
-            max_bytes: limit on the bytes of all counted objects.
-        """
-        with self._lock:
-            new = {id(each): (each, nbytes) for each, nbytes in objects if id(each) not in self._counted}
-            size = sum(nbytes for _, nbytes in new.values())
-            if self.array_bytes + size > max_bytes:
-                return (
-                    f"the tree's geometry holds {self.array_bytes} bytes and {size} more are wanted, "
-                    f"the limit is {max_bytes}"
-                )
-            for key, (each, nbytes) in new.items():
-                self._counted[key] = weakref.ref(each, self._on_freed(key, nbytes))
-            self.array_bytes += size
-        return ""
-
-    def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
-        """Return the callback of a weak reference that subtracts an object of ``size`` bytes."""
-
-        def freed(_: Any) -> None:
-            with self._lock:
-                del self._counted[key]
-                self.array_bytes -= size
-
-        return freed
 
 
 def _missing_nodes(root: Node, path: Path) -> int:
@@ -144,6 +163,12 @@ def _large_objects(parts: Iterable[Part]) -> list[tuple[Any, int]]:
         if texture is not None:
             objects.append((texture.image, _image_bytes(texture.image)))
     return objects
+
+
+def _labels(parts: Iterable[Part]) -> list[tuple[Any, int]]:
+    """Return the images of text labels, each of which counts as one."""
+    textures = (part.material.base_color_texture for part in parts if part.kind == "text")
+    return [(texture.image, 1) for texture in textures if texture is not None]
 
 
 def _image_bytes(image: Image) -> int:

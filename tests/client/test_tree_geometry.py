@@ -194,7 +194,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (Sphere(1, color=(255.0, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
         (Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
         (Sphere(1, color=(255, -1, 0)), "color must be from 0 to 1, .* not 255"),
-        (Sphere(1, color=0x1000000), "color must have 3 or 4 numbers"),
+        (Sphere(1, color=0x1000000), "color must be 3 or 4 numbers, 0xrrggbb, a CSS name or"),
         (Sphere(1, color=(1.5, 0, 0)), "color must be from 0 to 1, .* not 1.5"),
         (Sphere(1, color=(0.5, -0.5, 0)), "color must be from 0 to 1, .* not -0.5"),
         (Sphere(1, color=(0.5, float("nan"), 0)), "color must have numbers, not nan"),
@@ -202,7 +202,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (Sphere(1, color="#12"), "color '#12' is neither"),
         (Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
         (
-            PointCloud(POINTS, rgb=np.full((4, 3), 255)),
+            PointCloud(POINTS, rgb=np.full((4, 3), 255.0)),
             "rgb must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
         ),
         (PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
@@ -215,7 +215,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
         (Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
         (Mesh(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]), r"colors must have 3 or 4 numbers for each of 4 vertices"),
-        (Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 255)), "colors must be from 0 to 1, .* not 255"),
+        (Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)), "colors must be from 0 to 1, .* not 256"),
         (Mesh(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
         (Mesh(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
         (ImagePlane(PIXELS), "an image plane needs width or height"),
@@ -296,3 +296,19 @@ def test_colors_of_a_heightmap_have_its_shape() -> None:
         Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3))).body()
     for shape in ((3, 4, 3), (12, 4)):
         assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])
+
+
+def test_integers_are_colours_from_0_to_255() -> None:
+    red_and_grey = [(255, 0, 0), (128, 128, 128)]
+    cloud = PointCloud([(0, 0, 0)] * 2, rgb=red_and_grey).body()["channels"]["rgb"]
+    assert (cloud.dtype, cloud.tolist()) == (np.uint8, [list(row) for row in red_and_grey])
+    mesh = Mesh([(0, 0, 0)] * 2, [(0, 1, 1)], colors=red_and_grey).body()["colors"]
+    assert (mesh.dtype, mesh.tolist()) == (np.uint8, [list(row) for row in red_and_grey])
+    ones = PointCloud([(0, 0, 0)], rgb=[(1, 0, 1)]).body()["channels"]["rgb"]
+    assert (ones.dtype, ones.tolist()) == (np.float32, [[1.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("color", [None, 0x1FFFFFF, -1])
+def test_names_what_is_no_colour(color: Any) -> None:
+    with pytest.raises(ValueError, match=f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name .*, not {color}"):
+        Box((1, 1, 1), color=color).body()

@@ -74,6 +74,8 @@ async def test_many_transforms() -> None:
                     batch.set_transforms(["c"], np.full((1, 7), 0.5))
                 with pytest.raises(ValueError, match=r"poses must have shape \(1, 7\) for 1 paths, not \(7,\)"):
                     viewer.set_transforms(["c"], np.zeros(7))
+                with pytest.raises(TypeError, match="paths must be a list of paths, not 'c'"):
+                    viewer.set_transforms("c", np.zeros((1, 7)))
                 with pytest.raises(ValueError, match="pose 1 is not finite"):
                     viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
 
@@ -89,6 +91,8 @@ async def test_settings_of_the_page() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
                 viewer.set_view(background="#ff0000", grid=False)
                 viewer.set_view(home=((1, 2, 3), (0, 0, 0)), grid=None)
+                with pytest.raises(TypeError, match="grid must be True, False or None, not 'no'"):
+                    viewer.set_view(grid="no")  # type: ignore[arg-type]
                 with pytest.raises(ValueError, match="home must be eye, target and optionally up, not 1 vectors"):
                     viewer.set_view(home=((1, 2, 3),))
                 with pytest.raises(TreeViewerError, match=r"setview\[0\]: home.eye and home.target are the same point"):

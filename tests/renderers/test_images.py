@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import gc
 import io
 import struct
+import weakref
 import zlib
 from collections.abc import Callable
 from typing import Any
@@ -14,8 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
-from renderers.drawlist import Image, ImageError
+from renderers.drawlist import ImageError
 from renderers.images import (
     MAX_PIXELS,
     MAX_SCANNED_PIXELS,
@@ -254,15 +255,10 @@ def test_equal_bytes_give_one_image() -> None:
     assert first.key == b"%08x" % zlib.crc32(data)
 
 
-def test_cached_images_are_limited_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second = encoded(RGBA, "PNG"), encoded(RGBA[::-1], "PNG")
-    cache: Cache[tuple[bytes, int], Image] = Cache(max(len(first), len(second)))
-    monkeypatch.setattr("renderers.images._images", cache)
-    image = image_from_bytes(first)
-    assert cache.nbytes == len(first)
-    assert image_from_bytes(second).decode().tolist() == RGBA[::-1].tolist()
-    assert cache.nbytes == len(second)
-    assert image_from_bytes(first) is not image
+def test_images_that_are_not_in_use_are_freed() -> None:
+    image = weakref.ref(image_from_bytes(encoded(RGBA, "PNG")))
+    gc.collect()
+    assert image() is None
 
 
 @pytest.mark.parametrize(("width", "height", "pixels"), [(7, 5, 35), (5, 7, 35), (1, 9, 9), (9, 1, 9)])

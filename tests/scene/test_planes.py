@@ -12,7 +12,6 @@ from gateway.scene.text_images import LINE_PIXELS, MAX_SIDE, missing_characters,
 from gateway.scene.transforms import look_at
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance
-from renderers.images import decode_image
 from renderers.interface import Look, Output
 from renderers.raster.renderer import CpuRenderer
 
@@ -46,8 +45,7 @@ def test_the_back_of_a_rectangle_shows_its_image_mirrored() -> None:
 
 @pytest.mark.parametrize(("text", "lines"), [("a", 1), ("a\nb", 2), ("x" * 1000, 1), ("x\n" * 500, 500)])
 def test_images_of_text_are_bounded(text: str, lines: int) -> None:
-    data, height_in_lines = text_image(text, (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))
-    pixels = decode_image(data)
+    pixels, height_in_lines = text_image(text, (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))
     assert max(pixels.shape[:2]) <= MAX_SIDE
     assert height_in_lines == pytest.approx(lines + 0.3, abs=0.2)
     assert pixels[:, :, :3].reshape(-1, 3).tolist() == [RED] * (pixels.shape[0] * pixels.shape[1])
@@ -56,8 +54,8 @@ def test_images_of_text_are_bounded(text: str, lines: int) -> None:
 
 
 def test_the_alpha_of_the_colour_fades_the_letters() -> None:
-    data, _ = text_image("M", (1.0, 0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 0.0))
-    assert decode_image(data)[:, :, 3].max() in (127, 128)
+    pixels, _ = text_image("M", (1.0, 0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 0.0))
+    assert pixels[:, :, 3].max() in (127, 128)
 
 
 def test_missing_characters_are_named_once() -> None:

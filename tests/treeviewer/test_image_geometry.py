@@ -177,7 +177,7 @@ def test_equal_images_are_one_object(viewer: Viewer) -> None:
     ],
 )
 def test_names_what_is_wrong(geometry: dict[str, Any], reason: str) -> None:
-    viewer = Viewer(Limits(image_bytes=3000, image_pixels=80, text_chars=10, vertices=20))
+    viewer = Viewer(Limits(image_bytes=3000, image_pixels=80, text_chars=10, heights=20))
     answer = viewer.publish(geometry)
     assert answer["status"] == -3
     assert f"geometry.{reason.split()[0]}" in answer["error"] or reason in answer["error"]
@@ -328,3 +328,5 @@ def test_images_count_towards_the_bytes_of_the_tree() -> None:
     answer = viewer.publish(image(image=text(file(pixels))), path=["other"])
     assert "the limit is 2000000" in answer["error"]
     assert viewer.publish(image(), BOX, path=["other"])["status"] == 0
+    viewer.tell({"delete": [{"path": ["it"]}]})
+    assert viewer.publish(image(image=text(file(pixels))))["status"] == 0

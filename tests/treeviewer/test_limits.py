@@ -28,6 +28,18 @@ def cloud(points: int, channels: int = 0) -> dict[str, Any]:
     return geometry(type="pointcloud", points=[POINT] * points, channels=named)
 
 
+def heightmap(rows: int) -> dict[str, Any]:
+    return geometry(type="heightmap", heights=[[0.0, 0.0]] * rows, lengths=[1, 1])
+
+
+def texts(*values: str) -> dict[str, Any]:
+    return {
+        "setgeometry": [
+            {"path": [index], "geometry": {"type": "text", "text": text}} for index, text in enumerate(values)
+        ]
+    }
+
+
 def nested(depth: int) -> dict[str, Any]:
     return {"setgeometry": [{"path": ["x"] * depth, "geometry": BOX}]}
 
@@ -51,6 +63,9 @@ def nested(depth: int) -> dict[str, Any]:
         (Limits(vertices=3), mesh(3, 1), mesh(4, 1)),
         (Limits(faces=3), mesh(3, 3), mesh(3, 4)),
         (Limits(channels=3), cloud(2, 3), cloud(2, 4)),
+        (Limits(heights=6), heightmap(3), heightmap(4)),
+        (Limits(text_chars=3), texts("abc"), texts("abcd")),
+        (Limits(text_labels=2), texts("a", "b"), texts("a", "b", "c")),
         (Limits(nodes=4), nested(3), nested(4)),
         (
             Limits(parts=3),
@@ -74,6 +89,15 @@ def _changed(limits: Limits) -> dict[str, int]:
     default = Limits()
     names = Limits.__dataclass_fields__
     return {name: getattr(limits, name) for name in names if getattr(limits, name) != getattr(default, name)}
+
+
+def test_labels_of_the_tree_count_until_they_are_deleted() -> None:
+    viewer = Viewer(Limits(text_labels=2))
+    assert viewer.tell(texts("a", "b"))["status"] == 0
+    more = {"setgeometry": [{"path": ["c"], "geometry": {"type": "text", "text": "c"}}]}
+    assert "3 different text labels would be in use, the limit is 2" in viewer.tell(more)["error"]
+    viewer.tell({"delete": [{"path": [0]}]})
+    assert viewer.tell(more)["status"] == 0
 
 
 @pytest.mark.parametrize("name", ["message_bytes", "json_bytes"])

@@ -40,10 +40,14 @@ def rgba(value: ArrayLike) -> list[float]:
     Raises:
         ValueError: the value is none of these.
     """
+    if value is None:
+        raise ValueError("color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not None")
     array = np.array(_parse_color(value), np.uint8) if isinstance(value, str) else np.asarray(value)
     if array.dtype.kind in "iu" and array.dtype != np.uint8:
         array = _from_integers(array)
     numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
+    if numbers.ndim == 0:
+        raise ValueError(f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not {value!r}")
     if numbers.shape not in ((3,), (4,)):
         raise ValueError(f"color must have 3 or 4 numbers, not shape {numbers.shape}")
     if np.isnan(numbers).any():
@@ -62,9 +66,9 @@ def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
         count: number of vertices.
 
     Raises:
-        ValueError: wrong shape, or a float outside of 0 to 1.
+        ValueError: wrong shape, or a value outside of its range.
     """
-    array = np.asarray(values)
+    array = as_uint8_or_floats(values)
     if array.ndim < 2 or array.shape[-1] not in (3, 4) or array.size != count * array.shape[-1]:
         raise ValueError(f"{name} must have 3 or 4 numbers for each of {count} vertices, not shape {array.shape}")
     copy = empty_with_header((count, array.shape[-1]), np.uint8 if array.dtype == np.uint8 else np.float32)
@@ -122,6 +126,13 @@ def check_range(name: str, values: NDArray[Any]) -> None:
     if low < -RANGE_TOLERANCE or high > 1.0 + RANGE_TOLERANCE:
         invalid = high if high > 1.0 + RANGE_TOLERANCE else low
         raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {invalid:g}")
+
+
+def as_uint8_or_floats(values: ArrayLike) -> NDArray[Any]:
+    """Return colours as an array. Integers from 0 to 255, of which one is above 1, become uint8."""
+    array = np.asarray(values)
+    is_integer = array.ndim > 0 and array.dtype.kind in "iu" and array.dtype != np.uint8
+    return _from_integers(array) if is_integer else array
 
 
 def _from_integers(array: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.client.tree.colors import ImageLike, check_range, color_rows, image_field, rgba
+from gateway.client.tree.colors import ImageLike, as_uint8_or_floats, check_range, color_rows, image_field, rgba
 from gateway.client.tree.wire import empty_with_header
 
 ROTATION_TOLERANCE: Final = 1e-4
@@ -253,10 +253,11 @@ class Mesh(Geometry):
     faces: ArrayLike
     """Triangles, (M, 3) indices of vertices."""
     colors: ArrayLike | None = None
-    """Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
+    """Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They multiply
+    ``color``."""
     uv: ArrayLike | None = None
-    """Texture coordinates, (N, 2). (0, 0) is the image's top left corner, (1, 1) its bottom right one; use ``1 - v``
-    for coordinates from OBJ files."""
+    """Texture coordinates, (N, 2), ignored without ``image``. (0, 0) is the image's top left corner, (1, 1) its bottom
+    right one; use ``1 - v`` for coordinates from OBJ files."""
     image: ImageLike | None = None
     """Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in ``ImagePlane``."""
 
@@ -305,7 +306,8 @@ class PointCloud(Geometry):
     points: ArrayLike
     """Positions, (N, 3)."""
     rgb: ArrayLike | None = None
-    """Colours, (N, 3) or (N, 4): floats from 0 to 1, or uint8. They take precedence over ``intensity``."""
+    """Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
+    ``intensity``."""
     intensity: ArrayLike | None = None
     """Grey values, (N,): floats from 0 to 1, or uint8."""
     channels: Mapping[str, ArrayLike] = field(default_factory=dict)
@@ -359,7 +361,8 @@ def _channels(
     channels: dict[str, NDArray[Any]] = {}
     for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
         if values is not None:
-            is_uint8 = np.asarray(values).dtype == np.uint8
+            values = as_uint8_or_floats(values) if name == "rgb" else np.asarray(values)
+            is_uint8 = values.dtype == np.uint8
             channels[name] = number_rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
     for name, values in others.items():
         allowed_columns = (1,) if np.ndim(values) == 1 else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))

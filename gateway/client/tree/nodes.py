@@ -103,8 +103,13 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         poses: (N, 7): X_parent_node of each path as x, y, z in metres and the quaternion w, x, y, z.
 
     Raises:
+        TypeError: ``paths`` is one string.
         ValueError: the shapes differ, or a number is not finite.
     """
+    if isinstance(paths, str):
+        raise TypeError(
+            f"paths must be a list of paths, not {_describe(paths)}; for one path use set_transforms([path], ...)"
+        )
     keys = [path_of(path) for path in paths]
     array = np.asarray(poses, np.float64)
     if array.shape != (len(keys), 7):

@@ -137,6 +137,8 @@ class TreeViewer:
         if background is not ...:
             changes.view["background"] = None if background is None else rgba(background)[:3]
         if grid is not ...:
+            if grid is not None and not isinstance(grid, (bool, np.bool_)):
+                raise TypeError(f"grid must be True, False or None, not {grid!r}")
             changes.view["grid"] = None if grid is None else bool(grid)
         if home is not ...:
             changes.view["home"] = None if home is None else _home(home)
