@@ -39,7 +39,7 @@ def test_the_remaining_time_follows_from_the_time_since_the_first_function(monke
     now = 110.0
     progress.add_function("shading")
     now = 112.0
-    assert progress.seconds_left == progress.retry_after == 6
+    assert progress.seconds_left == 6
     assert str(progress) == "compiling the rendering kernels, once: 25 %, about 6 s left"
 
 
