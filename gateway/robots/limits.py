@@ -34,13 +34,15 @@ class RobotLimits:
 
 
 def check_count(count: int, limit: int, what: str) -> None:
-    """Check the number of things in a robot file.
+    """Check a number of objects in a robot file.
 
     Args:
-        what: Name of the things, in the plural.
+        count: Number of objects.
+        limit: Maximum number.
+        what: Name of the objects, in the plural.
 
     Raises:
         RobotFileError: There are more than the limit.
     """
     if count > limit:
-        raise RobotFileError(f"it has {count} {what}; {limit} are the most")
+        raise RobotFileError(f"it has {count} {what}, the limit is {limit}")
