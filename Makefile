@@ -96,7 +96,7 @@ release: $(VENV)/.tools ## set VERSION=1.2.3 where it is named, commit, tag; pus
 	@echo "$(VERSION)" | grep -Eq '^[0-9]+\.[0-9]+\.[0-9]+$$' || { echo "make release VERSION=1.2.3"; exit 1; }
 	@git diff --quiet HEAD || { echo "There are changes that are not committed."; exit 1; }
 	$(BIN)/python -m hatchling version $(VERSION)
-	sed -i 's/^version: .*/version: $(VERSION)/; s/^date-released: .*/date-released: "'$$(date +%F)'"/' CITATION.cff
+	sed -i '/^date-released: /d; s/^version: .*/version: $(VERSION)\ndate-released: "'$$(date +%F)'"/' CITATION.cff
 	sed -i 's/^## \[Unreleased\].*/&\n\n## [$(VERSION)] - '$$(date +%F)'/' CHANGELOG.md
 	git commit --quiet --all -m "Release $(VERSION)"
 	git tag --annotate v$(VERSION) -m "Scenegate $(VERSION)"

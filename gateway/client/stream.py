@@ -135,7 +135,7 @@ class Progress:
     """Number of IMU samples written."""
     imu_lost: int = 0
     """Number of IMU samples lost because they were read too slowly."""
-    _last_second: int = -1
+    _last_second: int = 0
     """``seconds``, rounded down, at the last call of ``second_passed``."""
 
     @property
@@ -144,14 +144,16 @@ class Progress:
         return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
 
     def second_passed(self) -> bool:
-        """Return True at the first call in each second of ``seconds``."""
+        """Return True at the first call in each second of ``seconds`` but the first."""
         previous, self._last_second = self._last_second, int(self.seconds)
         return self._last_second > previous
 
     def line(self) -> str:
         """Return the statistics as one line of text."""
-        megabytes_per_second = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
-        text = f"{self.sets} sets, {self.rate:.1f} per second, {megabytes_per_second:.1f} MB/s, newest {self.timestamp}"
+        text = f"{self.sets} sets"
+        if self.seconds > 0:
+            text += f", {self.rate:.1f} per second, {self.bytes / 1e6 / self.seconds:.1f} MB/s"
+        text += f", newest {self.timestamp}"
         if self.imu_samples:
             text += f", {self.imu_samples} IMU samples"
         if self.imu_lost:

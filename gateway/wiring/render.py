@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
 from gateway.render.events import RenderRecord
 from gateway.render.routes import router
 from gateway.render.service import RenderService
-from gateway.robots.scene_files import read_scene
 from gateway.scene.tree import Node
 from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
+from gateway.wiring.scene_setting import read_scene_setting
 
 
 async def setup(context: Context) -> None:
@@ -69,6 +67,5 @@ async def _backdrop(context: Context) -> Callable[[], Node] | None:
         return None
     if settings.backdrop == "live":
         return lambda: context.tree.snapshot.root
-    path, roots = Path(settings.backdrop), settings.mesh_root
-    scene = await asyncio.to_thread(read_scene, path, up=settings.up, roots=roots)
+    scene = await read_scene_setting(settings.backdrop, settings)
     return lambda: scene.root

@@ -11,7 +11,6 @@ import numpy as np
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
-from gateway.robots.scene_files import read_scene
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
@@ -41,6 +40,7 @@ from gateway.stereo.upload import upload_router
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
+from gateway.wiring.scene_setting import read_scene_setting
 from renderers.stereo.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream
@@ -145,8 +145,7 @@ async def _scene(settings: Settings) -> Snapshot | None:
     """Return the scene of ``--stereo-scene``; None if that is the live tree."""
     if settings.stereo_scene == "live":
         return None
-    path, roots = Path(settings.stereo_scene), settings.mesh_root
-    file = await asyncio.to_thread(read_scene, path, up=settings.up, roots=roots)
+    file = await read_scene_setting(settings.stereo_scene, settings)
     return Snapshot(file.root, 0)
 
 
