@@ -75,12 +75,15 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url, *PATIENT)
     assert done.exit_code == 0, done.output
-    assert ("vertex colours are not published" in done.output) == faces
     (part,) = live.snapshot.root.children["thing"].parts or ()
     corners = [(0, 0, 0), (0, 1, 0), (1, 0, 0)]
     if faces:
         assert isinstance(part.shape, Surface)
         np.testing.assert_allclose(sorted(map(tuple, part.shape.mesh.positions.tolist())), corners)
+        assert part.shape.mesh.colors is not None
+        np.testing.assert_allclose(
+            sorted(map(tuple, part.shape.mesh.colors[:, :3].tolist())), sorted(map(tuple, np.eye(3)))
+        )
     else:
         assert isinstance(part.shape, PointCloud)
         np.testing.assert_allclose(sorted(map(tuple, part.shape.points.tolist())), corners)
