@@ -139,7 +139,7 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
-	rm -rf $(VENV) $(SITE_VENV) out/site out/site.log .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(SITE_VENV) out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:
