@@ -61,7 +61,7 @@ def alone(scenes: Path, out: Path, orbit: int) -> float:
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
-    kernel_cache.ensure_cached(warmup.FUNCTIONS)
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
     from gateway.datasets.local_tasks import run_local
     from gateway.datasets.run import run
 

@@ -114,8 +114,8 @@ def writers() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
-    kernel_cache.ensure_cached(warmup.FUNCTIONS)
-    warmup.run()
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
+    warmup.load_needed()
     freeze_gc()
     cv2.setNumThreads(1)
     rows = writers()

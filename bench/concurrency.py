@@ -181,8 +181,8 @@ def overload() -> list[Row]:
 
 def main() -> None:
     tune()
-    kernel_cache.ensure_cached(warmup.FUNCTIONS)
-    warmup.run()
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
+    warmup.load_needed()
     show([*scaling(), *event_loop(), *overload()])
 
 

@@ -110,7 +110,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
-    kernel_cache.ensure_cached(warmup.FUNCTIONS)
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
     from ray.cluster_utils import Cluster
 
     from gateway.client.manifest import Settings

@@ -35,7 +35,7 @@ from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
-from gateway.wiring.worker_processes import reporting_to_workers
+from gateway.wiring.worker_processes import write_worker_reports
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -97,7 +97,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
     try:
-        async with reporting_to_workers(context):
+        async with write_worker_reports(context):
             yield
     finally:
         await context.close()
@@ -140,12 +140,12 @@ def _add_middleware(context: Context) -> None:
         StartGate,
         started=context.started,
         problem=lambda: registry.entries[KERNELS].problem,
-        open_paths=health.PATHS | {"/"},
+        open_paths=health.MONITORING_PATHS | {"/"},
         compiling=lambda: context.compiling,
     )
     context.security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
-    app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.PATHS | POLLED_PATHS)
+    app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.MONITORING_PATHS | POLLED_PATHS)
     app.add_middleware(EarlyResponse)
 
 

@@ -20,7 +20,7 @@ import gateway.app
 import gateway.wiring.render
 import gateway.wiring.stereo
 from gateway.runtime import kernel_cache, logs
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.settings import Settings
 from gateway.wiring import interfaces, startup, warmup
 from gateway.wiring.context import Context
@@ -52,8 +52,8 @@ class FakeService:
 @pytest.fixture(autouse=True)
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: True)
-    monkeypatch.setattr(warmup, "run", lambda: None)
-    monkeypatch.setattr(warmup, "run_background", pending.finish)
+    monkeypatch.setattr(warmup, "load_needed", lambda: None)
+    monkeypatch.setattr(warmup, "load_background", pending.finish)
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
@@ -166,7 +166,7 @@ async def test_without_kernels_requests_get_503_with_the_reason(monkeypatch: pyt
     def broken() -> None:
         raise RuntimeError("no compiler backend")
 
-    monkeypatch.setattr(warmup, "run", broken)
+    monkeypatch.setattr(warmup, "load_needed", broken)
     use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
         answer = await client.get("/example")
@@ -178,12 +178,12 @@ async def test_without_kernels_requests_get_503_with_the_reason(monkeypatch: pyt
 async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
 
-    async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+    async def compile_missing(parts: Collection[str], progress: KernelProgress) -> None:
         order.append("compiled")
 
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
-    monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
+    monkeypatch.setattr(warmup, "load_needed", lambda: order.append("loaded"))
     use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
         await client.get("/example")
@@ -192,9 +192,9 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
 
 async def test_while_it_compiles_log_health_and_responses_have_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on = asyncio.Event(), asyncio.Event()
-    percent = 100 * warmup.FUNCTIONS["shading"] // sum(warmup.FUNCTIONS[part] for part in warmup.NEEDED)
+    percent = 100 * warmup.FUNCTION_COUNTS["shading"] // sum(warmup.FUNCTION_COUNTS[part] for part in warmup.NEEDED)
 
-    async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+    async def compile_missing(parts: Collection[str], progress: KernelProgress) -> None:
         assert set(progress.expected) == set(parts) == set(warmup.NEEDED)
         progress.add_part("shading")
         begun.set()
@@ -314,7 +314,7 @@ async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: p
         asked.set()
         go_on.wait()
 
-    monkeypatch.setattr(warmup, "run", compiling)
+    monkeypatch.setattr(warmup, "load_needed", compiling)
     use_interfaces(monkeypatch, render=add_route)
     app = gateway.app.create_app(Settings())
     try:

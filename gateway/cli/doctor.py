@@ -1,4 +1,4 @@
-"""``scenegate doctor``: prints the findings on installation and machine, with what each means and what to do."""
+"""``scenegate doctor``: prints findings about the installation and the machine, with meaning and remedy."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ def print_findings() -> bool:
 
 
 def _description(finding: Finding) -> str:
-    """Return what was found, what it means and what to do, one line each, escaped for rich."""
+    """Return detail, meaning and remedy, one line each, escaped for rich."""
     remedy = f"To do: {finding.remedy}" if finding.remedy else ""
     return "\n".join(escape(line) for line in (finding.detail, finding.meaning, remedy) if line)

@@ -12,7 +12,7 @@ import typer
 
 from gateway.runtime.progress_bar import progress_bar
 
-SHOW_SECONDS: Final = 0.2
+UPDATE_SECONDS: Final = 0.2
 """Time between two updates of the progress bar."""
 
 LcmUrl = Annotated[
@@ -21,7 +21,7 @@ LcmUrl = Annotated[
         "--lcm-url", metavar="URL", help="tcpq://HOST:PORT, udpm://...; default: LCM_DEFAULT_URL, or LCM's default."
     ),
 ]
-Channels = Annotated[str, typer.Option(metavar="PATTERN", help="Only channels that match as a whole.")]
+Channels = Annotated[str, typer.Option(metavar="PATTERN", help="Only channels whose whole name matches.")]
 
 
 def record(
@@ -52,7 +52,7 @@ def record(
                     typer.echo("Recording ...", err=True)
 
             recording = replay.record(out, lcm_url, channels, progress, stop, ready)
-            await _shown(recording, lambda: bar.update(loop.time() - begin, progress.events))
+            await _run_with_bar(recording, lambda: bar.update(loop.time() - begin, progress.events))
 
     asyncio.run(run())
     typer.echo(f"{out}: {progress.events} messages, {progress.data_bytes} bytes", err=True)
@@ -76,7 +76,7 @@ def play(
     async def run() -> None:
         with progress_bar("Playing", "messages", log.stat().st_size) as bar:
             playing = replay.play(log, lcm_url, speed, loop, channels, progress)
-            await _shown(playing, lambda: bar.update(progress.position, progress.events))
+            await _run_with_bar(playing, lambda: bar.update(progress.position, progress.events))
 
     try:
         asyncio.run(run())
@@ -87,15 +87,15 @@ def play(
     typer.echo(f"{log}: {progress.events} messages played, {progress.data_bytes} bytes", err=True)
 
 
-async def _shown(work: Coroutine[Any, Any, None], show: Callable[[], None]) -> None:
-    """Run ``work``, and call ``show`` several times a second meanwhile."""
+async def _run_with_bar(work: Coroutine[Any, Any, None], update_bar: Callable[[], None]) -> None:
+    """Run ``work``, and call ``update_bar`` every ``UPDATE_SECONDS`` until it ends."""
 
-    async def show_all() -> None:
+    async def update_repeatedly() -> None:
         while True:
-            show()
-            await asyncio.sleep(SHOW_SECONDS)
+            update_bar()
+            await asyncio.sleep(UPDATE_SECONDS)
 
-    task = asyncio.create_task(show_all())
+    task = asyncio.create_task(update_repeatedly())
     try:
         await work
     finally:

@@ -47,7 +47,7 @@ def warmup() -> None:
     from renderers.compiler import cache_folder
 
     folder = kernel_cache.configure()
-    kernel_cache.ensure_cached(kernels.FUNCTIONS, show_progress_on_stderr)
+    kernel_cache.ensure_cached(kernels.FUNCTION_COUNTS, show_progress_on_stderr)
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 

@@ -129,7 +129,7 @@ def render(
 
     joints = tuple(joint or ())
     parse_joints(joints)  # raises an error now instead of for each scene
-    kernel_cache.ensure_cached(warmup.FUNCTIONS, show_progress_on_stderr)
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS, show_progress_on_stderr)
     # The following imports load compiled kernels.
     from gateway.assets.light_rig_file import rig_digest
     from gateway.cli.render_dataset import render_dataset

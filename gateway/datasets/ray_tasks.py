@@ -79,7 +79,7 @@ def run_pickled_task(task: bytes) -> bytes:
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
-    kernel_cache.ensure_cached(warmup.FUNCTIONS)
+    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
     from gateway.datasets.worker import run_task
 
     return pickle.dumps(run_task(pickle.loads(task)))  # noqa: S301 - pickled by run_ray

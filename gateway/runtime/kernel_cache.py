@@ -1,7 +1,7 @@
-"""Filling the kernel cache, and refusing to compile while serving.
+"""Fills the kernel cache, and keeps a server from compiling.
 
-Compiling holds the GIL for many seconds, so the serving process never does it: child processes fill the cache, the
-server loads it. ``renderers.compiler.cache_folder`` says where the cache is and whether it is complete.
+Compiling holds the GIL for many seconds, so the serving process never does it: child processes fill the cache, and the
+server loads from it. ``renderers.compiler.cache_folder`` says where the cache is and whether it is complete.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ from contextlib import AbstractContextManager, asynccontextmanager, contextmanag
 from pathlib import Path
 from typing import Any
 
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
 
 _MAX_CHILDREN = 3
 """Maximum number of children: the largest part takes a third of the time, and each child up to 0.6 GB."""
 _LOCK_SECONDS = 0.1
-"""Interval at which the lock of another compiling process is polled."""
-
+"""Interval between attempts to lock the cache folder, while another process compiles."""
 
 OnCached = Callable[[str], Awaitable[None]]
 """Called with the name of a part."""
@@ -41,48 +40,52 @@ class KernelError(RuntimeError):
 
 
 def configure() -> Path:
-    """Choose the cache folder for this process and its children; return that of this version's kernels.
+    """Set the cache folder of this process and its children, and return the folder of this version's kernels.
 
-    NUMBA_CACHE_DIR set by the user wins. Call this before any kernel is imported.
+    It sets NUMBA_CACHE_DIR, unless the user has. Call it before any kernel is imported.
     """
     os.environ["NUMBA_CACHE_DIR"] = str(cache_folder.root())
     return cache_folder.folder()
 
 
 def are_cached(parts: Collection[str] | None = None) -> bool:
-    """Return whether the kernels of parts (None: of all compiled so far) are cached for this CPU and these sources."""
+    """Return whether kernels are cached for this CPU and these sources.
+
+    Args:
+        parts: parts whose kernels are needed; None: those that the cache's manifest lists.
+    """
     configure()
     return not cache_folder.missing(parts=parts)
 
 
 def ensure_cached(
     parts: Mapping[str, int],
-    show: Callable[[Progress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
+    show: Callable[[KernelProgress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
 ) -> None:
-    """Compile the parts that are not cached; of several processes of a machine only one does it.
+    """Compile the parts that are not cached. Processes of a machine do this one after the other.
 
     Call it before any kernel is imported, and not in a running event loop.
 
     Args:
-        parts: approximate number of functions of each part (``warmup.FUNCTIONS``), the scale of the progress.
+        parts: approximate number of functions of each part (``warmup.FUNCTION_COUNTS``), the scale of the progress.
         show: context manager that shows the progress.
 
     Raises:
-        KernelError: they could not be compiled.
+        KernelError: the kernels could not be compiled, or the cache cannot be written.
     """
     if are_cached(parts):
         return
-    progress = Progress(parts)
+    progress = KernelProgress(parts)
     with show(progress):
         asyncio.run(compile_missing(parts, progress))
 
 
-async def compile_missing(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
-    """Compile the parts that are not cached, after any other process of this machine that compiles.
+async def compile_missing(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
+    """Compile the parts that are not cached. If another process of this machine compiles, wait for its end first.
 
     Args:
         parts, progress: as for ``compile_in_children``.
-        on_cached: awaited with each part, at once for parts that are in the cache already.
+        on_cached: awaited with the name of each part when it is in the cache.
 
     Raises:
         KernelError: the kernels could not be compiled, or the cache cannot be written.
@@ -100,7 +103,7 @@ async def compile_missing(parts: Collection[str], progress: Progress, on_cached:
 
 
 @asynccontextmanager
-async def _exclusive(progress: Progress) -> AsyncIterator[None]:
+async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
     """Hold the lock of the cache folder."""
     folder = configure()
     if not cache_folder.is_writable(folder):
@@ -120,10 +123,10 @@ async def _exclusive(progress: Progress) -> AsyncIterator[None]:
         yield
 
 
-async def compile_in_children(parts: Collection[str], progress: Progress, on_cached: OnCached = _ignore) -> None:
+async def compile_in_children(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children, ``python -P -m gateway.wiring.warmup FD PART ..``, read from a pipe which part is the next.
+    The children, ``python -P -m gateway.wiring.warmup FD PART ..``, read the index of their next part from a pipe.
 
     Args:
         parts: names in ``warmup.PARTS``; at most 255.
@@ -131,7 +134,7 @@ async def compile_in_children(parts: Collection[str], progress: Progress, on_cac
         on_cached: awaited with each part that is compiled.
 
     Raises:
-        KernelError: a child failed; with its last line.
+        KernelError: a child failed. The message has the last line of its stderr.
     """
     compiled: dict[str, list[str]] = {}
     queue, queue_input = os.pipe()
@@ -157,17 +160,20 @@ async def compile_in_children(parts: Collection[str], progress: Progress, on_cac
 
 
 async def _compile_in_child(
-    queue: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress, on_cached: OnCached
+    queue: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: KernelProgress, on_cached: OnCached
 ) -> None:
     """Run one child to its end.
 
+    The child writes JSON to stdout: ``{"part": PART}`` for each compiled function, and ``{"part": PART, "kernels":
+    [FOLDER, ...]}`` for each compiled part.
+
     Args:
-        queue: file descriptor of the pipe with the numbers of the parts to compile.
-        compiled: part -> cache folders of its kernels; extended here.
+        queue: file descriptor of the pipe with one byte for each part to compile, its index in ``parts``.
+        compiled: cache folders of the kernels, by part; extended here.
     """
     child = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "gateway.wiring.warmup", str(queue), *parts),
-        # The same modules as here, whatever lies in the current folder: it may be a clone of another version.
+        # Import the same modules as this process; the current folder may be a clone of another version.
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),
         stdin=asyncio.subprocess.DEVNULL,
@@ -200,10 +206,10 @@ async def _compile_in_child(
 
 
 @contextmanager
-def compiling_refused() -> Iterator[None]:
-    """Raise KernelError where this process would compile a kernel, so that it only loads them from the cache.
+def forbid_compiling() -> Iterator[None]:
+    """Raise KernelError if this process compiles a kernel inside the block, instead of loading it from the cache.
 
-    The cache is incomplete then, whatever its manifest says: the manifest is removed, so that the next start compiles.
+    The manifest of the cache is wrong then. It is removed, so that the next start compiles the kernels.
     """
 
     def refuse(kernel: str, depth: int) -> None:
@@ -216,27 +222,30 @@ def compiling_refused() -> Iterator[None]:
             "`scenegate warmup`, or another start, compiles all of them"
         )
 
-    with _watched(refuse):
+    with _watch_compiler(refuse):
         yield
 
 
 @contextmanager
-def compiling_reported(report: Callable[[str], object]) -> Iterator[None]:
-    """Call ``report`` with the name of every kernel that this process compiles, before it is compiled."""
-    with _watched(lambda function, depth: report(function) if depth == 1 else None):
+def report_compiled_kernels(report: Callable[[str], object]) -> Iterator[None]:
+    """Call ``report`` with the name of each kernel that this process compiles inside the block, before it does."""
+    with _watch_compiler(lambda function, depth: report(function) if depth == 1 else None):
         yield
 
 
 @contextmanager
-def functions_reported(report: Callable[[], object]) -> Iterator[None]:
-    """Call ``report`` for every function that this process compiles, kernels and those that they call."""
-    with _watched(lambda function, depth: report()):
+def report_compiled_functions(report: Callable[[], object]) -> Iterator[None]:
+    """Call ``report`` for each function that this process compiles inside the block: kernels and their callees."""
+    with _watch_compiler(lambda function, depth: report()):
         yield
 
 
 @contextmanager
-def _watched(on_compile: Callable[[str, int], object]) -> Iterator[None]:
-    """Call ``on_compile`` at the start of each compilation with the function's name and depth; 1: nothing calls it."""
+def _watch_compiler(on_compile: Callable[[str, int], object]) -> Iterator[None]:
+    """Call ``on_compile`` at the start of each compilation, with the function's name and its depth.
+
+    The depth of a kernel is 1. A function that is compiled for another one is one deeper.
+    """
     from numba.core import event
 
     depth = threading.local()

@@ -12,17 +12,17 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 _LOG_STEP_PERCENT: Final = 20
-"""Progress between two lines of the log."""
+"""Progress between two lines of the log, percent."""
 _MIN_ESTIMATE_FRACTION: Final = 0.1
 """Minimum progress, 0 to 1, for an estimate of the remaining time."""
 
 
 @dataclass(slots=True)
-class Progress:
-    """Progress of compiling, counted in functions. Updated on the thread that waits for the child processes."""
+class KernelProgress:
+    """Progress of compiling, counted in functions. Used by one thread."""
 
     expected: Mapping[str, int]
-    """Number of functions to compile, by part of the kernels (``warmup.FUNCTIONS``)."""
+    """Number of functions to compile, by part of the kernels (``warmup.FUNCTION_COUNTS``)."""
     compiled: dict[str, int] = field(default_factory=dict)
     """Number of functions compiled so far, by part; at most the expected one."""
     waiting: bool = False
@@ -87,12 +87,12 @@ class Progress:
 
 
 @contextmanager
-def show_progress(progress: Progress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
-    """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each fifth.
+def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: bool = True) -> Iterator[None]:
+    """Show progress while the block runs: a bar if stderr is a terminal, else a log line every 20 %.
 
     Args:
         log: called as ``log(event, **fields)``.
-        bar: False: log lines even on a terminal, since other processes write to it.
+        bar: False: log lines on a terminal, too, because other processes write to the same terminal.
     """
     if bar and sys.stderr.isatty():
         with _bar(progress):
@@ -114,7 +114,7 @@ def show_progress(progress: Progress, log: Callable[..., object], *, bar: bool =
 
 
 @contextmanager
-def show_progress_on_stderr(progress: Progress) -> Iterator[None]:
+def show_progress_on_stderr(progress: KernelProgress) -> Iterator[None]:
     """Show progress while the block runs, for commands: a bar on a terminal, else lines on stderr."""
 
     def write(event: str, *, seconds: float, percent: int | None = None) -> None:
@@ -126,7 +126,7 @@ def show_progress_on_stderr(progress: Progress) -> Iterator[None]:
 
 
 @contextmanager
-def _bar(progress: Progress) -> Iterator[None]:
+def _bar(progress: KernelProgress) -> Iterator[None]:
     from rich import progress as rich_progress
     from rich.console import Console
 

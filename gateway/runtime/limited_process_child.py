@@ -1,4 +1,4 @@
-"""Program that ``limited_process`` starts: limits itself, then runs another program.
+"""Program that ``limited_process`` starts: limits its own resources, then runs another program.
 
     python limited_process_child.py MEMORY_BYTES SECONDS PROGRAM [ARGUMENT …]
 
@@ -7,16 +7,13 @@ It imports nothing of this project.
 
 from __future__ import annotations
 
+import resource
 import runpy
 import sys
 
 
 def limit_this_process(memory_bytes: int, seconds: int) -> None:
-    """Limit the address space and the CPU time of this process, where the system can. It cannot write files."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
+    """Limit the address space and the CPU time of this process, and forbid it to write files."""
     limits = {
         resource.RLIMIT_AS: (memory_bytes, memory_bytes),
         resource.RLIMIT_CPU: (seconds, seconds + 1),  # SIGXCPU at the first, SIGKILL at the second

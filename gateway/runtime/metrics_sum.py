@@ -13,9 +13,9 @@ from prometheus_client.registry import Collector
 MINIMUM_GAUGES: Final = frozenset(
     {"python_info", "process_start_time_seconds", "scenegate_build_info", "scenegate_interface_ready"}
 )
-"""Gauges that are not added: constants and times, of which the minimum is shown."""
+"""Gauges that are constants or times. The result has their minimum instead of their sum."""
 _CUMULATIVE: Final = ("counter", "histogram")
-"""Kinds of metrics that never fall."""
+"""Types of metrics whose values never decrease."""
 
 Labels = tuple[tuple[str, str], ...]
 """Names and values of a sample's labels."""
@@ -26,8 +26,8 @@ def sum_expositions(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
 
     Args:
         running: texts of running processes.
-        ended: texts of processes that have ended. Their gauges are left out. Their counters and histograms are added,
-            since Prometheus takes a counter that falls for a restart from 0.
+        ended: texts of processes that have ended. Only their counters and histograms are added, since Prometheus
+            interprets a counter that decreases as a restart from 0.
     """
     total = _SumCollector()
     for text in running:
@@ -40,17 +40,17 @@ def sum_expositions(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
 
 
 class _SumCollector(Collector):
-    """Sums of samples with equal names and labels."""
+    """Sums of samples with equal names and labels, as a source of ``generate_latest``."""
 
     def __init__(self) -> None:
         self._families: dict[str, Metric] = {}
         self._values: dict[str, dict[tuple[str, Labels], float]] = {}
-        """By name of the family: values by sample name and labels."""
+        """Values by sample name and labels, by name of the family."""
 
-    def add(self, text: str, kinds: tuple[str, ...]) -> None:
-        """Add the metrics in a text whose kind (counter, histogram, gauge) is one of ``kinds``."""
+    def add(self, text: str, types: tuple[str, ...]) -> None:
+        """Add those metrics of a text whose type (counter, histogram, gauge) is one of ``types``."""
         for family in text_string_to_metric_families(text):
-            if family.type not in kinds:
+            if family.type not in types:
                 continue
             self._families.setdefault(family.name, family)
             values = self._values.setdefault(family.name, {})

@@ -1,4 +1,4 @@
-"""Progress bar for commands that take long: count, rate and remaining time."""
+"""Progress bar of long commands: count, rate and remaining time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ProgressBar:
         self._bar = bar
         self._task = task
         self._first_update: tuple[float, float] | None = None
-        """Time (``time.monotonic()``) and count."""
+        """Time, ``time.monotonic()``, and count of the first update."""
 
     @property
     def shown(self) -> bool:
@@ -28,9 +28,9 @@ class ProgressBar:
         """Show the current state.
 
         Args:
-            completed: part of ``total`` that is done.
+            completed: completed amount, 0 to ``total``.
             count: number of units so far. The rate is the mean since the first update.
-            total: value of ``completed`` at the end; None: as before.
+            total: value of ``completed`` at the end; None: unchanged.
             note: text at the end of the line.
         """
         if self._bar is None:

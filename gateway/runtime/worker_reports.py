@@ -1,4 +1,4 @@
-"""Reports that the processes of ``serve --workers`` write for each other. With them, any process responds for all.
+"""Reports of the processes of ``serve --workers``, from which each process computes status and metrics of all.
 
 Each process writes one JSON file into a shared folder: its status, its metrics, and the counters of the processes that
 it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
@@ -19,9 +19,9 @@ from typing import Any, Final
 from gateway.runtime.metrics_sum import sum_expositions
 
 INTERVAL_SECONDS: Final = 0.5
-"""Interval of a process's reports, and so the age that metrics of other processes can have."""
+"""Interval between two reports of a process. Metrics of other processes are up to this old."""
 SILENT_SECONDS: Final = 10.0
-"""Age from which on the process of a report is ``silent``: its event loop hangs, or the machine is overloaded."""
+"""Age of a report above which its process is ``silent``: its event loop hangs, or the machine is overloaded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +30,16 @@ class Report:
 
     pid: int
     status: str
-    """Status of ``/readyz`` of this process alone; ``restarting``: it starts and replaces another one."""
+    """Status of ``/readyz`` of this process alone. It is ``restarting`` while the process starts as a replacement."""
     metrics: str
     """Metrics of the process, in Prometheus' exposition format."""
-    ended: str
-    """Counters of the processes that it has replaced, directly or in turn, in the same format."""
+    replaced_metrics: str
+    """Sum of the counters of its predecessor and of all earlier ones, in the same format."""
     time: float
-    """``time.monotonic()`` of the report, seconds: equal in all processes of a machine."""
+    """Time of the report, ``time.monotonic()``: one clock for all processes of a machine."""
 
     def state(self) -> str:
-        """Return the status, or ``silent`` for an old report, or ``ended`` if the process no longer exists."""
+        """Return the status; ``silent`` if the report is old; ``ended`` if the process no longer exists."""
         try:
             os.kill(self.pid, 0)
         except ProcessLookupError:
@@ -48,7 +48,7 @@ class Report:
 
 
 class WorkerReports:
-    """Reports of all processes, as one of them reads and writes them. Methods block for about a millisecond."""
+    """Writes the reports of one process and reads those of all. Methods block for about a millisecond."""
 
     def __init__(self, folder: Path, count: int, pid: int | None = None) -> None:
         """
@@ -60,17 +60,17 @@ class WorkerReports:
         self._folder = folder
         self.count = count
         self._pid = pid if pid is not None else os.getpid()
-        self._ended = ""
-        self.replaces = False
+        self._replaced_metrics = ""
+        self.is_replacement = False
         """True if this process replaces one that has ended, or that will end when this one is ready (SIGHUP)."""
 
     def register(self) -> None:
         """Write the first report. If a process has ended and none has replaced it, take over its counters."""
         reports = list(self._read())
-        self.replaces = len(reports) >= self.count
+        self.is_replacement = len(reports) >= self.count
         for report in reports:
             if report.state() == "ended" and self._remove(report.pid):
-                self._ended = sum_expositions((), (report.metrics, report.ended)).decode()
+                self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
                 break
         self.write("starting", "")
 
@@ -81,15 +81,15 @@ class WorkerReports:
             status: status of ``/readyz`` of this process alone.
             metrics: its metrics, in Prometheus' exposition format.
         """
-        if status == "starting" and self.replaces:
+        if status == "starting" and self.is_replacement:
             status = "restarting"
-        report = Report(self._pid, status, metrics, self._ended, time.monotonic())
+        report = Report(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
         temporary = self._file(self._pid).with_suffix(".new")
         temporary.write_text(json.dumps(asdict(report)), "utf-8")
         temporary.replace(self._file(self._pid))
 
     def describe(self, own: str) -> tuple[str, dict[str, Any]]:
-        """Return the status of all processes together; and their number and states, as JSON values.
+        """Return the combined status, and the fields of ``workers`` in ``/healthz`` as JSON values.
 
         Args:
             own: current status of this process.
@@ -103,15 +103,16 @@ class WorkerReports:
         }
 
     def sum_metrics(self, own: str) -> bytes:
-        """Return the metrics of all processes together, in Prometheus' exposition format.
+        """Return the sum of the metrics of all processes, in Prometheus' exposition format.
 
         Args:
             own: current metrics of this process.
         """
-        running, ended = [own], [self._ended]
+        running, ended = [own], [self._replaced_metrics]
         for report in self._others():
-            (ended if report.state() == "ended" else running).append(report.metrics)
-            ended.append(report.ended)
+            metrics = ended if report.state() == "ended" else running
+            metrics.append(report.metrics)
+            ended.append(report.replaced_metrics)
         return sum_expositions(running, ended)
 
     def _others(self) -> Iterator[Report]:
@@ -123,7 +124,7 @@ class WorkerReports:
                 yield Report(**json.loads(path.read_text("utf-8")))
 
     def _remove(self, pid: int) -> bool:
-        """Remove the report of a process that has ended. Return False if another process has already removed it."""
+        """Remove the report of an ended process. Return False if another process has already removed it."""
         try:
             self._file(pid).unlink()
         except FileNotFoundError:
@@ -138,12 +139,12 @@ def combined_status(own: str, states: Sequence[str], count: int) -> str:
     """Return the status of all processes together.
 
     Args:
-        own: status of the process that responds.
-        states: states of all processes, its own included; ``ended`` for those that have not been replaced.
+        own: status of the responding process.
+        states: states of all processes, its own included. Those that are ``ended`` have no replacement yet.
         count: number of processes that should run.
 
     Returns:
-        ``stopping`` if the responding process stops; ``starting`` before each process was ready for the first time;
+        ``stopping`` if the responding process stops; ``starting`` until each process has been ready once;
         ``ready`` if all serve; ``busy`` if all have a full queue; ``degraded`` if some serve and the others are
         restarting, silent or failed; else the responding process's own status.
     """

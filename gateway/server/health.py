@@ -1,4 +1,4 @@
-"""``/healthz`` (the process lives), ``/readyz`` (send work), ``/metrics`` (Prometheus)."""
+"""``/healthz`` (liveness), ``/readyz`` (readiness), ``/metrics`` (Prometheus)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from gateway.server.openapi import Responses, json_example
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 """Paths that need no token, for monitoring."""
-PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
-"""Paths that respond during the start, and are logged at debug level only."""
+MONITORING_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
+"""Paths that respond during the start. Their requests are logged at debug level."""
 _DETAILS: Final = "Problems and figures of the interfaces are shown with 'Authorization: Bearer TOKEN'."
 
 _EXAMPLE = {"status": "ready", "interfaces": {"render": {"state": "ready", "where": "/render"}}}
@@ -43,11 +43,11 @@ def router(
     readiness: Callable[[], str] | None = None,
     reports: WorkerReports | None = None,
 ) -> APIRouter:
-    """Return the routes for operations.
+    """Return the routes for monitoring.
 
     Args:
-        readiness: returns the status for ``/readyz``; default: the registry's.
-        reports: reports of all processes, if there are several.
+        readiness: returns the status of this process for ``/readyz``; default: that of the registry.
+        reports: reports of all processes, if there are several (``--workers``).
     """
     routes = APIRouter(tags=["operations"])
     own_readiness = readiness or registry.verdict
@@ -60,9 +60,9 @@ def router(
 
     @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
     async def healthz(request: Request) -> JSONResponse:
-        """200 while the event loop runs. The body has the state of each interface and, with a token if the gateway has
-        one, its figures and problems. With --workers also the state of each process; the interfaces are those of the
-        process that responds."""
+        """200 while the event loop runs. The body has the state of each interface, its figures and its problems; if the
+        gateway has a token, figures and problems need it. With --workers, the body has the state of each process, too,
+        and the interfaces are those of the responding process."""
         return JSONResponse({"version": version, **await describe(request)})
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
@@ -88,6 +88,7 @@ def router(
 
 
 def _health(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
+    """Return the state of the interfaces, with figures and problems if the request is authorized."""
     if request.scope.get(AUTHORIZED, True):
         return registry.describe()
     return {**registry.describe(details=False), "details": _DETAILS}

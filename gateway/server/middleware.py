@@ -15,18 +15,18 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gateway.runtime.metrics_registry import Metrics
 
 MAX_TARGET_BYTES: Final = 8 << 10
-"""Path and query of a URL: RFC 9110 asks for at least 8000, and parsing a query of 64 kB takes 20 ms."""
+"""Maximum length of path and query of a URL. RFC 9110 asks for at least 8000; parsing 64 kB takes 20 ms."""
 
 _log = structlog.get_logger("gateway.http")
 _ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
-"""Valid X-Request-ID of a client; anything else could forge log lines and is replaced."""
+"""Valid X-Request-ID of a client. Others are replaced, since they could forge log lines."""
 
 
 class RequestContext:
-    """Give each request an id (X-Request-ID) for its log lines and its response; count, time and log it."""
+    """Gives each request an id (X-Request-ID) for its log lines and its response; counts, times and logs it."""
 
     def __init__(self, app: ASGIApp, *, metrics: Metrics, quiet_paths: Collection[str] = ()) -> None:
-        """``quiet_paths``: logged at debug level only."""
+        """``quiet_paths``: paths whose requests are logged at debug level."""
         self._app = app
         self._metrics = metrics
         self._quiet_paths = quiet_paths
@@ -72,7 +72,7 @@ def _request_id(sent: bytes) -> str:
 
 
 class TargetLimit:
-    """Refuse requests whose path and query are longer than ``MAX_TARGET_BYTES`` with 414."""
+    """Rejects requests whose path and query are longer than ``MAX_TARGET_BYTES`` with 414."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,4 +1,4 @@
-"""ASGI middleware for requests that arrive before the gateway has started."""
+"""ASGI middleware that holds requests until the gateway has started."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Callable, Collection
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.server.starting_page import starting_page
 
 
 class StartGate:
-    """Hold requests until the interfaces have started: Drake's client never retries.
+    """Holds requests until the interfaces have started, because Drake's client does not retry.
 
-    A browser gets a page that shows the progress and opens the requested one afterwards.
+    A browser that opens a page gets the starting page instead (``starting_page``).
     """
 
     def __init__(
@@ -25,14 +25,14 @@ class StartGate:
         started: asyncio.Event,
         problem: Callable[[], str],
         open_paths: Collection[str],
-        compiling: Callable[[], Progress | None] = lambda: None,
+        compiling: Callable[[], KernelProgress | None] = lambda: None,
     ) -> None:
         """
         Args:
             started: set when the interfaces have started, or when the start has failed.
             problem: returns why the gateway failed to start, or an empty string.
-            open_paths: paths of requests that need no interface.
-            compiling: returns the progress of compiling kernels, None if none are compiled.
+            open_paths: paths of requests that are served during the start.
+            compiling: returns the progress of compiling the kernels; None if they are not being compiled.
         """
         self._app = app
         self._started = started
@@ -57,5 +57,5 @@ class StartGate:
 
 
 def _accepts_html(scope: Scope) -> bool:
-    """Return whether a person reads the response: browsers name HTML when they open a page, programs do not."""
+    """Return True for a browser that opens a page: other clients do not list HTML in Accept."""
     return any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])

@@ -1,10 +1,10 @@
-"""The page that a browser gets for any path before the gateway has started; it requests the path until it is there."""
+"""Page for browsers while the gateway starts. It shows the progress, polls its own URL and then loads the real page."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 
 _PAGE: Final = """<!doctype html>
 <html lang="en">
@@ -35,7 +35,7 @@ _PAGE: Final = """<!doctype html>
       const page = new DOMParser().parseFromString(await response.text(), "text/html");
       if (response.status !== 503 || page.title !== document.title) return location.reload();
       document.querySelector("main").replaceWith(page.querySelector("main"));
-    } catch {} // the gateway was stopped: perhaps it starts again
+    } catch {} // the gateway has stopped; it may start again
     setTimeout(poll, 500);
   }
   setTimeout(poll, 500);
@@ -45,15 +45,16 @@ _PAGE: Final = """<!doctype html>
 _NOTE: Final = "Kernels are compiled for this CPU at the first start and kept for later ones. The page opens by itself."
 
 
-def starting_page(progress: Progress | None) -> str:
+def starting_page(progress: KernelProgress | None) -> str:
     """Return the page as HTML.
 
     Args:
-        progress: of compiling kernels; None while the gateway does something shorter.
+        progress: progress of compiling the kernels; None in other phases of the start.
     """
     text, value = "Loading …", ""
     if progress is not None:
-        text = f"{str(progress)[0].upper()}{str(progress)[1:]}"
+        text = str(progress)
+        text = f"{text[0].upper()}{text[1:]}"
         value = f'value="{progress.fraction:.3f}"' if progress.fraction else ""
     note = _NOTE if progress is not None else "The page opens by itself."
     return _PAGE.replace("{value}", value).replace("{text}", text).replace("{note}", note)

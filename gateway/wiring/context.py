@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _log = structlog.get_logger("gateway")
 
 QUEUE_SHARE: Final = 0.9
-"""Part of --shutdown-seconds for which calls may still wait for a thread; the rest is for sending their 503."""
+"""Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
 KERNELS: Final = "kernels"
 """Name of the compiled kernels in the service registry."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
@@ -45,7 +45,7 @@ NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": Fal
 
 @dataclass(slots=True, eq=False)
 class Context:
-    """Shared objects of one application; made by ``create_app``, filled while the interfaces start."""
+    """Shared objects of one application. ``create_app`` creates it; the interfaces fill it at the start."""
 
     settings: Settings
     app: FastAPI
@@ -58,7 +58,7 @@ class Context:
     """Tokens, TLS and trusted hosts of every interface."""
     tree: LiveTree = field(default_factory=LiveTree)
     page: LivePage = field(default_factory=LivePage)
-    """Settings of the page that shows the live tree, by clients."""
+    """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
@@ -77,17 +77,17 @@ class Context:
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Called after each request of the render endpoint."""
 
-    compiling: Progress | None = None
-    """Progress of compiling the kernels that the start needs; None if they are compiled."""
+    compiling: KernelProgress | None = None
+    """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
     started: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when requests are let in, or when the start has failed."""
+    """Set when requests are accepted, or when the start has failed."""
     startup: asyncio.Task[None] | None = None
     on_started: Callable[[], None] = lambda: None
     """Called once, when every interface is ready or has failed."""
     on_fatal: Callable[[], None] = lambda: None
     """Called when the process must end with an error."""
     exit_stack: ExitStack = field(default_factory=ExitStack)
-    """Context managers that are left on close."""
+    """Context managers that are closed by ``close``."""
 
     _renderer: Renderer | None = None
     _mesh_files: MeshFiles | None = None
@@ -156,7 +156,7 @@ class Context:
 
     def fail(self, name: str, error: BaseException) -> None:
         """Mark an interface as failed and log why."""
-        problem = sentence(error)
+        problem = one_line(error)
         self.registry.fail(name, problem)
         expected = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
         _log.error(f"{name} does not run: {problem}", exc_info=None if expected else error)
@@ -202,7 +202,7 @@ class Context:
         self.exit_stack.close()
 
 
-def sentence(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
     """Return an exception as one line of text."""
     text = " ".join(str(error).split())
     return text if text and not isinstance(error, KeyError) else f"{type(error).__name__}: {text}"

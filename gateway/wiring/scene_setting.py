@@ -17,7 +17,11 @@ _log = structlog.get_logger("gateway")
 
 
 async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
-    """Read the scene file of a setting in a thread. Cancelling the task stops the thread, which may take minutes.
+    """Read the scene file of a setting in a thread. Reading may take minutes; cancelling the task stops it.
+
+    Args:
+        file: path of the file.
+        settings: settings with the up axis and the folders of robot packages (``--up``, ``--mesh-root``).
 
     Raises:
         SceneFileError: see ``read_scene``.

@@ -1,4 +1,4 @@
-"""Start of the process: load the kernels, restore the state, start the interfaces, accept requests."""
+"""Starts the process: loads the kernels, restores the state, starts the interfaces, accepts requests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import structlog
 
 from gateway import __version__
 from gateway.runtime import kernel_cache
-from gateway.runtime.kernel_progress import Progress, show_progress
+from gateway.runtime.kernel_progress import KernelProgress, show_progress
 from gateway.runtime.service_registry import State
 from gateway.state.errors import StateError
 from gateway.wiring import warmup
@@ -22,11 +22,11 @@ from renderers.compiler import pending
 _log = structlog.get_logger("gateway")
 
 SETTLE_SECONDS: Final = 5.0
-"""Time after which the start is logged although a service is still starting."""
+"""Maximum wait for the services before the start is logged."""
 
 
 async def start(context: Context) -> None:
-    """Start everything. Requests wait for ``context.started``, which is set unless the stored state is invalid."""
+    """Start everything. Requests wait for ``context.started``; if the stored state is invalid, it stays unset."""
     begin = time.perf_counter()
     async with asyncio.TaskGroup() as tasks:
         try:
@@ -54,14 +54,14 @@ async def _load_kernels(context: Context) -> None:
     if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
         await _compile_kernels(context)
     context.exit_stack.enter_context(pending.announced(tuple(warmup.BACKGROUND)))
-    await asyncio.to_thread(warmup.run)
-    context.exit_stack.enter_context(kernel_cache.compiling_reported(_log_compiled_kernel))
+    await asyncio.to_thread(warmup.load_needed)
+    context.exit_stack.enter_context(kernel_cache.report_compiled_kernels(_log_compiled_kernel))
     context.registry.ready(KERNELS)
 
 
 async def _compile_kernels(context: Context) -> None:
     """Compile the kernels. The log or a terminal, ``/readyz`` and the starting page show the progress."""
-    progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.NEEDED})
+    progress = KernelProgress({part: warmup.FUNCTION_COUNTS[part] for part in warmup.NEEDED})
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
     context.compiling = progress
@@ -74,8 +74,8 @@ async def _compile_kernels(context: Context) -> None:
 
 
 async def _load_background_kernels() -> None:
-    """Load the other kernels; compile them first if necessary. Calls that need them wait in ``compiler.pending``."""
-    progress = Progress({part: warmup.FUNCTIONS[part] for part in warmup.BACKGROUND})
+    """Load the other kernels, compiled first if necessary. Calls that need them wait in ``compiler.pending``."""
+    progress = KernelProgress({part: warmup.FUNCTION_COUNTS[part] for part in warmup.BACKGROUND})
     try:
         if await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
             for part in warmup.BACKGROUND:
@@ -90,7 +90,7 @@ async def _load_background_kernels() -> None:
 
 
 async def _load_background_part(part: str) -> None:
-    await asyncio.to_thread(warmup.run_background, part)
+    await asyncio.to_thread(warmup.load_background, part)
 
 
 def _log_compiled_kernel(kernel: str) -> None:

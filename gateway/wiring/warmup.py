@@ -1,9 +1,9 @@
 """The compiled kernels of all rooms, in parts.
 
-Child processes compile parts into the kernel cache, and the server loads them. The server is ready when the parts are
-loaded that the default settings need. The others are compiled afterwards; a call that needs one of them waits
-(``renderers.compiler.pending``). Every child spends seconds on imports and on functions that kernels share, so there
-are at most as many children as processors, and each takes one part after the other.
+Child processes compile parts into the kernel cache, and the server loads them. It is ready when it has loaded the parts
+that the default settings need. The others follow in the background; a call that needs one of them waits
+(``renderers.compiler.pending``). Each child compiles several parts, since it spends seconds on imports and on functions
+that the parts share.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from gateway.runtime import kernel_cache, process_tuning
 
 
 def _is_in(kernel: str, names: tuple[str, ...]) -> bool:
+    """Return True if a kernel has one of these names, or is in a module or package with one of them."""
     return any(kernel == name or kernel.startswith(f"{name}.") for name in names)
 
 
 def _kernels_of(*names: str, excluding: tuple[str, ...] = (), modules: tuple[str, ...] = ()) -> Callable[[], None]:
-    """Return a function that compiles or loads the kernels with these names, or in modules or packages with them.
+    """Return a function that compiles the kernels of a part, or loads them from the cache.
 
     Args:
-        modules: modules to import, besides those that draw.
+        names: full names of the kernels, or of modules or packages with them.
+        excluding: names as above, of kernels that are left out.
+        modules: modules that define the kernels, besides those of the rasterizer.
     """
 
-    def compile_them() -> None:
+    def compile_or_load() -> None:
         for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *modules):
             import_module(module)
         from renderers.compiler.jit import KERNELS, compile_kernel
@@ -40,7 +43,7 @@ def _kernels_of(*names: str, excluding: tuple[str, ...] = (), modules: tuple[str
             if _is_in(name, names) and not _is_in(name, excluding):
                 compile_kernel(kernel)
 
-    return compile_them
+    return compile_or_load
 
 
 _STUDIO: Final = ("renderers.shading.studio",)
@@ -80,7 +83,7 @@ NEEDED: Final[Mapping[str, Callable[[], None]]] = {
     ),
     "setup": _kernels_of(*_SETUP),
 }
-"""Parts that the default settings need, longest first, so that children end together."""
+"""Parts that the default settings need; the longest first, so that the children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
     "stereo": _kernels_of("renderers.stereo", modules=_STEREO),
     "normals": _kernels_of(*_NORMALS),
@@ -90,7 +93,7 @@ BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
 }
 """Parts that are compiled after the server is ready."""
 PARTS: Final[Mapping[str, Callable[[], None]]] = {**NEEDED, **BACKGROUND}
-FUNCTIONS: Final[Mapping[str, int]] = {
+FUNCTION_COUNTS: Final[Mapping[str, int]] = {
     "shading": 125,
     "raster": 95,
     "setup": 40,
@@ -100,14 +103,14 @@ FUNCTIONS: Final[Mapping[str, int]] = {
     "antialiasing": 45,
     "studio": 65,
 }
-"""Approximate number of functions that Numba compiles for each part: the scale of the progress bar.
+"""Number of functions that Numba compiles for each part: the scale of the progress bar.
 
-A few more than there are, since LLVM works on after the last one.
+Each is a little too large, so that the bar is not full while LLVM still works.
 """
 
 
-def run() -> None:
-    """Load the needed parts from the cache; blocks.
+def load_needed() -> None:
+    """Load the parts that the default settings need from the cache. This blocks.
 
     Raises:
         KernelError: a kernel is not in the cache.
@@ -115,9 +118,9 @@ def run() -> None:
     kernel_cache.configure()
     import cv2
 
-    # Images are small, calls come from many threads at once, and idle threads of OpenCV spin.
+    # One thread per call: many threads call OpenCV at once with small images, and its idle threads spin.
     cv2.setNumThreads(1)
-    with kernel_cache.compiling_refused():
+    with kernel_cache.forbid_compiling():
         for load in NEEDED.values():
             load()
         from renderers.raster.warmup import render_first_images
@@ -125,25 +128,25 @@ def run() -> None:
         render_first_images()
 
 
-def run_background(part: str) -> None:
-    """Load a background part from the cache; blocks. Raises as ``run``."""
+def load_background(part: str) -> None:
+    """Load a background part from the cache, and end the wait for it. This blocks. Raises as ``load_needed``."""
     from renderers.compiler import pending
 
-    with kernel_cache.compiling_refused(), pending.loading():
+    with kernel_cache.forbid_compiling(), pending.loading():
         BACKGROUND[part]()
     pending.finish(part)
 
 
 def compile_parts(queue: int, names: tuple[str, ...]) -> None:
-    """Compile parts until none is left; report on stdout each compiled function, and the kernels of each part.
+    """Compile parts until none is left. Report each compiled function and part on stdout, as JSON lines.
 
     Args:
-        queue: file descriptor with one byte for each part to compile, its index in ``names``. Other processes read
-            from it, too.
+        queue: file descriptor of a pipe with one byte for each part to compile, its index in ``names``. Several
+            processes read from it.
         names: parts of ``PARTS``.
 
     Raises:
-        KernelError: Numba did not keep a kernel in the cache.
+        KernelError: Numba has not stored a kernel in the cache.
     """
     kernel_cache.configure()
     if set(names) <= set(BACKGROUND):
@@ -152,7 +155,7 @@ def compile_parts(queue: int, names: tuple[str, ...]) -> None:
     reported: set[int] = set()
     while index := os.read(queue, 1):
         part = names[index[0]]
-        with kernel_cache.functions_reported(partial(_report, part=part)):
+        with kernel_cache.report_compiled_functions(partial(_report, part=part)):
             PARTS[part]()
         _report(part=part, kernels=_take_new_folders(reported))
 
@@ -163,7 +166,7 @@ def _report(**fields: Any) -> None:
 
 
 def _take_new_folders(reported: set[int]) -> list[str]:
-    """Return the names of the cache folders of the kernels compiled since the last call.
+    """Return the names of the cache folders of the kernels that were compiled since the last call.
 
     Args:
         reported: ids of the kernels of earlier calls; extended here.
@@ -176,7 +179,7 @@ def _take_new_folders(reported: set[int]) -> list[str]:
             reported.add(id(dispatcher))
             path = folder_of(dispatcher)
             if not any(path.glob("*.nbi")):
-                raise kernel_cache.KernelError(f"Numba has not kept {path.name} in the cache")
+                raise kernel_cache.KernelError(f"Numba has not stored {path.name} in the cache")
             folders.append(path.name)
     return folders
 

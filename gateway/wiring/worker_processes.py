@@ -1,4 +1,4 @@
-"""Tasks of one process under ``--workers``: write its reports for the others, and begin its shutdown at a signal."""
+"""Tasks of one process under ``--workers``: write its reports, and begin its shutdown at a signal."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gateway.wiring.context import Context
 
 
 @asynccontextmanager
-async def reporting_to_workers(context: Context) -> AsyncIterator[None]:
+async def write_worker_reports(context: Context) -> AsyncIterator[None]:
     """Write this process's reports while the block runs. Without ``--workers``, this does nothing.
 
-    A process that replaces another one waits until it is ready before it enters the block. Until then, the other
-    processes accept all connections.
+    In a replacement for an ended process, the block starts when the process is ready. Until then, the other processes
+    accept all connections.
     """
     reports = context.reports
     if reports is None:
@@ -27,7 +27,7 @@ async def reporting_to_workers(context: Context) -> AsyncIterator[None]:
     await asyncio.to_thread(reports.register)
     task = asyncio.create_task(_write_repeatedly(context, reports), name="reports")
     with _shutdown_at_signals(context):
-        if reports.replaces:
+        if reports.is_replacement:
             await context.started.wait()
         try:
             yield
@@ -40,7 +40,9 @@ async def reporting_to_workers(context: Context) -> AsyncIterator[None]:
 
 async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
     while True:
-        with contextlib.suppress(OSError):  # with a full disk, the process serves on and counts as silent
+        with contextlib.suppress(
+            OSError
+        ):  # a full disk: the process goes on serving, and the other processes regard it as silent
             await _write(context, reports)
         await asyncio.sleep(INTERVAL_SECONDS)
 
@@ -53,19 +55,19 @@ async def _write(context: Context, reports: WorkerReports) -> None:
 def _shutdown_at_signals(context: Context) -> Iterator[None]:
     """Call ``context.begin_shutdown`` at SIGTERM and SIGINT, after the handlers that uvicorn has installed.
 
-    uvicorn itself does not call the application at a signal, but only after the last request has ended.
+    uvicorn itself ends the application's lifespan only after the last request.
     """
     loop = asyncio.get_running_loop()
     previous_handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
 
-    def begin(number: int, frame: FrameType | None) -> None:
+    def handle_signal(number: int, frame: FrameType | None) -> None:
         handler = previous_handlers[signal.Signals(number)]
         if callable(handler):
             handler(number, frame)
         loop.call_soon_threadsafe(context.begin_shutdown)
 
     for number in previous_handlers:
-        signal.signal(number, begin)
+        signal.signal(number, handle_signal)
     try:
         yield
     finally:

@@ -23,7 +23,7 @@ from gateway.wiring import warmup
 from renderers.compiler import pending
 from gateway.runtime import kernel_cache as kernels
 
-kernels.ensure_cached(warmup.FUNCTIONS)
+kernels.ensure_cached(warmup.FUNCTION_COUNTS)
 from numba.core import event
 
 compiled = []
@@ -36,10 +36,10 @@ class Note(event.Listener):
         pass
 
 event.register("numba:compile", Note())
-warmup.run()
+warmup.load_needed()
 with pending.announced(tuple(warmup.BACKGROUND)):
     for part in warmup.BACKGROUND:
-        warmup.run_background(part)
+        warmup.load_background(part)
 from fastapi.testclient import TestClient
 from gateway.app import create_app
 from gateway.settings import Settings
@@ -76,10 +76,10 @@ from renderers.compiler import pending
 from gateway.runtime import kernel_cache as kernels
 
 cached = kernels.are_cached()
-warmup.run()
+warmup.load_needed()
 with pending.announced(tuple(warmup.BACKGROUND)):
     for part in warmup.BACKGROUND:
-        warmup.run_background(part)
+        warmup.load_background(part)
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
@@ -133,7 +133,7 @@ from gateway.wiring import warmup
 from gateway.runtime import kernel_cache as kernels
 from renderers.compiler import cache_folder as kernel_cache
 
-kernels.ensure_cached(warmup.FUNCTIONS)
+kernels.ensure_cached(warmup.FUNCTION_COUNTS)
 here = kernel_cache.folder()
 copy = Path(sys.argv[1])
 shutil.copytree(here, copy / here.name)
@@ -146,7 +146,7 @@ for file in lost.iterdir():
 before = kernel_cache.missing()
 kernel_cache.missing = lambda path=None: ""  # as if nobody had looked
 try:
-    warmup.run()
+    warmup.load_needed()
     error = ""
 except kernels.KernelError as failure:
     error = str(failure)

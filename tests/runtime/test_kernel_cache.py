@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from gateway.runtime import kernel_cache as kernels
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.wiring import warmup
 from renderers.compiler import cache_folder
 from renderers.compiler.jit import KERNELS
@@ -213,13 +213,13 @@ def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, mo
 async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels in /proc/kernels/.* cannot be written: "):
-        await kernels.compile_missing(["shading"], Progress({"shading": 1}))
+        await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
 
 
 async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
-        await kernels.compile_in_children(["shading"], Progress({"shading": 1}))
+        await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
     assert not kernels.are_cached()
 
 
@@ -231,14 +231,16 @@ async def test_children_import_what_this_process_does(
     (tmp_path / "gateway").mkdir()
     (tmp_path / "gateway" / "__init__.py").write_text("raise ImportError('another version')")
     monkeypatch.chdir(tmp_path)
-    await kernels.compile_in_children(["normals"], Progress({"normals": 1}))
+    await kernels.compile_in_children(["normals"], KernelProgress({"normals": 1}))
     assert kernels.are_cached(["normals"])
 
 
 async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = 0
 
-    async def compile_in_children(parts: Collection[str], progress: Progress, on_cached: kernels.OnCached) -> None:
+    async def compile_in_children(
+        parts: Collection[str], progress: KernelProgress, on_cached: kernels.OnCached
+    ) -> None:
         nonlocal compiled
         compiled += 1
         await until(lambda: second.waiting)
@@ -251,7 +253,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
 
     cached: list[str] = []
     monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
-    first, second = Progress({"rest": 1}), Progress({"rest": 1})
+    first, second = KernelProgress({"rest": 1}), KernelProgress({"rest": 1})
     task = asyncio.create_task(kernels.compile_missing(["rest"], first, note))
     await until(lambda: compiled)
     await asyncio.gather(task, kernels.compile_missing(["rest"], second, note))
@@ -263,7 +265,7 @@ async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.Mo
 async def test_cancelled_while_waiting_for_another_process(cache: Path) -> None:
     folder = kernels.configure()
     folder.mkdir(parents=True)
-    progress = Progress({"rest": 1})
+    progress = KernelProgress({"rest": 1})
     with (folder / "lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         task = asyncio.create_task(kernels.compile_missing(["rest"], progress))
@@ -294,7 +296,7 @@ def _fresh() -> Any:
 def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
     write_kernel()
     fresh = _fresh()
-    with kernels.compiling_refused():
+    with kernels.forbid_compiling():
         with pytest.raises(
             kernels.KernelError, match=r"^the kernel tests.runtime.test_kernel_cache._fresh.*fresh could not be"
         ):
@@ -307,7 +309,7 @@ def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
 
 def test_compiling_is_reported_once_with_the_called_function(cache: Path) -> None:
     compiled: list[str] = []
-    with kernels.compiling_reported(compiled.append):
+    with kernels.report_compiled_kernels(compiled.append):
         assert _fresh()(1) == 2
     assert _fresh()(1) == 2
     assert [name.rsplit(".", 1)[1] for name in compiled] == ["fresh"]

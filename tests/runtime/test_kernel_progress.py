@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.kernel_progress import Progress, show_progress, show_progress_on_stderr
+from gateway.runtime.kernel_progress import KernelProgress, show_progress, show_progress_on_stderr
 
 
 class Terminal(io.StringIO):
@@ -18,7 +18,7 @@ class Terminal(io.StringIO):
 
 
 def test_progress_counts_functions() -> None:
-    progress = Progress({"shading": 30, "setup": 10})
+    progress = KernelProgress({"shading": 30, "setup": 10})
     assert (progress.fraction, progress.seconds_left) == (0.0, None)
     for _ in range(40):  # more than expected
         progress.add_function("setup")
@@ -35,7 +35,7 @@ def test_progress_counts_functions() -> None:
 def test_the_remaining_time_follows_from_the_time_since_the_first_function(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("gateway.runtime.kernel_progress.time.monotonic", lambda: now)
-    progress = Progress({"shading": 4})
+    progress = KernelProgress({"shading": 4})
     now = 110.0
     progress.add_function("shading")
     now = 112.0
@@ -46,7 +46,7 @@ def test_the_remaining_time_follows_from_the_time_since_the_first_function(monke
 def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     lines: list[tuple[str, dict[str, Any]]] = []
-    progress = Progress({"shading": 10})
+    progress = KernelProgress({"shading": 10})
     with show_progress(progress, lambda event, **fields: lines.append((event, fields))):
         progress.set_waiting(True)
         progress.set_waiting(False)
@@ -61,7 +61,7 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
 
 
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    progress = Progress({"shading": 2})
+    progress = KernelProgress({"shading": 2})
     with show_progress_on_stderr(progress):
         progress.add_function("shading")
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
@@ -75,7 +75,7 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     handler = logging.StreamHandler(terminal)
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [handler])
-    progress = Progress({"shading": 1, "setup": 3})
+    progress = KernelProgress({"shading": 1, "setup": 3})
     with show_progress(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
         progress.add_part("shading")
         logging.getLogger("gateway").warning("something else")

@@ -86,11 +86,11 @@ def test_a_process_without_recent_report_is_silent(tmp_path: Path) -> None:
 
 def test_a_replacement_takes_over_the_counters_of_one_process(tmp_path: Path) -> None:
     first, second = ended_process(), ended_process()
-    leave(tmp_path, first, steps=5, ended=COUNTER.format(100))
+    leave(tmp_path, first, steps=5, replaced_metrics=COUNTER.format(100))
     leave(tmp_path, second, steps=7)
     reports = WorkerReports(tmp_path, 2)
     reports.register()
-    assert reports.replaces
+    assert reports.is_replacement
     assert len(list(tmp_path.iterdir())) == 2
     assert reports.describe("restarting")[1]["states"] == {str(os.getpid()): "restarting"}
     total = samples(reports.sum_metrics(COUNTER.format(1) + GAUGE.format(1)))
@@ -109,12 +109,12 @@ def test_the_first_process_replaces_none(tmp_path: Path) -> None:
     leave(tmp_path, os.getppid())
     reports = WorkerReports(tmp_path, 2)
     reports.register()
-    assert not reports.replaces
+    assert not reports.is_replacement
 
 
 def test_a_process_beside_all_others_will_replace_one(tmp_path: Path) -> None:
     leave(tmp_path, os.getppid())
     reports = WorkerReports(tmp_path, 1)
     reports.register()
-    assert reports.replaces
+    assert reports.is_replacement
     assert reports.describe("restarting")[0] == "degraded"

@@ -9,13 +9,13 @@ import pytest
 from fastapi import FastAPI
 from fastapi.responses import PlainTextResponse
 
-from gateway.runtime.kernel_progress import Progress
+from gateway.runtime.kernel_progress import KernelProgress
 from gateway.server.start_gate import StartGate
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
 
 
-def gate(started: asyncio.Event, problem: str = "", compiling: Progress | None = None) -> httpx2.AsyncClient:
+def gate(started: asyncio.Event, problem: str = "", compiling: KernelProgress | None = None) -> httpx2.AsyncClient:
     app = FastAPI()
 
     @app.get("/things/{name}")
@@ -28,8 +28,8 @@ def gate(started: asyncio.Event, problem: str = "", compiling: Progress | None =
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=layer), base_url="http://test")
 
 
-def half() -> Progress:
-    progress = Progress({"shading": 1, "raster": 1})
+def half() -> KernelProgress:
+    progress = KernelProgress({"shading": 1, "raster": 1})
     progress.add_part("shading")
     return progress
 

@@ -45,7 +45,7 @@ def test_the_folders_of_a_part_are_those_compiled_for_it(tmp_path: Path, monkeyp
     functions.append(Function(tmp_path / "c"))
     assert warmup._take_new_folders(reported) == ["c"]  # noqa: SLF001
     functions.append(Function(tmp_path / "d", kept=False))
-    with pytest.raises(KernelError, match="Numba has not kept d in the cache"):
+    with pytest.raises(KernelError, match="Numba has not stored d in the cache"):
         warmup._take_new_folders(reported)  # noqa: SLF001
 
 

@@ -21,8 +21,8 @@ Every route of a gateway. A running gateway has this description at `/openapi.js
 With `--http-token-file`, requests need the header `Authorization: Bearer TOKEN`; a browser can use a
 [cookie](../security.md#opening-it-to-other-machines).
 """
-_COMMON_STATUS: Final = ("403", "414", "421", "500", "503")
-"""Status codes that any route may return. Their most frequent text is at the top of the page, not at each route."""
+_COMMON_STATUSES: Final = ("403", "414", "421", "500", "503")
+"""Status codes that any route may return. The top of the page has their most frequent text, once for all routes."""
 _TITLES: Final[Mapping[str, str]] = {
     "operations": "Health and metrics",
     "render": "Render",
@@ -78,13 +78,13 @@ def _replacement(path: str) -> str | None:
 
 
 def _common_responses(schema: Mapping[str, Any]) -> dict[str, str]:
-    """Return the most frequent description of each status in ``_COMMON_STATUS``."""
+    """Return the most frequent description of each status in ``_COMMON_STATUSES``."""
     texts: dict[str, list[str]] = {}
     for methods in schema["paths"].values():
         for operation in methods.values():
             for status, response in operation["responses"].items():
                 texts.setdefault(status, []).append(response["description"])
-    return {status: max(set(texts[status]), key=texts[status].count) for status in _COMMON_STATUS if status in texts}
+    return {status: max(set(texts[status]), key=texts[status].count) for status in _COMMON_STATUSES if status in texts}
 
 
 def _operation(method: str, path: str, operation: Mapping[str, Any], old: str | None, common: Mapping[str, str]) -> str:
@@ -94,8 +94,8 @@ def _operation(method: str, path: str, operation: Mapping[str, Any], old: str | 
         method: HTTP method.
         path: path of the route.
         operation: OpenAPI description of the route.
-        old: path of the first version that does the same; None: there is none.
-        common: texts of responses that are left out, by status.
+        old: path of the same route in the first version; None: there is none.
+        common: texts of the common responses, by status; left out here.
     """
     text = [f"{operation['summary']}.", *_paragraphs(operation)]
     if old:
@@ -149,7 +149,7 @@ def _table(heading: str, rows: Iterator[str], columns: int = 3) -> Iterator[str]
 
 
 def _example(method: str, path: str, operation: Mapping[str, Any]) -> str:
-    """Return code blocks with a request and its response. Tests do not run requests whose responses are endless."""
+    """Return code blocks with a request and its response. The tests skip requests with endless responses."""
     content = operation["responses"]["200"].get("content", {})
     command = operation.get("requestBody", {}).get("description", "")
     if command.startswith("curl "):

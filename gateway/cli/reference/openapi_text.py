@@ -52,7 +52,7 @@ def type_text(schema: Mapping[str, Any]) -> str:
 
 
 def field_rows(schema: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a table row for each field of an object, or for each kind of item of an array (the camera's parameters)."""
+    """Yield a table row for each field of an object. For an array (the camera's parameters): for each type of item."""
     if schema.get("type") == "array" and "anyOf" in schema["items"]:
         for item in schema["items"]["anyOf"]:
             yield row(item["title"], type_text(item["properties"]["value"]), item.get("description", ""))
@@ -68,11 +68,11 @@ def row(name: str, kind: str, text: str) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def example_of(holder: Mapping[str, Any]) -> Any:
-    """Return the first example of a parameter or media type; None if it has none."""
-    if "example" in holder:
-        return holder["example"]
-    return next((entry["value"] for entry in holder.get("examples", {}).values()), None)
+def example_of(description: Mapping[str, Any]) -> Any:
+    """Return the first example in the description of a parameter or media type; None if it has none."""
+    if "example" in description:
+        return description["example"]
+    return next((entry["value"] for entry in description.get("examples", {}).values()), None)
 
 
 def curl(method: str, path: str, operation: Mapping[str, Any]) -> str:
@@ -89,7 +89,7 @@ def curl(method: str, path: str, operation: Mapping[str, Any]) -> str:
         words.append(f"-o {path.rpartition('/')[2].partition('.')[0]}.{_SUFFIXES[media_type]}")
     if method != "GET":
         words.append(f"-X {method}")
-    words += _body_words(operation.get("requestBody", {}))
+    words += _body_arguments(operation.get("requestBody", {}))
     return wrapped([*words, shlex.quote(f"{URL}{path}{_query(parameters)}")])
 
 
@@ -107,7 +107,7 @@ def wrapped(words: list[str]) -> str:
 def _query(parameters: Any) -> str:
     """Return the query of an example request: required parameters, and the first optional ones.
 
-    Examples that equal the default are left out.
+    Parameters whose example is their default are left out.
     """
     pairs, optional_count = [], 0
     for parameter in parameters:
@@ -123,7 +123,7 @@ def _query(parameters: Any) -> str:
     return f"?{'&'.join(pairs)}" if pairs else ""
 
 
-def _body_words(body: Mapping[str, Any]) -> list[str]:
+def _body_arguments(body: Mapping[str, Any]) -> list[str]:
     """Return the arguments of curl for a request's body."""
     for media_type, content in body.get("content", {}).items():
         value = example_of(content)
