@@ -39,7 +39,7 @@ class LivePage:
         self.notify()
 
     def notify(self) -> None:
-        """Call the listeners. To be called after a change of ``clicks``."""
+        """Call the listeners. Callers do so after a change of ``clicks``."""
         for listener in self._listeners:
             listener()
 

@@ -49,13 +49,13 @@ def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.
 
 
 def textured(rgba: Color, image: Image, *, has_alpha: bool, repeats: bool = True, unlit: bool = False) -> Material:
-    """Return a material as ``material`` does, whose colour multiplies an image.
+    """Return a material with a colour and a texture, which multiply each other. The rest is as in ``material``.
 
     Args:
         rgba: Colour.
         image: Image of the base colour.
         has_alpha: True if a pixel of the image is not opaque.
-        repeats: True: the image repeats beyond its edges; False: its edges continue.
+        repeats: True: the image repeats beyond its edges; False: the pixels of its edges continue there.
         unlit: True: the image is shown without lighting.
     """
     plain = material(rgba)
@@ -69,7 +69,7 @@ def textured(rgba: Color, image: Image, *, has_alpha: bool, repeats: bool = True
 
 @lru_cache(maxsize=4096)
 def faded(source: Material, opacity: float) -> Material:
-    """Return a material whose alpha is multiplied by the opacity of its node, 0 to 1."""
+    """Return a material with its alpha multiplied by the opacity of its node, 0 to 1."""
     r, g, b, alpha = source.base_color
     return replace(source, base_color=(r, g, b, alpha * opacity), alpha_mode=AlphaMode.BLEND)
 

@@ -1,4 +1,4 @@
-"""Draws text into images, in the scalable font that Pillow contains. No font of the system is read."""
+"""Draws text into images with Pillow's built-in scalable font. It reads no font of the system."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.scene.materials import Color
 
 LINE_PIXELS: Final = 64
-"""Height of a line of text in its image, pixels. It is less where the image would exceed ``MAX_SIDE``."""
+"""Height of a line of text in its image, pixels. It is reduced if the image would exceed ``MAX_SIDE``."""
 MAX_SIDE: Final = 4096
 """Maximum width and height of an image of text, pixels."""
 _MARGIN: Final = 0.15
@@ -21,7 +21,7 @@ _MIN_LINE_PIXELS: Final = 8
 
 
 def text_image(text: str, color: Color, background: Color) -> tuple[NDArray[np.uint8], float]:
-    """Return an image of text, (H, W, 4) uint8 RGBA, straight alpha, and its height in lines of text.
+    """Return an image of text, (H, W, 4) uint8 RGBA with straight alpha, and H divided by the height of a line.
 
     Args:
         text: Lines of text, separated by newlines.
@@ -52,24 +52,26 @@ def text_image(text: str, color: Color, background: Color) -> tuple[NDArray[np.u
         image.paste(_uint8_channels(color), (0, 0), Image.fromarray(alpha))
         return np.array(image), height / size
     pixels = np.empty((height, width, 4), np.uint8)
-    pixels[:, :, :3] = _uint8_channels(color)[:3]  # of transparent pixels too: filters mix it into the letters' edges
+    pixels[:, :, :3] = _uint8_channels(color)[
+        :3
+    ]  # in transparent pixels, too: filters mix them into the letters' edges
     pixels[:, :, 3] = alpha
     return pixels, height / size
 
 
 def missing_characters(text: str) -> str:
     """Return the characters of a text that the font does not have. They appear as crossed boxes."""
-    rare = [char for char in dict.fromkeys(text) if char > "~"]
-    if not rare:
+    non_ascii = [char for char in dict.fromkeys(text) if char > "~"]
+    if not non_ascii:
         return ""
     font = _font(LINE_PIXELS)
     missing = bytes(font.getmask("\uffff"))
-    return "".join(char for char in rare if bytes(font.getmask(char)) == missing)
+    return "".join(char for char in non_ascii if bytes(font.getmask(char)) == missing)
 
 
 @cache
 def _font(size: int) -> Any:
-    """Return Pillow's font, such that ascender and descender together fit into a line of ``size`` pixels."""
+    """Return Pillow's font in a size such that ascender and descender fit into a line of ``size`` pixels."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size=0.8 * size)

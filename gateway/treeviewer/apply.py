@@ -79,7 +79,7 @@ class RequestApplier:
         quota = self._quota
         for index, (path, parts) in islice(self._geometries, max_commands):
             count += 1
-            reason = quota.check(edit.root, path, len(parts)) or quota.reserve_arrays(parts)
+            reason = quota.check(edit.root, path, len(parts)) or quota.reserve(parts)
             if reason:
                 self._failures.append(Failure("setgeometry", index, path, reason))
                 continue

@@ -70,8 +70,8 @@ class TreeViewerConfig:
     """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
     more compact, it is a quarter."""
     slice_commands: int = 2000
-    """Number of commands of a big request that are executed at a time, between other work of the event loop: 2000 take
-    about 5 ms. Each time copies the lists of children that change, so smaller numbers are slow in wide trees."""
+    """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. Each
+    such slice copies the lists of children that it changes, so small slices are slow in wide trees."""
     threads: int = 2
     """Number of worker threads for big requests and mesh files."""
     waiting_bytes: int = 1024 * MIB

@@ -13,9 +13,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene import planes
 from gateway.scene.crease_normals import smooth_vertices, with_creases
 from gateway.scene.geometry import Part, Surface
+from gateway.scene.image_meshes import frustum_edges, heightmap_mesh, rectangle
 from gateway.scene.materials import Color, material, textured
 from gateway.scene.text_images import missing_characters, text_image
 from gateway.scene.transforms import translation
@@ -28,7 +28,7 @@ from gateway.treeviewer.packed_arrays import ArrayError
 from renderers.drawlist import AlphaMode, Material, Mesh
 
 MAX_UV: Final = np.float32(1e4)
-"""Maximum texture coordinate: float32 resolves a thousandth of the image there. Larger ones are clamped."""
+"""Texture coordinates beyond this are clamped: float32 still resolves a thousandth of the image there."""
 
 Params = Mapping[str, Any]
 """Fields of a decoded geometry, by name."""
@@ -77,11 +77,11 @@ def _smooth_mesh(
 def image(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
     """Return an image on a rectangle in the plane z = 0. It is not lit."""
     checked = _required_image(params, context)
-    return (Part(Surface(planes.rectangle(*_image_size(params, checked))), _unlit(rgba, checked)),)
+    return (Part(Surface(rectangle(*_image_size(params, checked))), _unlit(rgba, checked)),)
 
 
 def heightmap(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return a surface z(x, y) over a rectangle, with a colour for each height, a texture, or both."""
+    """Return a surface z(x, y) over a rectangle, with vertex colours, a texture, or both."""
     if params.get("heights") is None:
         raise CommandError("heights is missing")
     try:
@@ -99,7 +99,7 @@ def heightmap(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, 
     if undrawable:
         heights[~(np.abs(heights) <= MAX_DISTANCE_F32)] = np.nan
         context.warnings.append(f"{undrawable} heights are not finite; the surface has holes there")
-    surface = planes.heightmap(heights, (x, y), colors)
+    surface = heightmap_mesh(heights, (x, y), colors)
     return () if surface is None else (Part(Surface(surface), _material(rgba, checked, colors, repeats=False)),)
 
 
@@ -127,8 +127,8 @@ def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
     checked = drawn_image(pixels)
     height = line_height * lines
     width = fields.drawable(height * checked.width / checked.height, "size")
-    rectangle = planes.rectangle(width, fields.drawable(height, "size"))
-    return (Part(Surface(rectangle), _unlit((1.0, 1.0, 1.0, 1.0), checked)),)
+    label_rectangle = rectangle(width, fields.drawable(height, "size"))
+    return (Part(Surface(label_rectangle), _unlit((1.0, 1.0, 1.0, 1.0), checked)),)
 
 
 def camera_frustum(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
@@ -140,7 +140,7 @@ def camera_frustum(params: Params, rgba: Color, context: ReadContext) -> tuple[P
     cy = height / 2.0 if params.get("cy") is None else fields.required(params, "cy")
     depth = 0.3 if params.get("depth") is None else fields.positive(params, "depth")
     checked = read_image(params, context)
-    edges, corners = planes.frustum(width, height, (fx, fy), (cx, cy), depth)
+    edges, corners = frustum_edges(width, height, (fx, fy), (cx, cy), depth)
     if not (np.abs(corners) <= fields.MAX_DISTANCE).all():
         raise fields.NothingToDraw("the image plane is too large, so nothing is drawn")
     lines = material(rgba, line_width=fields.pixels(params, "line_width", 1.0))
@@ -154,13 +154,13 @@ def _image_plane(corners: NDArray[np.float64], plane_material: Material) -> Part
     """Return the rectangle of a frustum's image plane.
 
     Args:
-        corners: (4, 3) metres in the optical frame, as ``planes.frustum`` returns them.
+        corners: (4, 3) metres in the optical frame, as ``frustum_edges`` returns them.
         plane_material: material with the image.
     """
     extent = corners[2] - corners[0]
     X_camera_image = translation(*(0.5 * (corners[0] + corners[2])).tolist())
     X_camera_image[1, 1] = X_camera_image[2, 2] = -1.0  # +y is down in the optical frame
-    return Part(Surface(planes.rectangle(float(extent[0]), float(extent[1]))), plane_material, X_camera_image)
+    return Part(Surface(rectangle(float(extent[0]), float(extent[1]))), plane_material, X_camera_image)
 
 
 def _required_image(params: Params, context: ReadContext) -> CheckedImage:

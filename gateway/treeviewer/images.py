@@ -31,7 +31,7 @@ _MAX_CACHED_IMAGES: Final = 10_000
 
 @dataclass(frozen=True, slots=True)
 class CheckedImage:
-    """An image that has been decoded without an error."""
+    """An image that can be decoded."""
 
     image: Image
     width: int
@@ -43,7 +43,7 @@ class CheckedImage:
 
 
 _cached_properties: Final[Cache[Image, tuple[int, int, bool]]] = Cache(_MAX_CACHED_IMAGES, weak=True)
-"""Width, height and ``has_alpha`` of images that have been decoded. The cache's size counts one byte for each image."""
+"""Width, height and ``has_alpha`` of decoded images. Each image counts as one byte of the cache's size."""
 
 
 def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage | None:

@@ -1,6 +1,6 @@
 """Read the commands that Director does not have: ``setproperty``, ``setview``, ``setclicks``.
 
-Other viewers ignore them. Clients find out from the response: its ``newer_commands`` names those of the request.
+Other viewers ignore them. A response of Scenegate lists those of the request in ``newer_commands``.
 """
 
 from __future__ import annotations

@@ -12,10 +12,10 @@ from gateway.treeviewer.requests import Failure, Request
 
 @dataclass(frozen=True, slots=True)
 class ClickReceiver:
-    """The client of a request, as a receiver of clicks."""
+    """The client that sent a request, as a receiver of clicks."""
 
     channel: str
-    """Channel of its requests. Empty without a client id: such clients share one channel, and cannot be told apart."""
+    """Channel of its requests; empty without a client id, because clients without an id share a channel."""
     deliver: Callable[[Click], None]
     """Sends a click to the client."""
 

@@ -67,7 +67,7 @@ class TreeViewerProtocol:
     ) -> None:
         self.limits = limits or Limits()
         self.quota = TreeQuota(self.limits, clock)
-        self.quota.adopt(live.snapshot.root)
+        self.quota.count_existing(live.snapshot.root)
         self.reads_files = meshes is not None
         """True if requests may open mesh files. Such requests must be read in a worker thread."""
         self.page = page or LivePage()

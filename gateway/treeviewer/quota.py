@@ -22,15 +22,15 @@ from renderers.drawlist import Image, ImageError
 from renderers.images import ImageFile, image_header
 
 RECOUNT_SECONDS: Final = 1.0
-"""Minimum interval between counts of the geometries in the tree: to count 250,000 nodes takes 0.1 s."""
+"""Minimum interval between counts of the geometries in the tree: counting those of 250,000 nodes takes 0.1 s."""
 RGBA_BYTES: Final = 4
 """Bytes of a decoded pixel."""
 SMALL_ARRAY_BYTES: Final = 4096
-"""Maximum size of arrays that are not counted: the limit on the number of geometries covers them."""
+"""Size up to which arrays are not counted: the limit on the number of geometries covers them."""
 
 
 class _ObjectsInUse:
-    """Sum of the sizes of objects until they are freed. Each object counts once."""
+    """Total size of objects that have not been freed. Each object counts once."""
 
     def __init__(self) -> None:
         self.total = 0
@@ -39,10 +39,14 @@ class _ObjectsInUse:
         self._lock = threading.RLock()
 
     def add(self, objects: list[tuple[Any, int]], maximum: float = math.inf) -> int:
-        """Count objects with their sizes, unless the total would exceed the maximum.
+        """Count objects, unless their total would exceed the maximum.
+
+        Args:
+            objects: objects with their sizes.
+            maximum: maximum of the total.
 
         Returns:
-            the total with the objects, or with those that exceed the maximum.
+            The total with the objects. If it is above the maximum, they are not counted.
         """
         with self._lock:
             new = {id(each): (each, size) for each, size in objects if id(each) not in self._counted}
@@ -65,9 +69,9 @@ class _ObjectsInUse:
 
 
 class TreeQuota:
-    """Nodes, geometries, and bytes of arrays and images in use, and the checks against their limits.
+    """Counts nodes, geometries, and bytes of arrays and images in use, and checks them against their limits.
 
-    Other interfaces also edit the tree. Their edits are never refused.
+    Other interfaces also edit the tree. Their edits are never rejected.
     """
 
     def __init__(self, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
@@ -75,7 +79,7 @@ class TreeQuota:
         self._clock = clock
         self._last_count = -math.inf
         self._parts = 0
-        """Geometries in the tree, or more: ``_recount`` subtracts those that were replaced or deleted."""
+        """Upper bound of the number of geometries in the tree; exact after ``_recount``."""
         self._arrays = _ObjectsInUse()
         """Bytes of large arrays and images."""
         self._labels = _ObjectsInUse()
@@ -86,7 +90,7 @@ class TreeQuota:
         """Bytes of large arrays and images from this interface that are still in use anywhere."""
         return self._arrays.total
 
-    def adopt(self, root: Node) -> None:
+    def count_existing(self, root: Node) -> None:
         """Count a tree that exists before the first request, even if it exceeds the limits."""
         self._parts = _count_parts(root)
         for _, node in root.walk():
@@ -94,9 +98,12 @@ class TreeQuota:
             self._labels.add(_labels(node.parts or ()))
 
     def check(self, root: Node, path: Path, parts: int = 0) -> str:
-        """Return the reason why ``parts`` geometries cannot be added at ``path``, or an empty string.
+        """Return the reason why geometries cannot be added at a path, or an empty string.
 
-        With 0 geometries this checks only the nodes that the path needs.
+        Args:
+            root: the tree.
+            path: path of the geometries. Nodes on it that do not exist count as well.
+            parts: number of geometries.
         """
         nodes, max_nodes = root.node_count, self._limits.nodes
         if nodes + len(path) > max_nodes:
@@ -114,10 +121,11 @@ class TreeQuota:
         """Count geometries that have been added to the tree."""
         self._parts += count
 
-    def reserve_arrays(self, parts: Sequence[Part]) -> str:
-        """Count the large arrays and images of ``parts``, and their text labels, until they are freed.
+    def reserve(self, parts: Sequence[Part]) -> str:
+        """Count large arrays, images and text labels of geometries until they are freed.
 
-        Returns the reason why they exceed a limit, or an empty string. Objects over the limit are not counted.
+        Returns:
+            The reason why they exceed a limit, and are not counted; or an empty string.
         """
         labels, max_labels = _labels(parts), self._limits.text_labels
         if labels and (count := self._labels.add(labels, max_labels)) > max_labels:
@@ -155,7 +163,7 @@ def _count_parts(root: Node) -> int:
 
 
 def _large_objects(parts: Iterable[Part]) -> list[tuple[Any, int]]:
-    """Return the large arrays of parts and their images, with their sizes in bytes."""
+    """Return the large arrays and the images of parts, with their sizes in bytes."""
     objects: list[tuple[Any, int]] = []
     for part in parts:
         objects.extend((array, array.nbytes) for array in _arrays(part) if array.nbytes > SMALL_ARRAY_BYTES)

@@ -35,7 +35,7 @@ class Answer:
     transformed: tuple[Path, ...] = ()
     """Paths with a new transform."""
     missing: tuple[Path, ...] = ()
-    """Paths with a new transform but without geometry at or below them, which this client cannot restore."""
+    """Paths with a new transform that have no geometry at or below them, and that this client has not published."""
     warnings: tuple[str, ...] = ()
     """One sentence for each irregularity that the viewer tolerated and each geometry that it cannot draw."""
     error: str = ""
@@ -47,7 +47,7 @@ def answer_of(response: wire.Response, missing: list[Path]) -> Answer:
 
     Args:
         response: response to the request.
-        missing: paths without geometry that the client could not restore.
+        missing: paths without geometry that the client has not published.
     """
     body = response.body
 
@@ -57,7 +57,7 @@ def answer_of(response: wire.Response, missing: list[Path]) -> Answer:
     status = response.status
     if status == MISSING_PATHS and not missing:
         status = OK
-    errors: Final = body.get("errors", ())
+    errors = body.get("errors", ())
     failure_count = f" ({len(errors)} commands failed)" if len(errors) > 1 else ""
     return Answer(
         status,

@@ -19,7 +19,7 @@ RANGE_TOLERANCE: Final = 1e-5
 
 
 class HasPixels(Protocol):
-    """An image of Pillow, or another object that NumPy reads as an array."""
+    """A Pillow image, or another object that NumPy reads as an array."""
 
     @property
     def __array_interface__(self) -> Mapping[str, Any]:
@@ -34,8 +34,8 @@ def rgba(value: ArrayLike) -> list[float]:
     """Return red, green, blue and, if given, alpha, from 0 to 1.
 
     Args:
-        value: three or four numbers from 0 to 1; three or four integers from 0 to 255, of which one is above 1; a uint8
-            array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
+        value: three or four numbers from 0 to 1; three or four integers from 0 to 255, at least one of them above 1; a
+            uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
 
     Raises:
         ValueError: the value is none of these.
@@ -129,16 +129,16 @@ def check_range(name: str, values: NDArray[Any]) -> None:
 
 
 def as_uint8_or_floats(values: ArrayLike) -> NDArray[Any]:
-    """Return colours as an array. Integers from 0 to 255, of which one is above 1, become uint8."""
+    """Return colours as an array. Integers from 0 to 255 become uint8 if at least one of them is above 1."""
     array = np.asarray(values)
     is_integer = array.ndim > 0 and array.dtype.kind in "iu" and array.dtype != np.uint8
     return _from_integers(array) if is_integer else array
 
 
 def _from_integers(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an integer 0xrrggbb, or channels of 0 to 255, as uint8; other integers unchanged.
+    """Return an integer 0xrrggbb, or channels from 0 to 255, as uint8. Other integers are returned unchanged.
 
-    Channels of only 0 and 1 stay unchanged, as numbers from 0 to 1.
+    Channels that are all 0 or 1 are unchanged, too: they count as numbers from 0 to 1.
     """
     if array.ndim == 0 and 0 <= array <= 0xFFFFFF:
         number = int(array)

@@ -58,8 +58,8 @@ class Transform:
 def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix R (3, 3), by Shepperd's method (1978).
 
-    The largest component, computed first, divides the others, so that no divisor is near zero. q is twice the result
-    until it is normalised.
+    It computes the largest component first, and divides by it, so that no divisor is near zero. Before it is
+    normalised, q has twice the length of the result.
     """
     trace = float(np.trace(R))
     magnitudes = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])  # in the order of |w|, |x|, |y|, |z|

@@ -59,7 +59,7 @@ class Node:
         return self._sender.send(changes)
 
     def set_opacity(self, opacity: float) -> Answer:
-        """Multiply the alpha of this path and of everything below it by ``opacity``, 0 to 1."""
+        """Set the opacity of this path, 0 to 1: a factor of the alpha of everything at and below it."""
         opacity = float(opacity)
         if not 0.0 <= opacity <= 1.0:
             raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")

@@ -13,9 +13,9 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Tex
 from renderers.encode import jpeg_rgb, png_rgb, png_rgba
 
 MAX_IMAGE_SIDE: Final = 2048
-"""Maximum width and height of a published texture, pixels; larger ones are reduced. A message has at most 256 MiB."""
+"""Maximum width and height of a published texture, pixels. Larger ones are reduced: a message has at most 256 MiB."""
 MAX_PNG_BYTES: Final = 1 << 20
-"""Maximum size of an opaque texture's PNG file; a larger one, a photograph, becomes a JPEG file of a fifth of that."""
+"""Maximum size of the PNG file of an opaque texture. A larger texture, such as a photograph, is sent as JPEG."""
 _JPEG_QUALITY: Final = 95
 
 
@@ -26,7 +26,7 @@ class PartImages:
         self._encoded: dict[tuple[Image, bool], bytes | None] = {}
 
     def fields(self, mesh: Mesh, material: Material) -> dict[str, Any]:
-        """Return the fields ``colors``, ``uv`` and ``image`` that the mesh has."""
+        """Return those of the fields ``colors``, ``uv`` and ``image`` for which the mesh and its material have data."""
         fields: dict[str, Any] = {}
         if mesh.colors is not None:
             fields["colors"] = np.clip(srgb_colors_from_linear(mesh.colors), 0.0, 1.0)

@@ -35,7 +35,7 @@ _RIGID_TOLERANCE = 1e-9
 
 
 def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
-    """Yield the geometry of a part, in the frame of its node and the colour of its material.
+    """Yield the geometry of a part, in the frame of its node and the colour of its material. Lines are left out.
 
     Args:
         images: Encodes textures and vertex colours of meshes; None: meshes have the mean colour of their texture.
@@ -61,7 +61,11 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
 
 
 def _primitive(shape: scene.Shape, X: NDArray[np.float64], material: Material) -> Geometry | None:
-    """Return a shape that the protocol has, too; None for another one, or with a scale or shear."""
+    """Return a shape as the same geometry of the protocol.
+
+    Returns:
+        None if the protocol has no such geometry, or ``X`` scales, shears or mirrors it.
+    """
     R = X[:3, :3]
     if not np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) or np.linalg.det(R) < 0.0:
         return None

@@ -125,8 +125,8 @@ class TreeViewer:
     ) -> Answer:
         """Set background, grid and home camera of the page in the browser, for open pages and later ones.
 
-        None gives a setting back to the page; settings that are left out stay as they are. What a visitor has chosen in
-        the page's own controls overrides it there.
+        None resets a setting to the page's default. Settings that are left out stay as they are. In a page whose own
+        controls have been used, their choices take precedence.
 
         Args:
             background: a colour as in ``color`` of geometry, without alpha.
@@ -204,16 +204,16 @@ class TreeViewer:
         geometry: Literal["visual", "collision"] = "visual",
         textures: bool = True,
     ) -> PublishedRobot:
-        """Publish a robot file in place of everything at a path: each link at a path below it, named like the link.
+        """Publish a robot file in place of everything at and below a path. Each link has a path below it, its name.
 
         Args:
             path: Path of the robot: ``"panda"``.
             file: URDF, or MJCF with the extra ``scenegate[robots]``, on this machine.
-            joints: Values in radians or metres, by joint name. The others are as in the file.
+            joints: Values in radians or metres, by joint name. Other joints have the values of the file.
             roots: Folders with the packages of ``package://`` names.
             geometry: Geometry of the links to publish.
-            textures: False: meshes have the mean colours of their textures, and no colours of vertices. Viewers other
-                than Scenegate refuse meshes with textures.
+            textures: False: meshes have the mean colours of their textures, and no vertex colours. Viewers other than
+                Scenegate reject meshes with textures or vertex colours.
 
         Raises:
             ValueError: the file cannot be used, or a joint or its value is invalid.
@@ -226,7 +226,7 @@ class TreeViewer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.
 
         Raises:
-            TreeViewerError: the viewer refused a command.
+            TreeViewerError: the viewer rejected a command.
             TimeoutError: there was no response in time.
             ConnectionError: the connection is closed, or lost for longer than the timeout.
         """
@@ -308,7 +308,9 @@ class TreeViewer:
             everything = self._published.all()
         everything.click_paths = self._clicks.paths() or None
         if everything.entries or everything.newer_commands():
-            with contextlib.suppress(ConnectionError):  # there is no caller to tell; the next request may restore it
+            with contextlib.suppress(
+                ConnectionError
+            ):  # no caller waits; the next request publishes again what is missing
                 self._post_only(everything.body())
 
 

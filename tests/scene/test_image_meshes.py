@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.scene import planes
+from gateway.scene.image_meshes import rectangle
 from gateway.scene.materials import textured
 from gateway.scene.text_images import LINE_PIXELS, MAX_SIDE, missing_characters, text_image
 from gateway.scene.transforms import look_at
@@ -26,7 +26,7 @@ def seen_from(eye: tuple[float, float, float]) -> NDArray[np.uint8]:
     material = textured((1.0, 1.0, 1.0, 1.0), image, has_alpha=False, repeats=False, unlit=True)
     X_world_camera = look_at(eye, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.1, 10.0, X_world_camera)
-    scene = DrawList((Instance(planes.rectangle(2.0, 2.0), material, np.eye(4)),), (image,))
+    scene = DrawList((Instance(rectangle(2.0, 2.0), material, np.eye(4)),), (image,))
     with CpuRenderer().render(scene, camera, Output.COLOR, Look("plain")) as frame:
         assert frame.color is not None
         return frame.color.copy()

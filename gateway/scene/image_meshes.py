@@ -29,7 +29,7 @@ def rectangle(width: float, height: float) -> Mesh:
     return Mesh(positions, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), normals, uv0=uv)
 
 
-def heightmap(
+def heightmap_mesh(
     heights: NDArray[np.float32], lengths: tuple[float, float], colors: NDArray[np.float32] | None
 ) -> Mesh | None:
     """Return the surface z = heights over a rectangle in x and y that is centred on the origin.
@@ -78,7 +78,7 @@ def _heightmap_normals(z: NDArray[np.float32], dx: float, dy: float) -> NDArray[
     return normals
 
 
-def frustum(
+def frustum_edges(
     width: float, height: float, focal: tuple[float, float], principal: tuple[float, float], depth: float
 ) -> tuple[Mesh, NDArray[np.float64]]:
     """Return the edges of a camera's frustum as hairlines, in the optical frame (+z forward, +x right, +y down).
