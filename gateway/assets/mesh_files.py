@@ -10,13 +10,13 @@ import os
 import stat
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
 import msgspec
 
-from gateway.assets.mesh_formats import FORMATS, MeshFormatError, Resolve, parse_mesh
+from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
 from gateway.assets.ros_packages import Packages
 from gateway.gltf import GltfError, GltfLimits
 from gateway.scene.geometry import Part, PointCloud, Surface
@@ -47,7 +47,7 @@ class MeshFileLimits:
     """Total size of a mesh file and the files that it refers to."""
     cache_bytes: int = 1 << 30
     """Size of the cache of loaded files; the least recently used are dropped first."""
-    gltf: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
+    gltf: GltfLimits = MESH_LIMITS
     """Limits of the content. Those on vertices, elements, instances and pixels hold for all formats."""
 
 

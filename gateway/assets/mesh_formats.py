@@ -24,6 +24,8 @@ from renderers.images import image_from_bytes
 _GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
 FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae", "vtk"}
 """File name extensions that can be read."""
+MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
+"""Default limits of the content of a mesh file. They hold for all formats."""
 
 Resolve = Callable[[str], bytes]
 """Function that returns the bytes of a file that a mesh file refers to; raises OSError or ValueError."""

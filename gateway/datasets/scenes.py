@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from gateway.assets.mesh_formats import parse_mesh
+from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError, Up
 from gateway.client import manifest
 from gateway.datasets.sources import Source, SourceKind
@@ -21,7 +21,7 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
-from gateway.robots.scene_files import MESH_LIMITS, read_scene
+from gateway.robots.scene_files import read_scene
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable

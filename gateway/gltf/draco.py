@@ -1,4 +1,4 @@
-"""Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy in a process of its own."""
+"""Decompresses primitives of KHR_draco_mesh_compression, with the package DracoPy in a child process."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ _output_decoder: Final = msgspec.msgpack.Decoder(list[DecodedMesh | str])
 
 
 class DracoMeshes:
-    """The compressed primitives of one document, decompressed together when the first of them is read."""
+    """Compressed primitives of one document. The first ``read`` decompresses all of them."""
 
     def __init__(self, document: schema.Document, buffers: Buffers, limits: GltfLimits) -> None:
         self._document = document
         self._buffers = buffers
         self._limits = limits
         self._decoded: dict[int, DecodedMesh | str] | None = None
-        """Meshes, or the reasons why there are none, by buffer view."""
+        """Mesh, or the reason why there is none, by the index of the buffer view; None before the first ``read``."""
 
     def read(
         self, raw: msgspec.Raw, attributes: Mapping[str, Accessor], indices: Accessor | None, name: str
     ) -> tuple[dict[str, Accessor], Accessor]:
-        """Return the attributes and the vertex indices of a primitive, whose elements are separate triangles.
+        """Return the attributes of a primitive, and its vertex indices: three for each triangle.
 
         Args:
             raw: JSON text of the extension.
-            attributes: Accessors by attribute. Only attributes that are not compressed are read from them.
-            indices: Accessor of the vertex indices.
+            attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
+            indices: The primitive's accessor of vertex indices. It is replaced.
             name: Name of the extension in the document, for messages.
 
         Raises:
@@ -81,7 +81,7 @@ class DracoMeshes:
 
     def _decode_all(self) -> dict[int, DecodedMesh | str]:
         """Decompress all primitives of the document."""
-        data_of_view: dict[int, bytes] = {}
+        data_by_view: dict[int, bytes] = {}
         for mesh in self._document.meshes or ():
             for primitive in (mesh.primitives or ()) if mesh is not None else ():
                 raw = None if primitive is None else extension_json(primitive.extensions, EXTENSION)
@@ -89,17 +89,17 @@ class DracoMeshes:
                     continue
                 try:
                     index = msgspec.json.decode(raw, type=schema.DracoCompression).buffer_view
-                    if index is not None and index not in data_of_view:
+                    if index is not None and index not in data_by_view:
                         view = self._buffers.view(index, "")
-                        data_of_view[index] = bytes(memoryview(view.buffer.data)[view.offset :][: view.length])
+                        data_by_view[index] = bytes(memoryview(view.buffer.data)[view.offset :][: view.length])
                 except (msgspec.MsgspecError, GltfError):
                     continue  # the primitive is not used, or the error is raised when it is read
-        results = decode_in_child(list(data_of_view.values()), self._limits)
-        return dict(zip(data_of_view, results, strict=True))
+        results = decode_in_child(list(data_by_view.values()), self._limits)
+        return dict(zip(data_by_view, results, strict=True))
 
 
 def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
-    """Run ``draco_child`` for some meshes; return a mesh or the reason of a failure for each."""
+    """Decompress meshes in a child process (``draco_child``). Return a mesh, or the reason of a failure, for each."""
     arguments = [str(limits.max_mesh_bytes)]
     process_limits = ProcessLimits(limits.max_draco_bytes, _DECODER_SECONDS)
     try:
@@ -124,11 +124,11 @@ def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str
     raise GltfError(f"{path}: the mesh has no attribute with the id {unique_id}")
 
 
-def _accessor(described: Accessor, values: NDArray[Any]) -> Accessor:
-    """Return an accessor of ``values``, (N, components), with the name of another one."""
+def _accessor(original: Accessor, values: NDArray[Any]) -> Accessor:
+    """Return an accessor of ``values``, (N, components). Its other properties are those of the original accessor."""
     data = values.tobytes()
     return msgspec.structs.replace(
-        described,
+        original,
         dtype=values.dtype,
         count=len(values),
         buffer=Buffer(data, hashlib.sha256(data).digest()),

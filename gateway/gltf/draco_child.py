@@ -1,9 +1,9 @@
-"""Program that ``draco`` runs in a process with limits: decompresses Draco meshes.
+"""Decompresses Draco meshes: the program that ``draco`` runs in a child process with limits.
 
     python draco_child.py OUTPUT_BYTES
 
-Reads a msgpack list of meshes from stdin, and writes a list of ``DecodedMesh`` or errors (strings) to stdout. Damaged
-data can make Draco allocate gigabytes or crash; only this process then ends.
+Reads a list of meshes from stdin, and writes a list of ``DecodedMesh`` or errors (strings) to stdout, as MessagePack.
+The limits are needed because damaged data can make Draco allocate gigabytes or crash.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ class DecodedAttribute(msgspec.Struct):
 
     unique_id: int
     dtype: str
-    """NumPy's name."""
+    """Name of the NumPy data type."""
     components: int
     data: bytes
+    """Values, (number of vertices, components)."""
 
 
 class DecodedMesh(msgspec.Struct):
@@ -32,8 +33,8 @@ class DecodedMesh(msgspec.Struct):
 
 
 def decode(data: bytes) -> DecodedMesh | str:
-    """Return a mesh, or the reason why there is none."""
-    import DracoPy  # the server, which imports this module for its structs, does without
+    """Return a decompressed mesh, or the reason why there is none."""
+    import DracoPy  # not at the top: the server imports this module for its structs
 
     try:
         mesh = DracoPy.decode(data)

@@ -1,4 +1,4 @@
-"""The error of robot files, and suggestions for misspelt names."""
+"""The error of robot files, and name suggestions for its messages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ class RobotFileError(ValueError):
 
 
 def name_hint(name: str, names: Iterable[str]) -> str:
-    """Return the end of an error sentence on an unknown name: "; did you mean a, b?", or "; there are a, b, …"."""
+    """Return the end of an error message about an unknown name: "; did you mean a, b?", or "; there are a, b, …".
+
+    Args:
+        name: The unknown name.
+        names: The names that exist.
+    """
     known = list(names)
-    folded = {other.casefold(): other for other in known}
-    similar = [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+    by_casefolded = {other.casefold(): other for other in known}
+    matches = difflib.get_close_matches(name.casefold(), by_casefolded, n=3, cutoff=0.5)
+    similar = [by_casefolded[match] for match in matches]
     similar += [other for other in known if name and name.casefold() in other.casefold() and other not in similar]
     if similar:
         return f"; did you mean {', '.join(similar[:3])}?"

@@ -1,7 +1,7 @@
 """Finds and reads the files that a robot file refers to: relative paths, ``package://``, ``file://``.
 
-Only files below these folders are read: the parent of the robot file's folder, packages that enclose the robot file or
-that it names, and the roots. Symbolic links are resolved before the check.
+Only files below these folders are read: the parent of the robot file's folder, packages that contain the robot file,
+packages that it names, and the roots. Symbolic links are resolved before the check.
 """
 
 from __future__ import annotations
@@ -104,10 +104,14 @@ class RobotFiles:
         return self.read(path)
 
     def _package_folders(self, package: str) -> list[Path]:
-        """Return the existing folders that may be a package, best first, and add them to the allowed folders.
+        """Return the existing folders that may be a package, and add them to the allowed folders.
 
-        In this order: folders around the robot file with that folder or package name; folders of that name in a root,
-        beside the robot file's folder or beside an enclosing package; roots of that name; packages below the roots.
+        They are in this order:
+
+        - folders that contain the robot file, with that folder name or package name,
+        - folders of that name in a root, beside the robot file's folder, or beside a package that contains it,
+        - roots of that name,
+        - the package below the roots with that package name.
         """
         folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
         if folders is None:
@@ -126,7 +130,7 @@ class RobotFiles:
         return folders
 
     def _has_package_name(self, folder: Path, package: str) -> bool:
-        """Return True if a folder around the robot file has a ``package.xml`` with that package name."""
+        """Return True if a folder that contains the robot file has a ``package.xml`` with that package name."""
         return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
 
     def _is_allowed(self, path: Path) -> bool:

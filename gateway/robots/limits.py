@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
+from gateway.assets.mesh_formats import MESH_LIMITS
 from gateway.gltf import GltfLimits
 from gateway.robots.errors import RobotFileError
 
@@ -29,7 +30,7 @@ class RobotLimits:
     """Seconds for which that process may run: the slowest of these files takes 3 s."""
     max_model_bytes: int = 1 << 30
     """Maximum size of the compiled model of an MJCF file."""
-    mesh: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
+    mesh: GltfLimits = MESH_LIMITS
     """Limits of the content of each mesh file."""
 
 

@@ -35,11 +35,11 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
         ImportError: The package ``mujoco`` is not installed.
     """
     mujoco = _mujoco()
-    mentioned_files = MjcfFiles(root, files)
+    mjcf_files = MjcfFiles(root, files)
     try:
         model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
     except RobotFileError as error:
-        raise RobotFileError(f"{mentioned_files.link_prefix(str(error))}{error}") from None
+        raise RobotFileError(f"{mjcf_files.link_prefix(str(error))}{error}") from None
     check_count(model.nbody, limits.max_links, "bodies")
     check_count(model.njnt, limits.max_links, "joints")
     check_count(model.ngeom, limits.max_geometries, "geometries")
@@ -122,8 +122,8 @@ def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
 def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]:
     """Return the joints that follow another one by an equality constraint (``<equality><joint polycoef>``).
 
-    A simulation enforces such constraints softly; here they hold exactly. The last constraint of a cycle is left out,
-    and so is a second one of the same follower.
+    A simulation enforces such constraints softly; here they hold exactly. A constraint is left out if its follower
+    already follows a joint, or if it would close a cycle.
     """
     mimics: dict[str, Mimic] = {}
     for index in range(model.neq):

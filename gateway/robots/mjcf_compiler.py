@@ -1,4 +1,4 @@
-"""Compiles MJCF with the package ``mujoco``, in a process with limited memory and time."""
+"""Compiles MJCF with the package ``mujoco``, in a child process with limited memory and time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
     Args:
         mujoco: The package ``mujoco``.
         path: The robot file.
-        limits: Limits of the process and of the model.
+        limits: Limits of the child process and of the model.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file within the limits.
@@ -35,9 +35,9 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
     try:
         result = _output_decoder.decode(run_limited(mjcf_compiler_child.__file__, arguments, b"", process_limits))
     except ProcessFailed as failure:
-        result = (
-            "" if not failure.timed_out else f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
-        )
+        result = ""  # no error message: it ran out of memory or crashed
+        if failure.timed_out:
+            result = f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
     if isinstance(result, str):
         if not result or any(message in result for message in _OUT_OF_MEMORY):
             result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"

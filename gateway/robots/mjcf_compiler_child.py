@@ -1,4 +1,4 @@
-"""Compiles an MJCF file: the program that ``mjcf_compiler`` runs in a process with limits.
+"""Compiles an MJCF file: the program that ``mjcf_compiler`` runs in a child process with limits.
 
     python mjcf_compiler_child.py FILE MODEL_BYTES
 
@@ -24,7 +24,7 @@ class CompiledModel(msgspec.Struct):
 
 def compile_file(path: str, max_model_bytes: int) -> CompiledModel | str:
     """Return the model of a file, or an error text."""
-    import mujoco  # not at the top: the server imports this module, for its struct
+    import mujoco  # not at the top: the server imports this module for its struct
     import numpy as np
 
     warnings: dict[str, None] = {}

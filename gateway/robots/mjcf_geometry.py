@@ -14,13 +14,13 @@ from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
 
 COLLISION_GROUP: Final = 3
-"""First group of collision geometry. MuJoCo's viewer hides this group and higher ones, which model authors rely on."""
+"""First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
 INFINITE_PLANE_HALF_SIDE: Final = 10.0
 """Half the side length with which infinite planes are drawn, metres."""
 
 
 class MjcfGeometry:
-    """Converts geometry. A mesh that several geometries use is converted once."""
+    """Converts the geometries of a model. A mesh that several geometries use is converted once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model
@@ -60,10 +60,10 @@ class MjcfGeometry:
     def _is_collision_only(self) -> NDArray[np.bool_]:
         """Return a mask of the geometries that are for collisions only, (ngeom,) bool.
 
-        These are the geometries
+        These are:
 
-        - of ``COLLISION_GROUP`` and higher groups,
-        - of group 0 that collide, if their body has visual geometry: geometry of group 1 or 2 that does not collide.
+        - all geometries of ``COLLISION_GROUP`` and higher groups,
+        - colliding geometries of group 0 if their body has visual ones, of group 1 or 2, that do not collide.
         """
         model = self._model
         group = model.geom_group

@@ -35,7 +35,7 @@ NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Rule of a joint that follows another one, its leader: a polynomial of the leader's value."""
+    """Rule of a joint that follows another joint, its leader: a polynomial of the leader's value."""
 
     joint: str
     """Name of the leader."""
@@ -63,7 +63,7 @@ class Joint:
     limits: tuple[float, float] | None = None
     """Lowest and highest value, for information; values beyond are accepted. None: no limits."""
     mimic: Mimic | None = None
-    """Rule for a joint that no value is given for; None: such a joint has its default."""
+    """Rule that applies while no value is given for the joint; None: the default applies."""
 
 
 class Kinematics(Protocol):

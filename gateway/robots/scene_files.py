@@ -1,4 +1,4 @@
-"""Reads scene files that the operator names: glTF, meshes and robots. The file name's suffix decides the format."""
+"""Reads scene files that the operator names: glTF, meshes and robots, by the suffix of the file's name."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from gateway.assets.mesh_formats import FORMATS, MeshFormatError, parse_mesh
+from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
-from gateway.gltf import GltfError, GltfLimits
+from gateway.gltf import GltfError
 from gateway.robots.errors import RobotFileError
 from gateway.robots.joint_text import parse_joints
 from gateway.robots.reader import SUFFIXES, read_robot
 from gateway.scene.tree import Node
 
-MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
-"""Limits of mesh files, the same as in the live tree."""
 _GLTF_SUFFIXES: Final = (".gltf", ".glb")
-SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - {*_GLTF_SUFFIXES}), *SUFFIXES)
+SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - set(_GLTF_SUFFIXES)), *SUFFIXES)
 """Suffixes of scene files."""
 
 
 def read_scene(
     path: Path, *, up: Up = "auto", joints: Iterable[str] = (), roots: Iterable[str | Path] = ()
 ) -> SceneFile:
-    """Read a scene file. A mesh becomes a node with the file's name, a robot one with a node for each link.
+    """Read a scene file. A mesh becomes a node with the file's name; a robot becomes a node with a child for each link.
 
     Args:
         up: Up axis of a glTF file, see ``read_scene_file``. Other files are not rotated.
-        joints: Joint values of a robot, as ``name=value``; other joints have the file's.
+        joints: Joint values of a robot, as ``name=value``. Other joints have the values of the file.
         roots: Folders with the packages of a robot's ``package://`` names.
 
     Raises:

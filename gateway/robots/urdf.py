@@ -61,7 +61,10 @@ def _check_names(what: str, names: list[str]) -> None:
 
 
 def _named_materials(root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
-    """Yield names and materials, those with a colour or texture: of links, then of the robot, which override them."""
+    """Yield name and material of each named material with a colour or texture: those of links, then those of the robot.
+
+    A later material overrides an earlier one with the same name.
+    """
     for element in (*root.findall("link/visual/material"), *root.findall("material")):
         if name := element.get("name"):
             material = _material(element, f"material {name!r}")

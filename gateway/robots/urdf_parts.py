@@ -71,12 +71,14 @@ class UrdfParts:
         except OSError as error:
             raise RobotFileError(f"link {link!r}: {shape.filename} cannot be read: {error.strerror}") from None
         X = X @ scaling(*shape.scale)
+
+        def material_of(part: Part) -> Material:
+            if _has_material(part):
+                return part.material
+            return textured if _has_uv(part) else material
+
         return [
-            msgspec.structs.replace(
-                part,
-                X_node_part=X @ part.X_node_part,
-                material=part.material if _has_material(part) else textured if _has_uv(part) else material,
-            )
+            msgspec.structs.replace(part, X_node_part=X @ part.X_node_part, material=material_of(part))
             for part in parts
         ]
 
@@ -123,7 +125,7 @@ class UrdfParts:
 
 
 def _has_material(part: Part) -> bool:
-    """Return True if the mesh file has a material or colours. Other parts get the robot file's material, as in RViz."""
+    """Return True if the mesh file has a material or colours, which then override the robot file's, as in RViz."""
     colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
     return part.material != PLAIN_MATERIAL or colored
 
