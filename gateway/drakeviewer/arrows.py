@@ -1,4 +1,4 @@
-"""Parts of arrows and coordinate axes. They share unit meshes: when they change, browsers get only their matrices."""
+"""Parts of arrows and coordinate axes. All share unit meshes, so that browsers get only matrices when arrows change."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gateway.scene.transforms import scaling, translation
 from renderers import primitives
 
 SIDES: Final = 12
-"""Sides of an arrow: those of contacts are a few pixels wide, and a message may have thousands."""
+"""Sides of an arrow's cylinder and cones: a message may have thousands of arrows a few pixels wide."""
 
 
 def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from gateway.scene.geometry import Part
 
 
 class FileSource(msgspec.Struct):
-    """A file: its name on the sender's machine, or its contents."""
+    """A file: its path on the sender's machine, or its contents."""
 
     path: str | None = None
     contents: str | None = None
@@ -56,7 +56,7 @@ _decoder: Any = msgspec.json.Decoder(MeshText)
 
 
 def memory_mesh(text: str, scale: tuple[float, float, float], files: MeshFiles) -> tuple[Part, ...]:
-    """Return the parts of a mesh in JSON, scaled along its axes.
+    """Return the parts of a mesh in JSON, scaled along x, y, z.
 
     Args:
         text: ``string_data`` of the geometry.

@@ -1,6 +1,6 @@
 """Run Drake's visualizer channels: read big messages in a worker thread, and apply all messages on the event loop.
 
-While the thread reads a message, later ones wait. Of each channel only the newest waits.
+While the thread reads a message, later messages wait. Only the newest message of each channel waits.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class DrakeViewerService:
         self._task: asyncio.Task[None] | None = None
         """Empties the queue; None if it is empty."""
         self._channels: dict[str, int] = {}
-        """Number of messages of each channel that is shown. A channel of any name is added when a message was shown."""
+        """Number of messages of each shown channel. One without a fixed name is added with its first shown message."""
         self._sizes: dict[str, int] = {}
-        """Bytes of the newest message that was shown of each channel."""
+        """Bytes of the newest shown message of each channel."""
         self._unshown: dict[str, int] = {}
         """Number of messages of each channel that is not shown."""
         self._logged: set[tuple[str, str]] = set()
@@ -123,7 +123,7 @@ class DrakeViewerService:
     def _needs_thread(self, channel: str, message: Message) -> bool:
         """Return True if reading the message may take milliseconds.
 
-        Load messages may name files; and kernels for meshes (``formats``) may still have to be compiled.
+        Load messages may name files, and the kernels for meshes (``formats``) may not be compiled yet.
         """
         return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
 
@@ -173,7 +173,7 @@ class DrakeViewerService:
             self._report_error(channel, error)
 
     def _add_shown(self, channel: str, size: int) -> None:
-        """Count a channel with its newest message, which was shown. Damaged messages must not take up its place."""
+        """Count a channel and the size of its newest shown message. Damaged messages do not count as shown."""
         self._channels.setdefault(channel, 1)
         self._sizes[channel] = size
 

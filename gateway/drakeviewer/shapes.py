@@ -88,7 +88,7 @@ def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
 
 
 def _scale_of(numbers: list[float]) -> tuple[float, float, float]:
-    """Return the scale of a mesh file along x, y, z. Drake sends three numbers; one is for all axes, as in Director."""
+    """Return the scale of a mesh file along x, y, z. Drake sends three numbers; a single one holds for all axes."""
     if len(numbers) not in (0, 1, 3):
         raise MessageError(f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3")
     x, y, z = numbers if len(numbers) == 3 else (numbers or [1.0]) * 3

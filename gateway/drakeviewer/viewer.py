@@ -23,12 +23,17 @@ from gateway.scene.tree import Path, TreeEdit
 PREFIXES: Final = ("DRAKE_", "CONTACT_RESULTS")
 """Prefixes of the names of channels that are received. Not all of them are shown."""
 LOAD: Final = "DRAKE_VIEWER_LOAD_ROBOT"
-"""Prefix of the channels of load messages. Those below are names or prefixes too."""
+"""Prefix of the channels of load messages."""
 DRAW: Final = "DRAKE_VIEWER_DRAW"
+"""Prefix of the channels of draw messages: poses of links."""
 DEFORMABLE: Final = "DRAKE_VIEWER_DEFORMABLE"
+"""Prefix of the channels of deformable bodies."""
 CONTACT_RESULTS: Final = "CONTACT_RESULTS"
+"""Name of the channel of contacts."""
 POINT_CLOUD: Final = "DRAKE_POINT_CLOUD"
+"""Prefix of the channels of point clouds."""
 FRAMES: Final = "DRAKE_DRAW_FRAMES"
+"""Prefix of the channels of coordinate frames."""
 FAMILIES: Final = {
     "": ILLUSTRATION,
     "_ILLUSTRATION": ILLUSTRATION,
@@ -38,7 +43,7 @@ FAMILIES: Final = {
 """Family by the suffix of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
 
 Edit = Callable[[TreeEdit], str]
-"""Applies a message to the live tree; returns the reason why it is not shown, or not completely, or an empty string."""
+"""Applies a message to the live tree. Returns an empty string, or why some or all of the message is not shown."""
 
 
 @dataclass(slots=True)
