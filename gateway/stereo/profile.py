@@ -21,7 +21,7 @@ from renderers.stereo.model import Intrinsics, Quality, StereoModel
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
 MAX_FILE_BYTES: Final = 16 << 10
-"""Maximum size of a profile. The shipped ones have less than 1 kB; nested keys take time that grows with the cube."""
+"""Maximum size of a profile: the shipped ones have less than 1 kB, and parsing nested keys takes cubic time."""
 MAX_PIXELS: Final = 1 << 24
 """Maximum number of pixels of an image: 4096 x 4096. Rendering and matching one of that size takes seconds and 1 GB."""
 MIN_FOCAL_FACTOR: Final = 0.05
@@ -29,7 +29,7 @@ MIN_FOCAL_FACTOR: Final = 0.05
 MAX_FOCAL_FACTOR: Final = 20.0
 """Maximum focal length in widths of the image: a field of view of 3 degrees."""
 MIN_ROTATION_NORM: Final = 1e-3
-"""Minimum length of the quaternion ``color.rotation``; below, rounding errors turn the camera."""
+"""Minimum length of the quaternion ``color.rotation``. Rounding errors rotate the camera if it is shorter."""
 _FOLDER: Final = Path(__file__).parent / "profiles"
 PROFILE_NAMES: Final = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the shipped profiles."""
@@ -78,8 +78,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return None
         width, height = color.size
         cx, cy = color.principal_point or (width / 2, height / 2)
-        k = Intrinsics(width, height, color.focal_length, cx, cy)
-        return ColorCamera(k, color.position, color.rotation, color.noise, color.readout)
+        intrinsics = Intrinsics(width, height, color.focal_length, cx, cy)
+        return ColorCamera(intrinsics, color.position, color.rotation, color.noise, color.readout)
 
     @property
     def limits(self) -> DeviceLimits:
@@ -122,16 +122,16 @@ def _read_file(path: Path) -> Profile:
     try:
         profile = msgspec.convert(tomllib.loads(data.decode()), Profile)
         _check(profile)
-    except (ValueError, RecursionError) as error:  # the former: TOMLDecodeError, UnicodeDecodeError, ValidationError
+    except (ValueError, RecursionError) as error:  # ValueError: TOMLDecodeError, UnicodeDecodeError, ValidationError
         raise ProfileError(f"camera profile {path}: {str(error).replace('$.', '')}") from None
     return profile
 
 
 def _check(profile: Profile) -> None:
-    """Check limits that msgspec does not check, and keys that depend on each other. Raises ValueError."""
+    """Check limits that the annotations do not state, and keys that depend on each other. Raises ValueError."""
     for name, section in (("stereo", profile.stereo), ("color", profile.color)):
         if section is not None:
-            _check_image(name, section.size, section.focal_length)
+            _check_intrinsics(name, section.size, section.focal_length)
     nearest, farthest = profile.depth.range
     if nearest >= farthest:
         raise ValueError(f"depth.range: {nearest:g} is not less than {farthest:g}")
@@ -146,8 +146,8 @@ def _check(profile: Profile) -> None:
         raise ValueError(f"stereo.distortion: {error}") from None
 
 
-def _check_image(section: str, size: tuple[int, int], focal_length: float) -> None:
-    """Check number of pixels and field of view of a camera. Raises ValueError.
+def _check_intrinsics(section: str, size: tuple[int, int], focal_length: float) -> None:
+    """Check the number of pixels and the field of view of a camera. Raises ValueError.
 
     Args:
         section: Section of the profile, for errors.

@@ -1,4 +1,4 @@
-"""Tables of a camera profile, as ``profile`` reads them: stereo cameras, depth, projector, colour camera."""
+"""Tables of a camera profile file: stereo cameras, depth, projector, colour camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MinusOneToOne = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 
 
 class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The two stereo cameras, with a global shutter. Keys describe rectified images unless they say otherwise."""
+    """The two stereo cameras, with a global shutter. Fields describe rectified images unless they say otherwise."""
 
     size: tuple[ImageSide, ImageSide]
     """Width and height of the images, pixels."""
