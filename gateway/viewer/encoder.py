@@ -30,7 +30,7 @@ from renderers.cache import Cache
 EMPTY_SNAPSHOT: Final = Snapshot(Node(), 0)
 """The snapshot of a page that has received no update."""
 MAX_BLOCKING_SECONDS: Final = 0.002
-"""Time after which encoding lets the event loop continue. Encoding a scene of 50,000 nodes takes two seconds."""
+"""Maximum time that encoding blocks the event loop. Encoding a scene of 50,000 nodes takes two seconds in total."""
 MAX_UPDATES: Final = 8
 """Maximum number of encoded updates in the cache. Most browsers need one of the newest."""
 MAX_UPDATE_BYTES: Final = 256 << 20
@@ -196,7 +196,7 @@ def encode_status(status: dict[str, Any]) -> bytes:
 
 
 def encode_page(page: LivePage) -> bytes:
-    """Return the frame with the view settings and the clickable paths. Settings that are null are the page's own."""
+    """Return the frame with the view settings and the clickable paths. null: the page's own setting."""
     view = page.view
     home = None if view.home is None else {name: getattr(view.home, name) for name in ("eye", "target", "up")}
     fields = {"background": view.background, "grid": view.grid, "home": home}

@@ -16,10 +16,10 @@ _IDENTITY: Final = np.eye(4)
 
 
 def part_json(part: Part, resources: Resources) -> dict[str, Any]:
-    """Return a part's kind, draws and, if it has one, source. A point cloud also has ``points`` and ``channels``.
-    Text has ``facesCamera``: the page turns it towards the camera.
+    """Return a part's kind, draws and, if it has one, source.
 
-    A draw is a mesh with a material and a matrix.
+    A draw is a mesh with a material and a matrix. A point cloud also has ``points`` and ``channels``. Text has
+    ``facesCamera``: the page turns it towards the camera.
     """
     draws: list[dict[str, Any]] = []
     for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):

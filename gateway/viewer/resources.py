@@ -141,9 +141,9 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
 
 
 def sample_order(count: int) -> NDArray[np.int64]:
-    """Return an order of points in which every range is an even sample of all: a page draws a large cloud in parts.
+    """Return an order of points in which each range is an even sample of all. Pages draw large clouds in such ranges.
 
-    Consecutive points are the golden ratio of the count apart.
+    Each index is about ``count`` divided by the golden ratio above the previous one, modulo ``count``.
 
     Returns:
         (N,) int64, a permutation of 0 to ``count`` - 1.
@@ -155,7 +155,7 @@ def sample_order(count: int) -> NDArray[np.int64]:
 
 
 def channel_values(cloud: PointCloud, name: str) -> NDArray[np.float32] | None:
-    """Return a channel of a point cloud, in the order of the points in the cloud's mesh frame.
+    """Return a channel of a point cloud, in the order of the points in the frame of the cloud's mesh.
 
     Returns:
         (N, k) float32: k values for each of the N points that are drawn. None if there is no such channel.

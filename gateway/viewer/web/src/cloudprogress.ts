@@ -1,22 +1,25 @@
-// Drawing of large point clouds in steps: while something moves, each image has as many chunks as the time allows; at rest,
-// the remaining chunks are added to the image frame by frame. Chunks are even samples of their cloud.
+// Progressive drawing of large point clouds, in chunks that are even samples of their cloud. While the view changes, each
+// image has as many chunks as its time allows. At rest, each frame adds some of the remaining chunks to the image.
 
 import type { Points } from "three";
 
-/** Points in a chunk: one is drawn in milliseconds even without a GPU. */
+/** Points in a chunk: drawing one takes milliseconds even without a GPU. */
 export const CHUNK_POINTS = 1 << 16;
-/** Layer of the chunks that are drawn in this step. */
+/** Layer of the chunks that the current frame draws. */
 export const CLOUD_LAYER = 1;
 const HIDDEN_LAYER = 2;
-/** Milliseconds between two images, above which a step gets fewer chunks, and below which it gets more. */
-const SLOW = 60;
-const FAST = 30;
+/** Time between two frames above which the next one draws fewer chunks, milliseconds. */
+const SLOW_MS = 60;
+/** Time between two frames below which the next one draws more chunks, milliseconds. */
+const FAST_MS = 30;
 
 export class CloudProgress {
-  /** Sorted by their number in their clouds, so that all clouds are refined evenly. */
+  /** Chunks of all clouds, sorted by their number in their cloud, so that all clouds are refined evenly. */
   private chunks: { object: Points; number: number }[] = [];
-  private perStep = 1;
-  private next = 0;
+  private chunksPerFrame = 1;
+  /** Number of chunks that the image has. */
+  private drawnCount = 0;
+  /** Time of the last frame; 0 after a pause. */
   private lastTime = 0;
 
   add(object: Points, number: number): void {
@@ -31,37 +34,39 @@ export class CloudProgress {
 
   /** Choose the chunks of a new image. */
   start(time: number, everything: boolean): void {
-    this.adapt(time);
-    this.next = 0;
-    this.choose(everything ? this.chunks.length : this.perStep);
+    this.adaptToTime(time);
+    this.drawnCount = 0;
+    this.show(everything ? this.chunks.length : this.chunksPerFrame);
   }
 
   /** Choose the chunks to add to the image; return false if it has all of them. */
   refine(time: number): boolean {
     if (this.isComplete) {
-      this.lastTime = 0; // the time until the next image is not one of drawing
+      this.lastTime = 0; // the pause before the next frame does not count as slow drawing
       return false;
     }
-    this.adapt(time);
-    this.choose(this.perStep);
+    this.adaptToTime(time);
+    this.show(this.chunksPerFrame);
     return true;
   }
 
   /** True if the image has all chunks. */
   get isComplete(): boolean {
-    return this.next >= this.chunks.length;
+    return this.drawnCount >= this.chunks.length;
   }
 
-  private choose(count: number): void {
-    const end = Math.min(this.next + count, this.chunks.length);
-    this.chunks.forEach(({ object }, i) => object.layers.set(i >= this.next && i < end ? CLOUD_LAYER : HIDDEN_LAYER));
-    this.next = end;
+  /** Make the next chunks visible, and no others. */
+  private show(count: number): void {
+    const end = Math.min(this.drawnCount + count, this.chunks.length);
+    this.chunks.forEach(({ object }, i) => object.layers.set(i >= this.drawnCount && i < end ? CLOUD_LAYER : HIDDEN_LAYER));
+    this.drawnCount = end;
   }
 
-  private adapt(time: number): void {
+  private adaptToTime(time: number): void {
     const passed = time - this.lastTime;
-    if (this.lastTime && passed > SLOW) this.perStep = Math.max(1, Math.floor(this.perStep / 2));
-    else if (this.lastTime && passed < FAST && this.perStep < this.chunks.length) this.perStep = Math.ceil(1.5 * this.perStep);
+    if (this.lastTime && passed > SLOW_MS) this.chunksPerFrame = Math.max(1, Math.floor(this.chunksPerFrame / 2));
+    else if (this.lastTime && passed < FAST_MS && this.chunksPerFrame < this.chunks.length)
+      this.chunksPerFrame = Math.ceil(1.5 * this.chunksPerFrame);
     this.lastTime = time;
   }
 }

@@ -4,12 +4,12 @@ import { colorize, rangeOf, type MapName, type Range } from "./colormaps";
 import type { MeshPayload, Part } from "./protocol";
 
 export interface CloudLook {
-  /** "" as published, "x", "y", "z" of the cloud's own frame, or a channel as "name" or "name:component". */
+  /** Source of the colours: "" as published, "x", "y", "z" in the cloud's frame, or a channel as "name" or "name:component". */
   by: string;
   map: MapName;
 }
 
-/** The colour colorChoices of a cloud: value and label. */
+/** Return the choices for the colours of a cloud: value of `by` and label. */
 export function colorChoices(part: Part): [string, string][] {
   const channels = Object.entries(part.channels ?? {}).flatMap(([name, width]): [string, string][] =>
     width <= 1 ? [[name, name]] : Array.from({ length: width }, (_, i) => [`${name}:${i}`, `${name} [${i}]`]),

@@ -1,12 +1,15 @@
-// Menu of everything that changes how the page draws, and nothing else: it opens below its button in the toolbar.
+// Menu of the display settings. It opens below its button in the toolbar.
 
 import { h } from "./dom";
 import { icon } from "./icons";
 import type { Direction } from "./stage";
 import { BACKGROUNDS, type Background, type Theme } from "./theme";
 
+/** Width of the menu with its margin, as in style.css, pixels. */
+const MENU_WIDTH = 246;
 const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
 
+/** Callbacks of the controls in the menu. */
 export interface DisplayActions {
   look(direction: Direction): void;
   orthographic(on: boolean): void;
@@ -15,11 +18,13 @@ export interface DisplayActions {
   wireframe(on: boolean): void;
   shadows(on: boolean): void;
   occlusion(on: boolean): void;
+  /** 0: as published. */
   pointSize(pixels: number): void;
   background(name: Background): void;
   theme(name: Theme): void;
 }
 
+/** Settings at the start. */
 export interface DisplayChoices {
   background: Background;
   theme: Theme;
@@ -30,6 +35,7 @@ export interface DisplayChoices {
 export interface DisplayMenu {
   button: HTMLElement;
   element: HTMLElement;
+  /** Show or hide the grid, and update the checkbox. */
   setGrid(on: boolean): void;
 }
 
@@ -39,8 +45,8 @@ export function directionButtons(look: (direction: Direction) => void): HTMLElem
 }
 
 export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): DisplayMenu {
-  const check = (text: string, title: string, on: boolean, run: (on: boolean) => void) => {
-    const box = h("input", { type: "checkbox", checked: on, onchange: () => run(box.checked) });
+  const check = (text: string, title: string, on: boolean, change: (on: boolean) => void) => {
+    const box = h("input", { type: "checkbox", checked: on, onchange: () => change(box.checked) });
     return h("label", { class: "check", title }, box, text);
   };
   const grid = check("Grid on the ground", "", true, actions.grid);
@@ -78,7 +84,7 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
     ),
     group(
       "Light",
-      check("Shadows", "Of a lamp from the left, behind the viewer", chosen.shadows, actions.shadows),
+      check("Shadows", "Of a lamp on the left, behind the camera", chosen.shadows, actions.shadows),
       check("Ambient occlusion", "Darkens corners and contacts; costs the most", chosen.occlusion, actions.occlusion),
     ),
     group("Points", h("div", { class: "points" }, points, pixels)),
@@ -93,7 +99,7 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
   element.addEventListener("beforetoggle", () => {
     const { left, bottom } = button.getBoundingClientRect();
     element.style.top = `${bottom + 6}px`;
-    element.style.left = `${Math.max(6, Math.min(left, innerWidth - 246))}px`;
+    element.style.left = `${Math.max(6, Math.min(left, innerWidth - MENU_WIDTH))}px`;
   });
   element.addEventListener("toggle", (event) => button.setAttribute("aria-expanded", String((event as ToggleEvent).newState === "open")));
   const setGrid = (on: boolean) => {

@@ -26,11 +26,11 @@ import { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
-/** A cloud's further chunks are children of its first one. */
+/** Object of a draw that is not in a batch. The first chunk of a point cloud has the others as children. */
 type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
-/** Chunks of a cloud that are searched for the point under the pointer: half a million points take 10 ms. */
+/** Number of chunks of a cloud that picking searches: half a million points take 10 ms. */
 const PICKED_CHUNKS = 8;
-/** One draw of a node. */
+/** One draw of a node as three.js objects; `local` is its matrix in the node's frame. */
 type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
 
 export class Drawing {
@@ -103,8 +103,8 @@ export class Drawing {
     return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
   }
 
-  /** Return the boxes of all draws without floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
-  focus(node: TreeNode): Box3[] {
+  /** Return the world bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
+  focusBoxes(node: TreeNode): Box3[] {
     const size = (box: Box3) => box.getSize(new Vector3()).toArray();
     const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
     const boxes = this.boxes(node);
@@ -139,16 +139,16 @@ export class Drawing {
     if (!payload || draw.matrix === null) return null;
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
     const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
-    const colors = payload.color !== undefined;
+    const hasColors = payload.color !== undefined;
     const { material } = draw;
-    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || colors);
+    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
     if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
-      return { local, instance: this.batch(draw, this.geometry(payload), colors).add(node, world, new Color(...material.color.slice(0, 3))) };
+      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, world, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
-    if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, colors, opacity));
+    if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, hasColors, opacity));
     else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)
-      object = new LineSegments2(this.wideLine(payload), this.materials.wideLine(material, colors, opacity));
-    else if (payload.topology === 2) object = new LineSegments(this.geometry(payload), this.materials.line(material, colors, opacity));
+      object = new LineSegments2(this.wideLine(payload), this.materials.wideLine(material, hasColors, opacity));
+    else if (payload.topology === 2) object = new LineSegments(this.geometry(payload), this.materials.line(material, hasColors, opacity));
     else object = this.points(node, draw, payload, opacity);
     if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
@@ -160,12 +160,12 @@ export class Drawing {
     return { local, object };
   }
 
-  private batch(draw: Draw, geometry: BufferGeometry, colors: boolean): Batch {
+  private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
     let batchesOfMesh = this.batches.get(draw.mesh);
     if (!batchesOfMesh) this.batches.set(draw.mesh, (batchesOfMesh = new Map<string, Batch>()));
-    const key = this.materials.key(draw.material, colors);
+    const key = this.materials.key(draw.material, hasColors);
     let batch = batchesOfMesh.get(key);
-    if (!batch) batchesOfMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, colors))));
+    if (!batch) batchesOfMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, hasColors))));
     return batch;
   }
 
@@ -183,7 +183,7 @@ export class Drawing {
     return first;
   }
 
-  /** Color a cloud as its node's page settings say. */
+  /** Replace the colours of a cloud by those that the details panel has chosen for its node. */
   private async colorPoints(node: TreeNode, draw: Draw, objects: Points[], payload: MeshPayload, opacity: number): Promise<void> {
     if (!node.cloud) return;
     const colored = await colorCloud(payload, node.cloud);
@@ -284,19 +284,19 @@ function turnToCamera(object: Object3D, camera: Object3D): void {
   object.matrixWorld.compose(position, camera.getWorldQuaternion(new Quaternion()), scale);
 }
 
-/** Set the bounds that the gateway sent, which would take a tenth of a second for millions of points. */
+/** Set the bounds that the gateway sent: computing them takes a tenth of a second for millions of points. */
 function setBounds(geometry: BufferGeometry, { box }: MeshPayload): void {
   if (!box) return;
   geometry.boundingBox = new Box3(new Vector3(...box[0]), new Vector3(...box[1]));
   geometry.boundingSphere = geometry.boundingBox.getBoundingSphere(new Sphere());
 }
 
-/** Return the part of an array of `width` numbers a point that a chunk of the cloud has. */
+/** Return a chunk's part of an array with `width` numbers for each point of the cloud. */
 function chunkOf<A extends Float32Array | Uint8Array>(array: A, width: number, number: number): A {
   return array.subarray(width * number * CHUNK_POINTS, width * (number + 1) * CHUNK_POINTS) as A;
 }
 
-/** Return the linear colours of a line's vertices: its material has a shader of its own. */
+/** Return the linear colours of a wide line's vertices: the shader of LineMaterial does not convert them from sRGB. */
 function linearColors(color: Uint8Array, index: Uint32Array): Float32Array {
   const linear = new Float32Array(3 * index.length);
   const value = new Color();

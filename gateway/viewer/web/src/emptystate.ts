@@ -1,12 +1,12 @@
-// What the view shows while the scene is empty: three ways to publish, as code to copy.
+// Panel over the view while the scene is empty: three ways to publish, as code to copy.
 
 import { h } from "./dom";
 import { icon } from "./icons";
 
 const DEFAULT_HUB = "tcpq://127.0.0.1:7700";
 
-/** Ways to publish: title, and code for a hub. */
-const WAYS: Record<string, (hub: string) => string> = {
+/** Code to publish on a hub, by its URL; by title of the tab. */
+const EXAMPLES: Record<string, (hub: string) => string> = {
   Python: (hub) => `from gateway.client import Box, TreeViewer
 
 with TreeViewer("${hub}") as viewer:
@@ -25,11 +25,11 @@ export class EmptyState {
   private readonly tabs = h("div", { class: "tabs", role: "tablist" });
   private readonly code = h("code");
   private readonly copy = h("button", { class: "plain", title: "Copy the code", onclick: () => void this.copyCode() });
-  private way = "Python";
+  private title = "Python";
   private hub = DEFAULT_HUB;
 
   constructor() {
-    for (const name of Object.keys(WAYS)) this.tabs.append(h("button", { role: "tab", onclick: () => this.show(name) }, name));
+    for (const title of Object.keys(EXAMPLES)) this.tabs.append(h("button", { role: "tab", onclick: () => this.show(title) }, title));
     this.element.append(
       h("h2", {}, "The scene is empty"),
       h("p", {}, "Publish something, and it appears here:"),
@@ -37,7 +37,7 @@ export class EmptyState {
       h("div", { class: "code" }, h("pre", { tabindex: 0 }, this.code), this.copy),
       h("p", { class: "quiet" }, "Or start the gateway with ", h("code", {}, "--demo"), " for a moving scene."),
     );
-    this.show(this.way);
+    this.show(this.title);
   }
 
   setShown(on: boolean): void {
@@ -45,34 +45,34 @@ export class EmptyState {
     this.element.hidden = !on;
   }
 
-  private show(name: string): void {
-    this.way = name;
-    for (const button of this.tabs.children) button.setAttribute("aria-selected", String(button.textContent === name));
-    this.code.textContent = WAYS[name]?.(this.hub) ?? "";
-    this.sayCopy("Copy");
+  private show(title: string): void {
+    this.title = title;
+    for (const button of this.tabs.children) button.setAttribute("aria-selected", String(button.textContent === title));
+    this.code.textContent = EXAMPLES[title]?.(this.hub) ?? "";
+    this.labelCopyButton("Copy");
   }
 
-  /** Ask the gateway where its hub listens; with a token it does not say, and the default stays. */
+  /** Use the hub of this gateway in the code. Without a required token, `/healthz` does not have it; the default then stays. */
   private async findHub(): Promise<void> {
     const response = await fetch("/healthz").catch(() => null);
     if (!response?.ok) return;
     const { interfaces } = (await response.json()) as { interfaces?: { treeviewer?: { tcpq?: { url?: string } } } };
     const url = interfaces?.treeviewer?.tcpq?.url;
     if (url) this.hub = url.replace(/\/\/(0\.0\.0\.0|\[::\])/, `//${location.hostname}`);
-    this.show(this.way);
+    this.show(this.title);
   }
 
   private async copyCode(): Promise<void> {
     const copied = await copyText(this.code.textContent ?? "");
-    this.sayCopy(copied ? "Copied" : "Select and copy by hand");
+    this.labelCopyButton(copied ? "Copied" : "Select and copy by hand");
   }
 
-  private sayCopy(text: string): void {
+  private labelCopyButton(text: string): void {
     this.copy.replaceChildren(icon("copy"), text);
   }
 }
 
-/** Copy a text; browsers allow it only over HTTPS and on localhost. */
+/** Copy a text. Return false if the browser does not allow it: it does over HTTPS and on localhost. */
 async function copyText(text: string): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);

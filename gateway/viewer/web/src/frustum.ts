@@ -4,15 +4,15 @@ import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Matri
 import type { Rig } from "./protocol";
 
 /** Distance of the drawn image plane from the camera, metres. */
-const LENGTH = 0.25;
+const IMAGE_PLANE_DISTANCE = 0.25;
 
 export class Frustum {
   readonly object = new Object3D();
   readonly material = new LineBasicMaterial();
   private readonly lines = new LineSegments(new BufferGeometry(), this.material);
   private shape = "";
-  private posed = false;
-  private wanted = false;
+  private hasPose = false;
+  private isShown = false;
 
   constructor(private readonly redraw: () => void) {
     this.object.matrixAutoUpdate = false;
@@ -20,16 +20,16 @@ export class Frustum {
     this.object.add(this.lines);
   }
 
-  /** Show or hide the camera while it has a pose. */
+  /** Show or hide the camera. Without a pose it stays hidden. */
   setShown(on: boolean): void {
-    this.wanted = on;
-    this.object.visible = this.posed && on;
+    this.isShown = on;
+    this.object.visible = this.hasPose && on;
     this.redraw();
   }
 
   show(rig: Rig): void {
-    this.posed = rig.pose !== null;
-    this.object.visible = this.posed && this.wanted;
+    this.hasPose = rig.pose !== null;
+    this.object.visible = this.hasPose && this.isShown;
     if (rig.pose) {
       this.object.matrix.copy(new Matrix4().fromArray(rig.pose));
       this.object.matrixWorldNeedsUpdate = true;
@@ -44,9 +44,9 @@ export class Frustum {
     const points: number[] = [];
     for (const offset of [0, rig.baseline]) {
       const corner = (x: number, y: number): [number, number, number] => [
-        offset + ((x - rig.cx) / rig.fx) * LENGTH,
-        ((y - rig.cy) / rig.fy) * LENGTH,
-        LENGTH,
+        offset + ((x - rig.cx) / rig.fx) * IMAGE_PLANE_DISTANCE,
+        ((y - rig.cy) / rig.fy) * IMAGE_PLANE_DISTANCE,
+        IMAGE_PLANE_DISTANCE,
       ];
       const corners = [corner(0, 0), corner(rig.width, 0), corner(rig.width, rig.height), corner(0, rig.height)];
       corners.forEach((at, i) => points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at)));

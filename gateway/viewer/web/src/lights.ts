@@ -1,5 +1,5 @@
-// Light of the page's own renderer: from above, a lamp that can cast shadows, and a weaker one at the camera, so that no side
-// is black. Shiny materials also reflect a room.
+// Lights of the page's own renderer: a sky, a lamp that can cast shadows, and a weak headlight, so that no side is black.
+// Metals also reflect an environment map.
 
 import {
   Box3,
@@ -14,8 +14,8 @@ import {
 } from "three";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
 
-/** Direction to the lamp: from the left behind the viewer of the home view, as in the look "studio" of the gateway's images. */
-const LAMP = new Vector3(-0.35, -0.55, 1).normalize();
+/** Direction to the lamp: left of and behind the camera of the home view, as in the look "studio" of the gateway's images. */
+const LAMP_DIRECTION = new Vector3(-0.35, -0.55, 1).normalize();
 const SHADOW_TEXELS = 2048;
 
 export class Lights {
@@ -23,30 +23,30 @@ export class Lights {
   private readonly sky = new HemisphereLight(0xffffff, 0xa8a29a, 1.0);
   private readonly lamp = new DirectionalLight(0xfffaf2, 1.5);
   private readonly headlight = new DirectionalLight(0xffffff, 0.8);
-
-  private reflections: Texture | null = null;
+  private environment: Texture | null = null;
 
   constructor(private readonly renderer: WebGLRenderer) {
     this.sky.position.set(0, 0, 1);
-    this.lamp.position.copy(LAMP);
+    this.lamp.position.copy(LAMP_DIRECTION);
     this.lamp.shadow.mapSize.setScalar(SHADOW_TEXELS);
     this.lamp.shadow.radius = 2.5;
     this.object.add(this.sky, this.lamp, this.lamp.target, this.headlight, this.headlight.target);
   }
 
-  /** The room that shiny materials reflect, Y-up. It is made when the first one needs it: without a GPU, that takes seconds. */
-  get room(): Texture {
-    if (!this.reflections) {
+  /** Environment map of a room, Y-up. The first use creates it, which takes seconds without a GPU. */
+  get environmentMap(): Texture {
+    if (!this.environment) {
       const generator = new PMREMGenerator(this.renderer);
       const room = new RoomEnvironment();
-      this.reflections = generator.fromScene(room, 0.04).texture;
+      this.environment = generator.fromScene(room, 0.04).texture;
       room.dispose();
       generator.dispose();
     }
-    return this.reflections;
+    return this.environment;
   }
 
-  follow(camera: Camera, target: Vector3): void {
+  /** Move the headlight to the camera. */
+  placeHeadlight(camera: Camera, target: Vector3): void {
     this.headlight.position.copy(camera.position);
     this.headlight.target.position.copy(target);
   }
@@ -61,7 +61,7 @@ export class Lights {
     const radius = Math.max(1e-3, box.getSize(new Vector3()).length() / 2);
     const { camera } = this.lamp.shadow;
     this.lamp.target.position.copy(centre);
-    this.lamp.position.copy(centre).addScaledVector(LAMP, 2 * radius);
+    this.lamp.position.copy(centre).addScaledVector(LAMP_DIRECTION, 2 * radius);
     camera.left = camera.bottom = -radius;
     camera.right = camera.top = radius;
     camera.near = 0.5 * radius;

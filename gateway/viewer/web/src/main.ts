@@ -26,7 +26,7 @@ const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
 const stage = new Stage(stageElement);
-const materials = new Materials(redraw, () => stage.lights.room);
+const materials = new Materials(redraw, () => stage.lights.environmentMap);
 const drawing = new Drawing(model, materials, stage.clouds, redraw);
 stage.content.add(drawing.root);
 const frustum = new Frustum(redraw);
@@ -41,12 +41,14 @@ let selected: TreeNode | null = null;
 let updates = 0;
 /** True while clients stream images of the stereo camera. */
 let streaming = false;
-let stereoOffered = false;
-let fitted = false;
+/** True after the stereo panel has been opened for the first stream. */
+let stereoPanelOpened = false;
+/** True after the first geometry has been framed. */
+let framed = false;
 let background = startingBackground();
 let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
 /** JSON of the last home camera that a client has set. */
-let knownHome = "";
+let lastHome = "";
 
 const tree = new TreePanel(model, select, refreshBelow, fit);
 const details = new DetailsPanel({
@@ -100,7 +102,7 @@ const bar = toolbar(
 );
 const layout = new Layout(tree.element, stageElement, tabs.element, bar, () => updateActivePanels());
 
-/** Panels send requests to the gateway only while they are visible. */
+/** Activate the visible panel: panels send requests to the gateway only while they are active. */
 function updateActivePanels(): void {
   const visible = layout?.isOpen("right") ? tabs.current : "";
   sensors.setActive(visible === "Stereo");
@@ -108,13 +110,13 @@ function updateActivePanels(): void {
   frustum.setShown(streaming || visible === "Stereo");
 }
 
-/** Show the stereo camera while clients stream its images; open its panel when the first one is known. */
+/** Show the stereo camera while clients stream its images, and open its panel for the first stream. */
 function showStreams(message: Status): void {
   const before = streaming;
   streaming = (message.facts ?? []).some(({ name, value }) => name === "streams" && Number(value) > 0);
   if (streaming === before) return;
-  if (streaming && !stereoOffered) {
-    stereoOffered = true;
+  if (streaming && !stereoPanelOpened) {
+    stereoPanelOpened = true;
     tabs.show("Stereo");
     layout.openIfWide("right");
   }
@@ -132,7 +134,7 @@ function select(node: TreeNode | null): void {
 }
 
 function highlight(): void {
-  stage.select(selected ? drawing.bounds(selected) : null);
+  stage.outline(selected ? drawing.bounds(selected) : null);
 }
 
 function refreshBelow(node: TreeNode): void {
@@ -141,20 +143,20 @@ function refreshBelow(node: TreeNode): void {
   redraw();
 }
 
-/** Cast shadows where the scene is now, if the visitor wants them. */
+/** Fit the lamp's shadow map to the scene, if shadows are on. */
 function placeShadows(): void {
-  stage.setShadows(chosen.shadows ? drawing.focus(model.root) : null);
+  stage.setShadows(chosen.shadows ? drawing.focusBoxes(model.root) : null);
 }
 
 function fit(node: TreeNode | null): void {
-  stage.fit(node ? drawing.boxes(node) : drawing.focus(model.root));
+  stage.fit(node ? drawing.boxes(node) : drawing.focusBoxes(model.root));
 }
 
 function look(direction: Direction): void {
   if (direction === "home" && settings.home) {
     const { eye, target, up } = settings.home;
-    stage.place(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
-  } else stage.look(direction, drawing.focus(model.root));
+    stage.placeCamera(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
+  } else stage.look(direction, drawing.focusBoxes(model.root));
 }
 
 function receive(message: Message): void {
@@ -191,8 +193,8 @@ function update(message: SceneUpdate): void {
   if (selected && model.nodes.get(selected.id) !== selected) select(model.find(selected.path));
   else if (selected) highlight();
   const empty = model.root.children.size === 0 && !model.root.parts;
-  if (!fitted && !empty) {
-    fitted = true;
+  if (!framed && !empty) {
+    framed = true;
     look("home");
   }
   if (change.added.length || change.removed.length) placeShadows();
@@ -208,15 +210,15 @@ function showSettings(next: PageSettings): void {
   showBackground();
   if (gridChanged) bar.setGrid(next.grid ?? true);
   const home = JSON.stringify(next.home);
-  if (next.home && home !== knownHome) {
-    knownHome = home;
+  if (next.home && home !== lastHome) {
+    lastHome = home;
     look("home");
   }
 }
 
 let hintTimer = 0;
 
-/** Show a message over the view; one at the foot disappears after six seconds unless `stays` is true. */
+/** Show a message over the view. By default, one at the foot disappears after six seconds. */
 function showHint(text: string, where: "centre" | "foot", stays = where === "centre"): void {
   if (where === "centre" && hintTimer) return;
   hint.textContent = text;
@@ -312,7 +314,7 @@ let framesBefore = 0;
 setInterval(() => {
   status.tick(stage.frames - framesBefore, updates, model.nodes.size - 1, model.revision);
   framesBefore = stage.frames;
-  if (updates && chosen.shadows) placeShadows(); // things move
+  if (updates && chosen.shadows) placeShadows(); // the scene may have moved
   updates = 0;
   details.update();
 }, 1000);

@@ -17,6 +17,7 @@ import {
   RepeatWrapping,
   SRGBColorSpace,
   Texture,
+  type Color,
   type Material as ThreeMaterial,
   type MeshBasicMaterialParameters,
   type Wrapping,
@@ -24,7 +25,7 @@ import {
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { h } from "./dom";
 import type { Material, TextureUse } from "./protocol";
-import { BEFORE, patch } from "./shaders";
+import { BEFORE_SURFACE, patch } from "./shaders";
 
 const WRAP: Record<number, Wrapping> = {
   10497: RepeatWrapping,
@@ -34,7 +35,7 @@ const WRAP: Record<number, Wrapping> = {
 /** Maximum number of unused materials kept, so that replaced geometry does not compile its shader again. */
 const MAX_MATERIALS = 64;
 /** Milliseconds before a failed download of a texture is repeated. */
-const RETRY = 2000;
+const RETRY_MS = 2000;
 
 /** Placeholder until a texture is downloaded; three.js draws black without an image. */
 function placeholderImage(): HTMLCanvasElement {
@@ -47,12 +48,15 @@ function placeholderImage(): HTMLCanvasElement {
   return canvas;
 }
 
-/** Matt materials get a cheaper shader. */
+/** Return true if a material has highlights. Others get a cheaper shader. */
 function isShiny(material: Material): boolean {
   return (material.roughness ?? 1) < 1 || isMetallic(material);
 }
 
-/** Only metals reflect the room, without which they would be black: it takes four fifths of the time without a GPU. */
+/**
+ * Return true if a material reflects the environment map. Without it, metals would be black. Other materials do without,
+ * because it takes four fifths of the time to draw without a GPU.
+ */
 function isMetallic({ metallic = 0 }: Material): boolean {
   return metallic > 0;
 }
@@ -68,13 +72,13 @@ export class Materials {
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new ImageLoader();
   private wireframe = false;
-  /** Pixels; 0 is the scene's own size. */
+  /** Width of points, pixels; 0: as published. */
   private pointSize = 0;
 
-  /** @param room returns the environment that shiny materials reflect, Y-up */
+  /** @param environmentMap returns the environment map that metals reflect, Y-up */
   constructor(
     private readonly redraw: () => void,
-    private readonly room: () => Texture,
+    private readonly environmentMap: () => Texture,
   ) {}
 
   /** Return the key of a batch: all properties but the colour. */
@@ -102,20 +106,15 @@ export class Materials {
 
   line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = patch(new LineBasicMaterial({ vertexColors }), BEFORE);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
-      this.fade(threeMaterial, material.color[3] * opacity);
-      return threeMaterial;
+      return this.colored(patch(new LineBasicMaterial({ vertexColors }), BEFORE_SURFACE), material, opacity);
     });
   }
 
   /** Return a material for lines of more than one pixel, which are drawn as LineSegments2. */
   wideLine(material: Material, vertexColors: boolean, opacity: number): LineMaterial {
     return this.acquire(`wide line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
-      this.fade(threeMaterial, material.color[3] * opacity);
-      return threeMaterial;
+      const threeMaterial = patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
+      return this.colored(threeMaterial, material, opacity);
     }) as LineMaterial;
   }
 
@@ -124,9 +123,7 @@ export class Materials {
       const threeMaterial = patch(new PointsMaterial({ vertexColors, sizeAttenuation: false }));
       threeMaterial.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
       threeMaterial.size = this.pointSize * devicePixelRatio || (threeMaterial.userData.size as number);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
-      this.fade(threeMaterial, material.color[3] * opacity);
-      return threeMaterial;
+      return this.colored(threeMaterial, material, opacity);
     });
   }
 
@@ -165,11 +162,17 @@ export class Materials {
     this.redraw();
   }
 
-  private fade(threeMaterial: ThreeMaterial, opacity: number): void {
-    if (opacity >= 1) return;
-    threeMaterial.transparent = true;
-    threeMaterial.depthWrite = false;
-    threeMaterial.opacity = opacity;
+  /** Set the colour of a draw and, if its node or its colour is translucent, the opacity. Return the three.js material. */
+  private colored<M extends ThreeMaterial & { color: Color }>(threeMaterial: M, material: Material, nodeOpacity: number): M {
+    const [r, g, b, alpha] = material.color;
+    threeMaterial.color.setRGB(r, g, b, SRGBColorSpace);
+    const opacity = alpha * nodeOpacity;
+    if (opacity < 1) {
+      threeMaterial.transparent = true;
+      threeMaterial.depthWrite = false;
+      threeMaterial.opacity = opacity;
+    }
+    return threeMaterial;
   }
 
   private surface(material: Material, vertexColors: boolean): MeshStandardMaterial | MeshLambertMaterial | MeshBasicMaterial {
@@ -202,7 +205,7 @@ export class Materials {
       metalnessMap: map,
       roughness: material.roughness ?? 1,
       roughnessMap: map,
-      envMap: isMetallic(material) ? this.room() : null,
+      envMap: isMetallic(material) ? this.environmentMap() : null,
       envMapIntensity: 0.3,
       envMapRotation: new Euler(Math.PI / 2, 0, 0),
     });
@@ -243,7 +246,7 @@ export class Materials {
           this.redraw();
         },
         undefined,
-        () => (tries -= 1) > 0 && setTimeout(download, RETRY),
+        () => (tries -= 1) > 0 && setTimeout(download, RETRY_MS),
       );
     download();
     return texture;

@@ -1,4 +1,4 @@
-// Ambient occlusion: a pass of three.js over the drawn image.
+// Ambient occlusion: a post-processing pass of three.js (GTAO).
 
 import { HalfFloatType, WebGLRenderTarget, type OrthographicCamera, type PerspectiveCamera, type Scene, type WebGLRenderer } from "three";
 import { EffectComposer } from "three/addons/postprocessing/EffectComposer.js";
@@ -6,10 +6,10 @@ import { GTAOPass } from "three/addons/postprocessing/GTAOPass.js";
 import { OutputPass } from "three/addons/postprocessing/OutputPass.js";
 import { RenderPass } from "three/addons/postprocessing/RenderPass.js";
 
-/** Reach of the effect as a share of half the view's height. */
-const REACH = 0.12;
+/** Radius of the effect as a fraction of half the view's height. */
+const RADIUS_FRACTION = 0.12;
 
-export class Occlusion {
+export class AmbientOcclusion {
   private readonly composer: EffectComposer;
   private readonly pass: GTAOPass;
 
@@ -30,7 +30,7 @@ export class Occlusion {
 
   /** Draw the scene. `halfHeight` is half the view's height at the target, metres. */
   render(halfHeight: number): void {
-    const radius = REACH * halfHeight;
+    const radius = RADIUS_FRACTION * halfHeight;
     this.pass.updateGtaoMaterial({ radius, thickness: radius });
     this.composer.render();
   }

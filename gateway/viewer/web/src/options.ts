@@ -1,23 +1,23 @@
-// Choices of this browser: from the URL (?shadows=on), else from an earlier visit, else the default.
+// Display settings of this browser, from the URL (?shadows=on), an earlier visit, or the default, in this order.
 
 const PREFIX = "scenegate.";
 
-/** Return a choice; values that are not allowed are ignored. */
-export function choice<T extends string>(name: string, allowed: readonly T[], otherwise: T): T {
+/** Return a setting, or the default if no source has an allowed value. */
+export function choice<T extends string>(name: string, allowed: readonly T[], fallback: T): T {
   const values = [new URLSearchParams(location.search).get(name), stored(name)];
   for (const value of values) {
     const found = allowed.find((each) => each === value);
     if (found) return found;
   }
-  return otherwise;
+  return fallback;
 }
 
-/** Keep a choice for the next visit. */
+/** Store a setting for the next visit. */
 export function keep(name: string, value: string): void {
   try {
     localStorage.setItem(PREFIX + name, value);
   } catch {
-    // Storage is off in this browser: the choice lasts as long as the page.
+    // The browser does not allow storage: the setting lasts as long as the page.
   }
 }
 

@@ -1,13 +1,13 @@
-// Two additions to three.js' shaders, by its hook for that: colours per vertex or instance in sRGB, and depth offsets.
+// Two changes of three.js' shaders by onBeforeCompile: colours of vertices and instances in sRGB, and depth offsets.
 
 import type { Material } from "three";
 
 /** Depth offset behind a surface, for lines that lie in it: half a percent of the distance, less than a line's width. */
-export const BEHIND = 2e-5;
-/** Depth offset in front of a surface. */
-export const BEFORE = -1e-5;
+export const BEHIND_SURFACE = 2e-5;
+/** Depth offset in front of a surface, for lines that must stay visible in it. */
+export const BEFORE_SURFACE = -1e-5;
 
-/** Colours come in sRGB, as bytes: the conversion of millions of points is the GPU's. */
+/** Conversion of colours from sRGB: on the GPU, since a cloud has millions of points. */
 const LINEAR_COLORS = `#include <color_vertex>
 #if defined( USE_COLOR ) || defined( USE_COLOR_ALPHA ) || defined( USE_INSTANCING_COLOR )
 	vColor.rgb = mix( pow( vColor.rgb * 0.9478672986 + 0.0521327014, vec3( 2.4 ) ), vColor.rgb * 0.0773993808, vec3( lessThanEqual( vColor.rgb, vec3( 0.04045 ) ) ) );
@@ -22,7 +22,7 @@ export function patch<M extends Material>(material: M, depth = 0): M {
   material.onBeforeCompile = (shader) => {
     shader.vertexShader = shader.vertexShader.replace("#include <color_vertex>", LINEAR_COLORS);
     if (depth === 0) return;
-    // The second one is in the shader of LineMaterial.
+    // The first string is in the shaders of most materials, the second one in that of LineMaterial.
     for (const projected of ["#include <project_vertex>", "gl_Position = clip;"])
       shader.vertexShader = shader.vertexShader.replace(projected, projected + offset);
   };

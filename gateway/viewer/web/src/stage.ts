@@ -1,4 +1,4 @@
-// Camera, controls, grid and axes. Draws only after a change.
+// The 3D view: camera, controls, lights, grid and axes. It draws only after a change.
 
 import {
   AxesHelper,
@@ -19,11 +19,13 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
 import { Lights } from "./lights";
-import { Occlusion } from "./occlusion";
-import { BEFORE, BEHIND, patch } from "./shaders";
+import { AmbientOcclusion } from "./occlusion";
+import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 
+/** Vertical field of view, degrees. */
 const FOV = 45;
-/** Half the view's height over that of the framed box. */
+const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
+/** Size of the view as a multiple of that of the framed boxes. */
 const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
 const DIRECTIONS: Record<Direction, [number, number, number]> = {
@@ -34,10 +36,10 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
 };
 
 const Z_UP = new Vector3(0, 0, 1);
-/** What an empty scene frames. */
-const NOTHING = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
+/** Box that is framed while the scene is empty. */
+const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 export type Button = "left" | "middle" | "right";
-/** By the number of MouseEvent.button. */
+/** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
 
 export class Stage {
@@ -53,7 +55,7 @@ export class Stage {
   readonly clouds = new CloudProgress();
   readonly lights: Lights;
   /** Null: off. */
-  private occlusion: Occlusion | null = null;
+  private occlusion: AmbientOcclusion | null = null;
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
   /** Half the height of the orthographic view, metres. */
@@ -61,7 +63,7 @@ export class Stage {
   /** Number of frames drawn. */
   frames = 0;
 
-  /** The drawn scene: `pick` searches it. */
+  /** Objects of the scene, which `pick` searches. */
   readonly content = new Object3D();
 
   constructor(private readonly holder: HTMLElement) {
@@ -78,8 +80,8 @@ export class Stage {
     }
     this.grid.rotation.x = Math.PI / 2;
     // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
-    for (const material of [this.grid.material].flat()) patch(material, BEHIND);
-    for (const material of [this.axes.material].flat()) patch(material, BEFORE);
+    for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
+    for (const material of [this.axes.material].flat()) patch(material, BEFORE_SURFACE);
     this.highlight.visible = false;
     this.scene.add(this.content, this.grid, this.axes, this.highlight, this.lights.object);
     this.controls = this.newControls();
@@ -126,24 +128,24 @@ export class Stage {
 
   /** Frame boxes from the current direction. */
   fit(boxes: Box3[]): void {
-    if (boxes.length) this.placeCamera(boxes, this.camera.position.clone().sub(this.controls.target).normalize());
+    if (boxes.length) this.frame(boxes, this.camera.position.clone().sub(this.controls.target).normalize());
   }
 
   /** Frame boxes from a named direction. */
   look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
-    this.placeCamera(boxes.length ? boxes : [NOTHING], new Vector3(...DIRECTIONS[direction]).normalize());
+    this.frame(boxes.length ? boxes : [DEFAULT_BOX], new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
-  /** Place the camera. */
-  place(eye: Vector3, target: Vector3, up: Vector3): void {
+  /** Place the camera at a point. All vectors are in the world, metres. */
+  placeCamera(eye: Vector3, target: Vector3, up: Vector3): void {
     this.setUp(up);
     for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye);
     this.controls.target.copy(target);
-    this.finishPlacing(eye.distanceTo(target) * Math.tan((FOV * Math.PI) / 360));
+    this.finishPlacing(eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
-  /** Set the direction that is up in the view. OrbitControls reads it only when they are created. */
+  /** Set the direction that is up in the view. OrbitControls reads it only in its constructor. */
   private setUp(up: Vector3): void {
     if (this.camera.up.equals(up)) return;
     for (const camera of [this.perspective, this.orthographic]) camera.up.copy(up);
@@ -166,14 +168,14 @@ export class Stage {
    * Move the camera to the nearest place from which all boxes are in view, with equal margins.
    *
    * A point with coordinates a (to the right), b (up) and c (towards the camera) is in view of a camera at (x, y, distance)
-   * if |a - x| and |b - y| are at most tangent * (distance - c).
+   * if |a - x| <= tanX * (distance - c) and |b - y| <= tanY * (distance - c).
    */
-  private placeCamera(boxes: Box3[], direction: Vector3): void {
+  private frame(boxes: Box3[], direction: Vector3): void {
     const right = this.camera.up.clone().cross(direction).normalize();
     const up = direction.clone().cross(right);
-    const tanY = Math.tan((FOV * Math.PI) / 360) / MARGIN;
+    const tanY = TAN_HALF_FOV / MARGIN;
     const tanX = tanY * this.perspective.aspect;
-    const most = { right: -Infinity, left: -Infinity, top: -Infinity, bottom: -Infinity };
+    const extent = { right: -Infinity, left: -Infinity, top: -Infinity, bottom: -Infinity };
     const range = new Box3();
     const corner = new Vector3();
     for (const { min, max } of boxes)
@@ -181,16 +183,16 @@ export class Stage {
         corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
         const [a, b, c] = [corner.dot(right), corner.dot(up), corner.dot(direction)];
         range.expandByPoint(corner.set(a, b, c));
-        most.right = Math.max(most.right, a + tanX * c);
-        most.left = Math.max(most.left, -a + tanX * c);
-        most.top = Math.max(most.top, b + tanY * c);
-        most.bottom = Math.max(most.bottom, -b + tanY * c);
+        extent.right = Math.max(extent.right, a + tanX * c);
+        extent.left = Math.max(extent.left, -a + tanX * c);
+        extent.top = Math.max(extent.top, b + tanY * c);
+        extent.bottom = Math.max(extent.bottom, -b + tanY * c);
       }
-    const distance = Math.max((most.right + most.left) / (2 * tanX), (most.top + most.bottom) / (2 * tanY));
+    const distance = Math.max((extent.right + extent.left) / (2 * tanX), (extent.top + extent.bottom) / (2 * tanY));
     const depth = (range.min.z + range.max.z) / 2;
     const target = new Vector3()
-      .addScaledVector(right, (most.right - most.left) / 2)
-      .addScaledVector(up, (most.top - most.bottom) / 2)
+      .addScaledVector(right, (extent.right - extent.left) / 2)
+      .addScaledVector(up, (extent.top - extent.bottom) / 2)
       .addScaledVector(direction, depth);
     const [x, y] = [target.dot(right), target.dot(up)];
     const halfWidth = Math.max(range.max.x - x, x - range.min.x);
@@ -216,7 +218,7 @@ export class Stage {
 
   setOcclusion(on: boolean): void {
     this.occlusion?.dispose();
-    this.occlusion = on ? new Occlusion(this.renderer, this.scene, this.camera) : null;
+    this.occlusion = on ? new AmbientOcclusion(this.renderer, this.scene, this.camera) : null;
     this.resize();
   }
 
@@ -224,7 +226,7 @@ export class Stage {
     const next = on ? this.orthographic : this.perspective;
     if (next === this.camera) return;
     const distance = this.camera.position.distanceTo(this.controls.target);
-    if (on) this.halfHeight = distance * Math.tan((FOV * Math.PI) / 360);
+    if (on) this.halfHeight = distance * TAN_HALF_FOV;
     next.position.copy(this.camera.position);
     this.camera = next;
     this.controls.object = next;
@@ -233,13 +235,14 @@ export class Stage {
     this.redraw();
   }
 
-  select(box: Box3 | null): void {
+  /** Outline a box; null: none. */
+  outline(box: Box3 | null): void {
     this.highlight.visible = box !== null && !box.isEmpty();
     if (box) this.highlight.box.copy(box);
     this.redraw();
   }
 
-  /** Return the object at a point of the page. */
+  /** Return the nearest hit at a point of the page, pixels. */
   pick(x: number, y: number): Intersection | undefined {
     const rect = this.renderer.domElement.getBoundingClientRect();
     const point = new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2);
@@ -268,7 +271,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** Set clipping planes that follow the camera's distance, for close-ups and wide views. */
+  /** Scale the clipping planes with the camera's distance, for close-ups and wide views. */
   private updateClippingPlanes(): void {
     const distance = Math.max(this.camera.position.distanceTo(this.controls.target), 1e-4);
     this.perspective.near = distance / 500;
@@ -289,13 +292,13 @@ export class Stage {
   private drawImage(): void {
     this.dirty = false;
     this.updateClippingPlanes();
-    this.lights.follow(this.camera, this.controls.target);
+    this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
-    if (this.occlusion) this.occlusion.render(this.controls.getDistance() * Math.tan((FOV * Math.PI) / 360));
+    if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
     else this.renderer.render(this.scene, this.camera);
   }
 
-  /** Add chunks of point clouds to the image, which has its depths still. */
+  /** Add chunks of point clouds to the image. Its colours and depths are kept. */
   private refineClouds(): void {
     const { mask } = this.camera.layers;
     const { background } = this.scene;

@@ -5,6 +5,7 @@ import { h } from "./dom";
 import { icon, type Icon } from "./icons";
 
 export interface ToolbarActions extends DisplayActions {
+  /** Open or close a panel. */
   panel(side: "left" | "right"): void;
   fit(): void;
   snapshot(): void;
@@ -14,6 +15,7 @@ export interface ToolbarActions extends DisplayActions {
 
 export interface Toolbar {
   element: HTMLElement;
+  /** Buttons of the panels on the left and the right. */
   left: HTMLElement;
   right: HTMLElement;
   setGrid(on: boolean): void;
