@@ -1,7 +1,7 @@
-"""Write the description of the package: README.md, whose links and pictures an index can show.
+"""Adds the package's description to its metadata: README.md with absolute links.
 
-An index shows the README without the files beside it, so links to these become links to the repository. Its address is
-``Repository`` in ``[project.urls]`` of pyproject.toml. Without one they stay as they are.
+A package index shows the README without the other files of the repository, so links to them become links to the
+repository: ``Repository`` in ``[project.urls]`` of pyproject.toml. Without that entry, links stay as they are.
 """
 
 from __future__ import annotations
@@ -13,29 +13,33 @@ from typing import Any
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 _LINK = re.compile(r"""(?P<start>\]\(|src="|href=")(?P<target>(?!https?:|#)[^)\s"]+)""")
-"""The target of a Markdown or HTML link or picture, if it is a file of the repository."""
-
-_PICTURES = (".gif", ".jpg", ".png", ".svg", ".webp")
+"""A Markdown or HTML link or image whose target is a file of the repository."""
+_IMAGE_SUFFIXES = (".gif", ".jpg", ".png", ".svg", ".webp")
 
 
 class CustomMetadataHook(MetadataHookInterface):
-    """Hatchling's hook for metadata that pyproject.toml lists as dynamic."""
+    """Hatchling's hook for the metadata that pyproject.toml lists as dynamic."""
 
     def update(self, metadata: dict[str, Any]) -> None:
-        """Set ``readme``."""
+        """Set ``readme`` in the package's metadata."""
         text = Path(self.root, "README.md").read_text(encoding="utf-8")
         repository = metadata.get("urls", {}).get("Repository", "")
         metadata["readme"] = {"content-type": "text/markdown", "text": with_absolute_links(text, repository)}
 
 
 def with_absolute_links(text: str, repository: str) -> str:
-    """Return the Markdown text with links to files below a GitHub repository's address, if there is one."""
+    """Return Markdown with absolute links.
+
+    Args:
+        text: Markdown with links to files of the repository.
+        repository: URL of the GitHub repository; empty: the links stay as they are.
+    """
     if not repository:
         return text
     files = f"{repository.rstrip('/')}/blob/HEAD"
 
     def absolute(link: re.Match[str]) -> str:
-        raw = "?raw=true" if link["target"].endswith(_PICTURES) else ""
+        raw = "?raw=true" if link["target"].endswith(_IMAGE_SUFFIXES) else ""
         return f"{link['start']}{files}/{link['target']}{raw}"
 
     return _LINK.sub(absolute, text)

@@ -298,14 +298,18 @@ class Gallery:
 
 
 def stereo_tiles(
-    renderer: CpuRenderer, drawn: DrawList, pose: NDArray[np.float64], frame: int = 1, most: float | None = None
+    renderer: CpuRenderer,
+    drawn: DrawList,
+    pose: NDArray[np.float64],
+    frame: int = 1,
+    max_disparity: float | None = None,
 ) -> list[Picture]:
-    """Return left and right image with projector dots and noise, matched and exact disparity, RGB, 640 x 480.
+    """Return four RGB images, 640 x 480: left and right with projector dots and noise, matched and exact disparity.
 
     Args:
-        pose: of the left camera's optical frame in the world.
+        pose: pose of the left camera's optical frame in the world.
         frame: number of the frame, which chooses the noise.
-        most: disparity of the last colour, pixels; None: nearly the largest one.
+        max_disparity: disparity of the last colour of the colour map, pixels; None: the 99.5th percentile.
     """
     model, divisor = read_profile("rc_visard_160c").model, 2
     k = model.intrinsics(divisor)
@@ -330,10 +334,11 @@ def stereo_tiles(
     matched = match_pair(images[0], images[1], count, noise_sigma, ImageKind.DOTS)
     ft = k.focal_length * model.baseline
     exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
-    last = float(np.percentile(exact[exact > 0], 99.5)) if most is None else most
+    if max_disparity is None:
+        max_disparity = float(np.percentile(exact[exact > 0], 99.5))
 
     def painted(disparity: NDArray[Any]) -> Picture:
-        level = np.clip(disparity / last * 255.0, 0, 255).astype(np.uint8)
+        level = np.clip(disparity / max_disparity * 255.0, 0, 255).astype(np.uint8)
         colors = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8)
         return np.where((disparity > 0)[..., None], colors, np.uint8(255))
 

@@ -37,7 +37,7 @@ OURS = ("ours, tcpq", "ours, udp")
 PEER = "meshcat"
 POINTS = {"cloud 100k": 100_000, "cloud 100k, colours of bytes": 100_000, "cloud 1M": MILLION}
 OWN_JOBS = ("mesh 100k, image", "heightmap 300 x 300", "image 1 megapixel", "1000 poses")
-"""Jobs that the peer does not do in one call."""
+"""Jobs for which the peer has no single call."""
 POSES = 1000
 JOBS = ("mesh 100k", *POINTS, *OWN_JOBS)
 CPU = "CPU, "
@@ -93,7 +93,7 @@ def asking(url: str) -> Ask:
             return math.inf
         begin = time.perf_counter()
         if job == "1000 poses":
-            viewer.set_transforms(paths, poses + begin)  # other ones in each call
+            viewer.set_transforms(paths, poses + begin)  # different poses in each call
             return 1000.0 * (time.perf_counter() - begin)
         viewer[job.partition(" ")[0]].set(geometries[job])
         return 1000.0 * (time.perf_counter() - begin)

@@ -2,12 +2,12 @@
 
     python -m bench.workers --workers 1,2,4,8,16 [--clients N] [--threads N] [--turns N] [--plot FILE.svg]
 
-All servers run at once and get the same requests in turns, so that other programs on the machine slow all of them down
-alike. The clients are processes on the same machine and use some of its cores. Columns:
+All servers run at once and get the same requests in turns, so that other programs on the machine affect them
+equally. The clients are processes on the same machine and use some of its cores. Columns:
 
 - renders/s: median over the turns, with quartiles; ratio: relative to the first number of workers;
-- efficiency: ratio, divided by that of the numbers of workers;
-- CPU ms: CPU time of server + client per render, which hardly depends on other programs;
+- efficiency: ratio divided by the ratio of the numbers of workers;
+- CPU ms: CPU time of server + client per render, which depends little on other programs;
 - at most: renders/s if all cores worked for server and clients only;
 - busy, others: number of cores that server and clients used, and that other programs used.
 
@@ -41,7 +41,7 @@ SCENES = ("001", "010")
 KINDS = ("color", "depth")
 """Image types to render."""
 POLL_SECONDS = 0.1
-"""Interval of checks whether a server is ready."""
+"""Interval between two checks whether a server is ready."""
 
 
 def scenes() -> list[posted.Posted]:
@@ -72,7 +72,7 @@ def measure(
 
     Args:
         servers: servers by number of workers.
-        scene: scene of the requests; each has it at other places, so that no response is cached.
+        scene: scene of the requests. Each request has other poses, so that no response comes from a cache.
         clients: number of concurrent clients.
         requests: number of requests to each server in each turn.
         turns: number of turns.
@@ -95,7 +95,7 @@ def plot(rates: Mapping[str, Mapping[int, float]]) -> str:
     """Return a plot of throughput by number of workers as SVG. A dashed line shows proportional growth.
 
     Args:
-        rates: renders/s by name of the scene and number of workers. The fewest workers are the unit.
+        rates: renders/s by name of the scene and number of workers. They are plotted relative to the fewest workers.
     """
     width, height, margin = 720, 420, 60
     counts = sorted(next(iter(rates.values())))

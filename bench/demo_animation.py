@@ -1,8 +1,8 @@
-"""The moving picture of the README: the demo scene, what its stereo camera sees, and its disparity image.
+"""The README's animation: the demo scene, the left image of its stereo camera, and the disparity image.
 
-    python -m bench.moving_picture [OUT.webp [QUALITY]]
+    python -m bench.demo_animation [OUT.webp [QUALITY]]
 
-OUT (default: docs/images/demo.webp) shows one period of the demo, twice as fast. The same sources give the same pixels.
+OUT (default: docs/images/demo.webp) shows one period of the demo at twice its speed. The pixels are reproducible.
 """
 
 from __future__ import annotations
@@ -26,13 +26,15 @@ from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup
 
 WIDTH, HEIGHT = 640, 480
+"""Size of the scene's image, pixels. The two others have half of it."""
 FRAMES, SPEED = 120, 2.0
+"""Number of frames, and factor of the demo's speed."""
 QUALITY: Final = 60
 """Quality of lossy WebP, 0 to 100."""
-EYE: Final = "eye=2.6,-2.3,1.95;target=0.15,0.03,0.82;fovy=40"
-STEREO_EYE: Final = "eye=1.05,-0.95,2.1;target=0.0,0.08,0.74"
+VIEW_CAMERA: Final = "eye=2.6,-2.3,1.95;target=0.15,0.03,0.82;fovy=40"
+STEREO_CAMERA: Final = "eye=1.05,-0.95,2.1;target=0.0,0.08,0.74"
 MAX_DISPARITY: Final = 80.0
-"""Disparity of the last colour, pixels."""
+"""Disparity of the last colour of the colour map, pixels."""
 
 
 def main() -> None:
@@ -43,22 +45,24 @@ def main() -> None:
     demo = Demo(tree)
     demo.populate()
     frames: list[Image.Image] = []
-    for k in range(FRAMES):
-        demo.move_to(k * PERIOD / FRAMES)
-        frames.append(Image.fromarray(draw(renderer, flatten(tree.snapshot.root), k)))
+    for number in range(FRAMES):
+        demo.move_to(number * PERIOD / FRAMES)
+        frames.append(Image.fromarray(draw_frame(renderer, flatten(tree.snapshot.root), number)))
     frame_ms = round(1000.0 * PERIOD / SPEED / FRAMES)
     frames[0].save(out, save_all=True, append_images=frames[1:], duration=frame_ms, loop=0, quality=quality, method=6)
     print(f"{out}: {len(frames)} frames of {frame_ms} ms, {out.stat().st_size / 1e6:.2f} MB")
 
 
-def draw(renderer: CpuRenderer, drawn: DrawList, k: int) -> NDArray[np.uint8]:
-    """Return frame ``k``: (480, 960, 3) RGB."""
-    view = camera(EYE, WIDTH, HEIGHT, drawn)
-    with renderer.render(drawn, view, Output.COLOR, Look("studio", background=(236, 239, 243), samples=8)) as rendered:
+def draw_frame(renderer: CpuRenderer, draw_list: DrawList, number: int) -> NDArray[np.uint8]:
+    """Return a frame, (480, 960, 3) uint8 RGB. Its number chooses the noise of the stereo images."""
+    view = camera(VIEW_CAMERA, WIDTH, HEIGHT, draw_list)
+    with renderer.render(
+        draw_list, view, Output.COLOR, Look("studio", background=(236, 239, 243), samples=8)
+    ) as rendered:
         assert rendered.color is not None
         large = rendered.color.copy()
-    pose = camera(STEREO_EYE, drawn=drawn).X_world_camera
-    left, _, disparity, _ = stereo_tiles(renderer, drawn, pose, k, MAX_DISPARITY)
+    pose = camera(STEREO_CAMERA, drawn=draw_list).X_world_camera
+    left, _, disparity, _ = stereo_tiles(renderer, draw_list, pose, number, MAX_DISPARITY)
     small = [cv2.resize(tile, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA) for tile in (left, disparity)]
     caption(large, "scene")
     caption(small[0], "stereo camera, left image")
@@ -67,7 +71,7 @@ def draw(renderer: CpuRenderer, drawn: DrawList, k: int) -> NDArray[np.uint8]:
 
 
 def caption(image: NDArray[Any], text: str) -> None:
-    """Write a text into the lower left corner, on a dark ground."""
+    """Write a text into the lower left corner, on a darkened background."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
     bottom = image.shape[0]
     image[bottom - height - 12 :, : width + 16] //= 4
