@@ -156,5 +156,5 @@ def __getattr__(name: str) -> Any:
     settings = settings_module.load()
     if settings.workers > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
-    logs.configure(settings.log_format, settings.log_level, uvicorn_starts=True)
+    logs.configure(settings.log_format, settings.log_level, log_uvicorn=True)
     return create_app(settings)

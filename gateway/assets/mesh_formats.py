@@ -254,7 +254,7 @@ def _material_of(geometry: Any, vertex_count: int, limits: GltfLimits) -> tuple[
     texture = getattr(file_material, "baseColorTexture", None) or getattr(file_material, "image", None)
     image = _image_of(texture, limits) if uv is not None and texture is not None else None
     if image is None and getattr(file_material, "kwargs", None) == {}:
-        return None, PLAIN_MATERIAL  # trimesh makes up a grey one for texture coordinates without a material
+        return None, PLAIN_MATERIAL  # an image without usable coordinates: the colour is trimesh's grey default
     diffuse = getattr(file_material, "baseColorFactor", None)
     diffuse = getattr(file_material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.asarray(diffuse, dtype=np.float64)[:4] / 255.0

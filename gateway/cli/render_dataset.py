@@ -23,7 +23,7 @@ LOG_SECONDS: Final = 10.0
 
 
 def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
-    """Make or complete a dataset; return whether all samples could be rendered.
+    """Create or complete a dataset. Return True if all samples could be rendered.
 
     Args:
         cores: number of cores of this machine to use.
@@ -45,7 +45,7 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
 
 
 def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
-    """Run the job; show a progress bar on a terminal, else a line now and then."""
+    """Run the job; show a progress bar on a terminal, else a line every ``LOG_SECONDS``."""
     logged = time.monotonic()
     with progress_bar("Rendering", f"of {job.size} samples", job.size) as bar:
 

@@ -74,8 +74,8 @@ def run(settings: Settings) -> int:
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
-    # A supervisor logs which processes end and start.
-    logs.configure(settings.log_format, settings.log_level, uvicorn_starts=settings.workers > 1)
+    # The supervisor of --workers is uvicorn's: it logs which processes start and end.
+    logs.configure(settings.log_format, settings.log_level, log_uvicorn=settings.workers > 1)
     import structlog
 
     log = structlog.get_logger("gateway")

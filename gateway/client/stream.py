@@ -144,7 +144,7 @@ class Progress:
         return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
 
     def second_passed(self) -> bool:
-        """Return True at the first call in each second of ``seconds`` but the first."""
+        """Return True if ``seconds``, rounded down, has increased since the last call."""
         previous, self._last_second = self._last_second, int(self.seconds)
         return self._last_second > previous
 

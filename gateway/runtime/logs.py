@@ -23,15 +23,15 @@ _LIBRARY_LEVELS = {
 
 
 def configure(
-    log_format: Format = "auto", level: str = "info", *, uvicorn_starts: bool = False, worker: int | None = None
+    log_format: Format = "auto", level: str = "info", *, log_uvicorn: bool = False, worker: int | None = None
 ) -> None:
     """Send log entries of structlog and of the standard library to stderr in one format.
 
     Args:
         log_format: ``auto`` is ``human`` if stderr is a terminal, else ``json``.
         level: minimum level: debug, info, warning or error.
-        uvicorn_starts: the process is ``uvicorn gateway.app:app`` or a supervisor, and uvicorn logs its address, start
-            and end at the level of its --log-level; else it logs warnings only.
+        log_uvicorn: True: log uvicorn's entries as well, such as its address and the start of processes, from the level
+            of its own --log-level on; False: only its warnings.
         worker: process id to add to each line, if there are several processes (``--workers``).
     """
 
@@ -66,7 +66,7 @@ def configure(
     for name, minimum in _LIBRARY_LEVELS.items():
         logging.getLogger(name).setLevel(minimum)
     uvicorn = logging.getLogger("uvicorn.error")
-    uvicorn.setLevel(max(uvicorn.level, root.level) if uvicorn_starts else logging.WARNING)
+    uvicorn.setLevel(max(uvicorn.level, root.level) if log_uvicorn else logging.WARNING)
     # The uvicorn command adds handlers to its loggers; the root's handler replaces them. The access log is off, as with
     # --no-access-log: gateway.server.middleware logs a line with the request's id.
     for name, propagate in (("uvicorn", True), ("uvicorn.error", True), ("uvicorn.access", False)):

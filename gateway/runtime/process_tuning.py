@@ -51,7 +51,7 @@ def tune() -> None:
 
 
 def end_with_parent() -> None:
-    """Have this process get SIGTERM when its parent has ended, even by SIGKILL (Linux only)."""
+    """Make the system send this process SIGTERM when its parent ends, even by SIGKILL (Linux only)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 

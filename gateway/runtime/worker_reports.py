@@ -25,7 +25,7 @@ SILENT_SECONDS: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class WorkerReport:
     """Status and metrics of one process."""
 
     pid: int
@@ -83,7 +83,7 @@ class WorkerReports:
         """
         if status == "starting" and self.is_replacement:
             status = "restarting"
-        report = Report(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
+        report = WorkerReport(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
         temporary = self._file(self._pid).with_suffix(".new")
         temporary.write_text(json.dumps(asdict(report)), "utf-8")
         temporary.replace(self._file(self._pid))
@@ -115,13 +115,13 @@ class WorkerReports:
             ended.append(report.replaced_metrics)
         return sum_expositions(running, ended)
 
-    def _others(self) -> Iterator[Report]:
+    def _others(self) -> Iterator[WorkerReport]:
         return (report for report in self._read() if report.pid != self._pid)
 
-    def _read(self) -> Iterator[Report]:
+    def _read(self) -> Iterator[WorkerReport]:
         for path in sorted(self._folder.glob("*.json")):
             with contextlib.suppress(FileNotFoundError):  # another process has just removed it
-                yield Report(**json.loads(path.read_text("utf-8")))
+                yield WorkerReport(**json.loads(path.read_text("utf-8")))
 
     def _remove(self, pid: int) -> bool:
         """Remove the report of an ended process. Return False if another process has already removed it."""

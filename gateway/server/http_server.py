@@ -20,9 +20,9 @@ MAX_WEBSOCKET_BYTES: Final = 64 << 10
 """WebSocket message from a client; those of the browser view have at most 256 characters."""
 KEEP_ALIVE_SECONDS: Final = 60
 """Time for the next request on a connection."""
-HANGING_SECONDS: Final = 60
-"""Time after which uvicorn's supervisor replaces a process that does not respond. Longer than Python's imports take on
-an overloaded machine: until then a new process does not respond either."""
+UNRESPONSIVE_SECONDS: Final = 60
+"""Time after which uvicorn's supervisor replaces a process that does not respond. New processes do not respond during
+their imports, which take shorter even on an overloaded machine."""
 
 
 def server_config(
@@ -34,8 +34,8 @@ def server_config(
         grace_seconds: time for requests to finish at shutdown.
         lifespan: False for an application whose lifespan is managed elsewhere.
         tls: certificate and key, PEM.
-        workers: number of processes. If there are several, ``app`` is a function that returns the application; it
-            and its arguments can be pickled.
+        workers: number of processes. If there are several, ``app`` must be a function that returns the application,
+            and must be picklable.
     """
     return uvicorn.Config(
         app,
@@ -54,7 +54,7 @@ def server_config(
         backlog=2048,
         workers=workers,
         factory=workers > 1,
-        timeout_worker_healthcheck=HANGING_SECONDS,
+        timeout_worker_healthcheck=UNRESPONSIVE_SECONDS,
     )
 
 

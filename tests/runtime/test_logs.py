@@ -90,7 +90,7 @@ def test_lines_of_uvicorns_command_are_json(
     capfd: pytest.CaptureFixture[str], level: str, uvicorn_level: str, shown: int
 ) -> None:
     uvicorn.Config("gateway.app:app", log_level=uvicorn_level)  # gives its loggers handlers, as its command does
-    logs.configure("json", level, uvicorn_starts=True)
+    logs.configure("json", level, log_uvicorn=True)
     logging.getLogger("uvicorn.error").info("Started server process [%d]", 7, extra={"color_message": "coloured"})
     logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
     assert not logging.getLogger("uvicorn.access").hasHandlers()  # what uvicorn asks before it logs a request

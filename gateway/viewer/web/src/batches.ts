@@ -29,7 +29,7 @@ export class Batch {
     mesh.instanceMatrix.setUsage(DynamicDrawUsage);
     mesh.setColorAt(0, new Color(1, 1, 1)); // creates the attribute
     mesh.count = 0;
-    mesh.frustumCulled = false; // else its bounds had to be updated with every pose
+    mesh.frustumCulled = false; // otherwise every pose would need new bounds
     mesh.matrixAutoUpdate = false;
     mesh.castShadow = mesh.receiveShadow = true;
     mesh.userData.batch = this;

@@ -32,12 +32,14 @@ export interface Material {
   /** Green: roughness, blue: metallic. */
   metallicRoughnessTexture?: TextureUse;
   normalTexture?: TextureUse;
-  /** Default 1, as those below. */
+  /** Default 1. */
   normalScale?: number;
   /** Red: occlusion. */
   occlusionTexture?: TextureUse;
+  /** Default 1. */
   occlusionStrength?: number;
   emissiveTexture?: TextureUse;
+  /** Default 1. */
   emissiveStrength?: number;
 }
 
@@ -74,11 +76,11 @@ export interface SceneUpdate {
   revision: number;
   removed: number[];
   nodes: NodeUpdate[];
-  /** x, y, z, qw, qx, qy, qz of the nodes in poseIds */
   poseIds: Uint32Array;
+  /** x, y, z, qw, qx, qy, qz of each node in poseIds */
   poses: Float32Array;
-  /** 16 numbers each, column-major */
   matrixIds: Uint32Array;
+  /** 4x4 column-major transform of each node in matrixIds */
   matrices: Float32Array;
 }
 
@@ -126,14 +128,14 @@ export interface Rig {
 export type Path = (string | number)[];
 type Vector = [number, number, number];
 
-/** What clients set for the page. Null: as the page has it by itself. */
+/** View settings that clients have set. Null: the page's own setting. */
 export interface PageSettings {
   kind: "page";
   /** Red, green, blue: sRGB from 0 to 1. */
   background: Vector | null;
   grid: boolean | null;
   home: { eye: Vector; target: Vector; up: Vector } | null;
-  /** Clients want clicks on geometry at and below these paths. */
+  /** Paths at and below which clients receive clicks on geometry. */
   clickable: Path[];
 }
 
