@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench.gateways import Gateway, gateway, post
-from bench.posted import KINDS, corpus, recorded
+from bench.render_requests import KINDS, corpus, recorded
 from gateway.client import MeshFile, PointCloud, TreeViewer, Triad
 
 FLAGS: Final = ("--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
@@ -97,9 +97,9 @@ class Pictures:
                 with self._page(running, "dark&shadows=on") as page:
                     page.wait_for_function("scenegate.model.find(['robot'])?.parts != null")
                     for kind, request in kinds.items():
-                        if (answer := post(running.port, request.moved(640, 480))).status != 200:
+                        if (answer := post(running.port, request.next_body(640, 480))).status != 200:
                             raise SystemExit(f"{kind}: {answer.body.decode()}")
-                    post(running.port, kinds["color"].moved(640, 480)[:3000])
+                    post(running.port, kinds["color"].next_body(640, 480)[:3000])
                     page.get_by_role("button", name="Selection, stereo").click()
                     page.get_by_role("tab", name="Renders").click()
                     page.wait_for_function("document.querySelectorAll('.renders li').length == 4")

@@ -25,8 +25,8 @@ import msgspec
 import numpy as np
 
 from bench.gateways import TIMEOUT
-from bench.posted import sphere
 from bench.ray_nodes import ENVIRONMENT, job_of
+from bench.render_requests import sphere
 from bench.running import end
 from bench.table import Row, at_least, show, skipped
 

@@ -18,7 +18,7 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from bench import gltf, posted
+from bench import gltf, render_requests
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import in_turns, median, timed
 from gateway.render.camera import camera_of
@@ -41,17 +41,17 @@ GOALS = {"PNG, RGB": 5.0, "PNG, 16 bit": 5.0, "TIFF, 32-bit float": 2.0}
 LARGEST = 1.2
 
 
-def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
+def pictures() -> Iterator[tuple[str, render_requests.Array, render_requests.Array]]:
     """Name, colour (H, W, 3) uint8 and depth (H, W) float32."""
-    folder = posted.corpus()
-    scenes = [posted.recorded(folder, number, "color") for number in ("001", "003", "010")] if folder else []
-    scenes.append(posted.textured("color", copies=6, side=512))
+    folder = render_requests.corpus()
+    scenes = [render_requests.recorded(folder, number, "color") for number in ("001", "003", "010")] if folder else []
+    scenes.append(render_requests.textured("color", copies=6, side=512))
     renderer, config = CpuRenderer(), RenderConfig()
     store = SceneStore(config)
     for scene in scenes:
         for width, height in SIZES:
-            form = FormReader(posted.CONTENT_TYPE, config)
-            form.feed(scene.moved(width, height))
+            form = FormReader(render_requests.CONTENT_TYPE, config)
+            form.feed(scene.next_body(width, height))
             request = read_form(form.form(), config)
             prepared = store.get(posted_document(request))
             camera = camera_of(request, prepared)
@@ -61,13 +61,13 @@ def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
                 yield f"{scene.name} {width}×{height}", frame.color.copy(), frame.depth.copy()
 
 
-def encoded(suffix: str, image: posted.Array) -> bytes:
+def encoded(suffix: str, image: render_requests.Array) -> bytes:
     """By OpenCV with its own defaults; TIFF without compression, which is its fastest."""
     options = (cv2.IMWRITE_TIFF_COMPRESSION, 1) if suffix == ".tiff" else ()
     return bytes(cv2.imencode(suffix, image, options)[1])
 
 
-def check(kind: str, data: bytes, image: posted.Array) -> None:
+def check(kind: str, data: bytes, image: render_requests.Array) -> None:
     """Raises unless independent readers give the very same samples."""
     with Image.open(io.BytesIO(data)) as opened:
         np.testing.assert_array_equal(np.asarray(opened), image)
@@ -83,7 +83,7 @@ def writers() -> list[Row]:
     print(heading("image", "file", "ours, ms", "OpenCV, ms", "ratio", "bytes", "of OpenCV's"))
     for name, color, depth in pictures():
         bgr, grey = np.ascontiguousarray(color[..., ::-1]), depth_in_millimetres(depth)
-        jobs: dict[str, tuple[posted.Array, Callable[[], bytes], Callable[[], bytes]]] = {
+        jobs: dict[str, tuple[render_requests.Array, Callable[[], bytes], Callable[[], bytes]]] = {
             "PNG, RGB": (color, partial(png_rgb, color), partial(encoded, ".png", bgr)),
             "PNG, 16 bit": (grey, partial(png_gray16, grey), partial(encoded, ".png", grey)),
             "TIFF, 32-bit float": (depth, partial(tiff_float32, depth), partial(encoded, ".tiff", depth)),

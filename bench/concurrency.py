@@ -20,7 +20,7 @@ from functools import partial
 
 import uvloop
 
-from bench import posted
+from bench import render_requests
 from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, heading, show
@@ -67,11 +67,11 @@ def seconds_for(threads: int, work: Callable[[int], None]) -> float:
                 return
             work(number)
 
-    crowd = [threading.Thread(target=run) for _ in range(threads)]
+    workers = [threading.Thread(target=run) for _ in range(threads)]
     begin = time.perf_counter()
-    for each in crowd:
+    for each in workers:
         each.start()
-    for each in crowd:
+    for each in workers:
         each.join()
     return time.perf_counter() - begin
 
@@ -153,18 +153,20 @@ def event_loop() -> list[Row]:
 
 def overload() -> list[Row]:
     """Send 96 requests at once to a gateway whose queue holds 16."""
-    scene = posted.textured("color", copies=2, unique=1, side=512)
+    scene = render_requests.textured("color", copies=2, unique=1, side=512)
     with gateway("--only", "render", "--queue", "16") as running:
-        post(running.port, scene.moved(*SIZE))
+        post(running.port, scene.next_body(*SIZE))
         before = running.rss()
-        bodies = [scene.moved(*SIZE) for _ in range(96)]
+        bodies = [scene.next_body(*SIZE) for _ in range(96)]
         answers: list[Answer] = []
-        crowd = [threading.Thread(target=lambda body=body: answers.append(post(running.port, body))) for body in bodies]
-        for each in crowd:
+        senders = [
+            threading.Thread(target=lambda body=body: answers.append(post(running.port, body))) for body in bodies
+        ]
+        for each in senders:
             each.start()
-        for each in crowd:
+        for each in senders:
             each.join()
-        again = post(running.port, scene.moved(*SIZE))
+        again = post(running.port, scene.next_body(*SIZE))
         after = running.rss()
     drawn = [answer.total for answer in answers if answer.status == 200]
     refused = [answer for answer in answers if answer.status == 503 and "retry-after" in answer.headers]

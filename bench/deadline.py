@@ -16,7 +16,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 from bench.gateways import Answer, Gateway, gateway, post
-from bench.posted import CONTENT_TYPE, body, fields_for
+from bench.render_requests import CONTENT_TYPE, fields_for, request_body
 from bench.table import Row, at_most, show
 from tests.support.slow import slow_gltf
 
@@ -29,7 +29,7 @@ _ALONE = 1.0
 
 def request(side: int, instances: int) -> bytes:
     """Return the form of a slow request with ``side`` x ``side`` pixels."""
-    return body(slow_gltf(10_000 if side > 2 else 1, instances), fields_for("color"), side, side)
+    return request_body(slow_gltf(10_000 if side > 2 else 1, instances), fields_for("color"), side, side)
 
 
 def pixel(running: Gateway) -> None:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.posted import CONTENT_TYPE
+from bench.render_requests import CONTENT_TYPE
 from gateway.testing.gateway import clean_environment
 
 TIMEOUT = 600.0

@@ -42,7 +42,7 @@ import trimesh
 import trimesh.exchange.gltf
 
 from bench import gltf_files
-from bench.posted import scene_of
+from bench.render_requests import scene_of
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import TURN, in_turns, timed
 from gateway.gltf import GltfCache, read_gltf

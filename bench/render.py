@@ -26,9 +26,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bench import posted
-from bench.crowd import Crowded, crowd
+from bench import render_requests
 from bench.gateways import Answer, Gateway, gateway, post
+from bench.load_clients import LoadResult, run_clients
 from bench.table import Row, at_least, at_most, geometric_mean, heading, show, skipped
 from bench.viewer import cpu_of
 
@@ -122,14 +122,14 @@ def compare(
     print("|---|---|---|---|---|---|---|---|")
     for number in SCENES:
         for width, height in sizes:
-            for kind in posted.KINDS:
-                scene = posted.recorded(folder, number, kind)
+            for kind in render_requests.KINDS:
+                scene = render_requests.recorded(folder, number, kind)
                 answers = []
                 for frame in range(2 * (frames + WARM)):
                     if frame == 2 * WARM:
                         for server in servers:
                             server.forget()
-                    body = scene.moved(width, height)
+                    body = scene.next_body(width, height)
                     answers = [server.ask(body, whole=frame % 2 == 1) for server in servers]
                 spent = [server.spent() for server in servers]
                 to_first = [statistics.median(server.first) for server in servers]
@@ -149,11 +149,11 @@ def compare(
     if vtk is None:
         return [skipped("`/render` against VTK", "no --peers")]
     rows = []
-    for kind in posted.KINDS:
+    for kind in render_requests.KINDS:
         what = f"`/render` {kind}, 640×480, last byte in to first byte out: geometric mean of {len(SCENES)} scenes"
         by_cpu = f"; by CPU time {geometric_mean(work[kind]):.1f}×"
         rows.append(_against_vtk(what, first[kind], FIRST_BYTE_GOALS[kind], by_cpu))
-    for kind in posted.KINDS:
+    for kind in render_requests.KINDS:
         what = f"`/render` {kind}, 640×480, over HTTP, new connection each: geometric mean"
         rows.append(_against_vtk(what, whole[kind], HTTP_GOAL))
     return rows
@@ -171,20 +171,20 @@ def _against_vtk(what: str, times: list[tuple[float, float]], goal: float, note:
 class Turns:
     """One and four clients, in turns."""
 
-    one: list[Crowded] = field(default_factory=list)
-    four: list[Crowded] = field(default_factory=list)
+    one: list[LoadResult] = field(default_factory=list)
+    four: list[LoadResult] = field(default_factory=list)
 
     @classmethod
-    def of(cls, port: int, pid: int, scene: posted.Posted, requests: int, turns: int = 5) -> Turns:
+    def of(cls, port: int, pid: int, scene: render_requests.RenderScene, requests: int, turns: int = 5) -> Turns:
         """The first turn warms the caches."""
         found = cls()
         for _ in range(turns + 1):
             for clients, seen in ((1, found.one), (4, found.four)):
-                seen.append(crowd(port, pid, [scene.moved(640, 480) for _ in range(requests)], clients))
+                seen.append(run_clients(port, pid, [scene.next_body(640, 480) for _ in range(requests)], clients))
         del found.one[0], found.four[0]
         return found
 
-    def medians(self, what: Callable[[Crowded], float]) -> tuple[float, float]:
+    def medians(self, what: Callable[[LoadResult], float]) -> tuple[float, float]:
         """With one client and with four."""
         return statistics.median(map(what, self.one)), statistics.median(map(what, self.four))
 
@@ -225,13 +225,13 @@ def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) ->
     print(f"\n| requests/s, 640×480 | {TURNS_HEAD} VTK, one | four |\n|{'---|' * 16}")
     found: list[Turns] = []
     for number in ("001", "010"):
-        for kind in posted.KINDS:
-            scene = posted.recorded(folder, number, kind)
+        for kind in render_requests.KINDS:
+            scene = render_requests.recorded(folder, number, kind)
             found.append(Turns.of(ours.port, ours.pid, scene, 2 * frames))
             theirs = ["", ""]
             if vtk is not None:
-                bodies = [scene.moved(640, 480) for _ in range(8)]
-                theirs = [f"{crowd(vtk.port, vtk.pid, bodies, clients).rate:.1f}" for clients in (1, 4)]
+                bodies = [scene.next_body(640, 480) for _ in range(8)]
+                theirs = [f"{run_clients(vtk.port, vtk.pid, bodies, clients).rate:.1f}" for clients in (1, 4)]
             print(f"| {scene.name} {kind} | {found[-1].cells()} | {' | '.join(theirs)} |", flush=True)
     costs = [four / one for one, four in (turns.medians(lambda seen: seen.server_ms) for turns in found)]
     what = "`/render`, the server's CPU time a request with four clients against one (geometric mean)"
@@ -281,8 +281,8 @@ def scheduling(folder: Path, frames: int) -> list[Row]:
     found: list[Turns] = []
     with gateway("--only", "render", "--frame-threads", "1") as running:
         for number in ("001", "010"):
-            for kind in posted.KINDS:
-                scene = posted.recorded(folder, number, kind)
+            for kind in render_requests.KINDS:
+                scene = render_requests.recorded(folder, number, kind)
                 found.append(Turns.of(running.port, running.process.pid, scene, 2 * frames))
                 print(f"| {scene.name} {kind} | {found[-1].cells()} |", flush=True)
     return gained("`/render`, one thread a frame", found)
@@ -291,10 +291,10 @@ def scheduling(folder: Path, frames: int) -> list[Row]:
 def big(vtk: Server | None, frames: int) -> list[Row]:
     """The scene of 25 MB, on a gateway that has never seen it."""
     rows: list[Row] = []
-    for kind in posted.KINDS:
-        scene = posted.textured(kind)
+    for kind in render_requests.KINDS:
+        scene = render_requests.textured(kind)
         if not rows:
-            size = len(scene.moved(640, 480)) / 1e6
+            size = len(scene.next_body(640, 480)) / 1e6
             print(f"\n| {size:.1f} MB of textured meshes, 640×480 | to first byte, ms | over HTTP, ms ", end="")
             print("| server's CPU ms a request | stages |\n|---|---|---|---|---|")
         with gateway("--only", "render") as running:
@@ -302,19 +302,19 @@ def big(vtk: Server | None, frames: int) -> list[Row]:
             for server in [ours, vtk] if vtk is not None else [ours]:
                 name = "ours" if server is ours else "VTK"
                 server.forget()
-                first = post(server.port, scene.moved(640, 480), pause=0.5)
+                first = post(server.port, scene.next_body(640, 480), pause=0.5)
                 stages = " + ".join(f"{stage} {ms:.1f}" for stage, ms in first.stages.items())
                 cells = f"{first.first:.0f} | {first.total - 500:.0f} | {server.spent():.0f} | {stages}"
                 print(f"| {name}, {kind}, cold | {cells} |", flush=True)
                 if server is ours:  # a text is kept when it comes for the second time
-                    server.ask(scene.moved(640, 480), whole=True)
-                    server.ask(scene.moved(640, 480), whole=True)
+                    server.ask(scene.next_body(640, 480), whole=True)
+                    server.ask(scene.next_body(640, 480), whole=True)
                 server.forget()
                 for _ in range(frames if server is ours else 1):  # VTK reads all of it again, for seconds
-                    answer = post(server.port, scene.moved(640, 480), pause=0.15)
+                    answer = post(server.port, scene.next_body(640, 480), pause=0.15)
                     server.first.append(answer.first)
                     server.stages.append(answer.stages)
-                    server.ask(scene.moved(640, 480), whole=True)
+                    server.ask(scene.next_body(640, 480), whole=True)
                 took, over = statistics.median(server.first), statistics.median(server.total)
                 cells = f"{took:.1f} | {over:.1f} | {server.spent():.1f} | {server.split()}"
                 print(f"| {name}, {kind}, poses changed | {cells} |", flush=True)
@@ -330,14 +330,14 @@ def unchanged(ours: Server, folder: Path, frames: int) -> list[Row]:
     print("\n" + heading("poses changed / unchanged, over HTTP, 640×480, ms", "changed", "unchanged", "ratio"))
     ratios = []
     for number in SCENES:
-        for kind in posted.KINDS:
-            scene = posted.recorded(folder, number, kind)
-            same = scene.moved(640, 480)
+        for kind in render_requests.KINDS:
+            scene = render_requests.recorded(folder, number, kind)
+            same = scene.next_body(640, 480)
             ours.forget()
             times: dict[bool, list[float]] = {True: [], False: []}
             for frame in range(frames + WARM):
                 for moved in (True, False):
-                    other = scene.moved(640, 480)  # also where it is not sent: it cools the processors' caches
+                    other = scene.next_body(640, 480)  # also where it is not sent: it cools the processors' caches
                     answer = ours.ask(other if moved else same, whole=True)
                     if frame >= WARM:
                         times[moved].append(answer.total)
@@ -356,7 +356,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--only", default="compare,clients,unchanged,big", help="parts, with commas between")
     options = parser.parse_args()
-    folder = posted.corpus()
+    folder = render_requests.corpus()
     if folder is None:
         show([skipped("`/render`", "SCENEGATE_CORPUS names no recorded requests")])
         return

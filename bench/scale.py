@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.gateways import Answer, Gateway, gateway, post
-from bench.posted import textured
+from bench.render_requests import textured
 from bench.table import Row, at_least, show, skipped
 
 CONFIG = Path(__file__).parents[1] / "deploy" / "haproxy" / "haproxy.cfg"
@@ -190,7 +190,7 @@ def main() -> None:
         show([skipped("replicas behind HAProxy", "there is no haproxy")])
         return
     scene = textured("color", copies=2, unique=2, side=256)
-    bodies = [scene.moved(WIDTH, HEIGHT) for _ in range(count)]
+    bodies = [scene.next_body(WIDTH, HEIGHT) for _ in range(count)]
     print(
         f"{count} renders of {WIDTH}x{HEIGHT} a row, {len(bodies[0]) / 1e6:.2f} MB a request, {CLIENTS} clients, "
         f"{os.cpu_count()} cores. On a busy machine compare the CPU times, not the rates.",

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import posted
+from bench import render_requests
 from bench.gateways import gateway, post
 from bench.table import Row, at_most, show
 
@@ -82,7 +82,7 @@ def _cold_start(environment: dict[str, str]) -> list[Row]:
 
 def different_scenes(count: int) -> Iterator[bytes]:
     """Yield render requests that share no geometry."""
-    positions, normals, uv, triangles = posted.sphere(32, 32)
+    positions, normals, uv, triangles = render_requests.sphere(32, 32)
     rng = np.random.default_rng(5)
     names = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes")
     for _ in range(count):
@@ -91,15 +91,15 @@ def different_scenes(count: int) -> Iterator[bytes]:
         document |= {"cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "zfar": 10.0, "znear": 0.01}}]}
         stretched = (positions * rng.uniform(0.5, 1.5, 3)).astype(np.float32)
         attributes = {
-            "POSITION": posted.accessor(document, stretched, 5126, "VEC3"),
-            "NORMAL": posted.accessor(document, normals * np.float32(rng.uniform(0.9, 1.1)), 5126, "VEC3"),
-            "TEXCOORD_0": posted.accessor(document, uv * np.float32(rng.uniform(0.5, 1.0)), 5126, "VEC2"),
+            "POSITION": render_requests.accessor(document, stretched, 5126, "VEC3"),
+            "NORMAL": render_requests.accessor(document, normals * np.float32(rng.uniform(0.9, 1.1)), 5126, "VEC3"),
+            "TEXCOORD_0": render_requests.accessor(document, uv * np.float32(rng.uniform(0.5, 1.0)), 5126, "VEC2"),
         }
-        indices = posted.accessor(document, rng.permutation(triangles).reshape(-1), 5125, "SCALAR")
+        indices = render_requests.accessor(document, rng.permutation(triangles).reshape(-1), 5125, "SCALAR")
         document["materials"].append({"pbrMetallicRoughness": {"baseColorFactor": [*rng.random(3), 1.0]}})
         document["meshes"].append({"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]})
         document["nodes"] += [{"mesh": 0, "matrix": [*np.eye(4).ravel()[:14], -2.0, 1.0]}, {"camera": 0}]
-        yield posted.body(json.dumps(document).encode(), posted.fields_for("color"), 320, 240)
+        yield render_requests.request_body(json.dumps(document).encode(), render_requests.fields_for("color"), 320, 240)
 
 
 def memory(count: int, plot: Path | None) -> list[Row]:

@@ -27,10 +27,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench import posted
+from bench import render_requests
 from bench.concurrency import percentile
-from bench.crowd import Crowded, crowd
 from bench.gateways import Gateway, gateway
+from bench.load_clients import LoadResult, run_clients
 from bench.table import heading
 from gateway.runtime.worker_pool import usable_cpus
 
@@ -44,11 +44,11 @@ POLL_SECONDS = 0.1
 """Interval between two checks whether a server is ready."""
 
 
-def scenes() -> list[posted.Posted]:
+def scenes() -> list[render_requests.RenderScene]:
     """Return the requests to measure: each scene with each image type."""
-    if (folder := posted.corpus()) is None:
-        return [posted.textured(kind, copies=2, unique=2, side=256) for kind in KINDS]
-    return [posted.recorded(folder, number, kind) for number in SCENES for kind in KINDS]
+    if (folder := render_requests.corpus()) is None:
+        return [render_requests.textured(kind, copies=2, unique=2, side=256) for kind in KINDS]
+    return [render_requests.recorded(folder, number, kind) for number in SCENES for kind in KINDS]
 
 
 def wait_until_ready(running: Gateway, workers: int) -> None:
@@ -66,8 +66,8 @@ def wait_until_ready(running: Gateway, workers: int) -> None:
 
 
 def measure(
-    servers: Mapping[int, Gateway], scene: posted.Posted, clients: int, requests: int, turns: int
-) -> dict[int, list[Crowded]]:
+    servers: Mapping[int, Gateway], scene: render_requests.RenderScene, clients: int, requests: int, turns: int
+) -> dict[int, list[LoadResult]]:
     """Return the results of each turn, by number of workers. A first turn fills the caches and is left out.
 
     Args:
@@ -77,16 +77,18 @@ def measure(
         requests: number of requests to each server in each turn.
         turns: number of turns.
     """
-    results: dict[int, list[Crowded]] = {workers: [] for workers in servers}
+    results: dict[int, list[LoadResult]] = {workers: [] for workers in servers}
     for turn in range(turns + 1):
         for workers, running in servers.items():
-            result = crowd(running.port, running.process.pid, [scene.moved(*SIZE) for _ in range(requests)], clients)
+            result = run_clients(
+                running.port, running.process.pid, [scene.next_body(*SIZE) for _ in range(requests)], clients
+            )
             if turn:
                 results[workers].append(result)
     return results
 
 
-def median(results: Sequence[Crowded], figure: Callable[[Crowded], float]) -> float:
+def median(results: Sequence[LoadResult], figure: Callable[[LoadResult], float]) -> float:
     """Return the median of a figure over all turns."""
     return statistics.median(map(figure, results))
 

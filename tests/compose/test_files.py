@@ -75,9 +75,9 @@ def test_haproxy_reads_its_configuration() -> None:
 def test_a_killed_replica_is_hidden_by_the_balancer() -> None:
     if shutil.which("haproxy") is None:
         pytest.skip("there is no haproxy")
-    from bench.posted import textured
+    from bench.render_requests import textured
     from bench.scale import killed
 
     scene = textured("label", copies=1, unique=1, side=64)
-    rows = list(killed([scene.moved(160, 120) for _ in range(60)]))
+    rows = list(killed([scene.next_body(160, 120) for _ in range(60)]))
     assert [row.what for row in rows if row.met is False] == []

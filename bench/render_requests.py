@@ -1,4 +1,4 @@
-"""Requests of Drake's client for the benches: recorded ones with other poses and sizes, and scenes made up here."""
+"""Render requests as Drake's client sends them: recorded ones with changed poses and sizes, and generated scenes."""
 
 from __future__ import annotations
 
@@ -23,40 +23,42 @@ Array = np.ndarray[Any, Any]
 
 
 def corpus() -> Path | None:
-    """The folder of recorded requests that the environment names."""
-    named = os.environ.get("SCENEGATE_CORPUS")
-    return Path(named) if named and (Path(named) / "drake").is_dir() else None
+    """Return the folder of recorded requests, SCENEGATE_CORPUS; None if there is none."""
+    folder = os.environ.get("SCENEGATE_CORPUS")
+    return Path(folder) if folder and (Path(folder) / "drake").is_dir() else None
 
 
 def scene_of(body: bytes) -> bytes:
-    """The glTF part of a recorded request, which is the last one."""
+    """Return the glTF document of a recorded request: its last part."""
     start = body.index(b"\r\n\r\n", body.rindex(b'name="scene";')) + 4
     return body[start : body.rindex(b"\r\n--")]
 
 
 @dataclass
-class Posted:
-    """A scene whose pictures are asked for, each with other poses than the one before."""
+class RenderScene:
+    """A scene, and requests for images of it, each with different poses."""
 
     name: str
     fields: dict[str, str]
     """Form fields of the recorded request."""
     nodes: list[dict[str, Any]]
+    """Nodes of the glTF document."""
     before: bytes
-    """The document's text before its nodes ..."""
+    """Text of the document before its nodes."""
     after: bytes
-    """... and after them."""
+    """Text of the document after its nodes."""
     _numbers: Iterator[int] = field(default_factory=lambda: iter(range(1, 1 << 30)))
 
     @classmethod
-    def of_document(cls, name: str, fields: dict[str, str], document: dict[str, Any]) -> Posted:
+    def of_document(cls, name: str, fields: dict[str, str], document: dict[str, Any]) -> RenderScene:
+        """Return the scene of a glTF document."""
         nodes = document["nodes"]
         text = json.dumps({**document, "nodes": "HERE"}, separators=(",", ":")).encode()
         before, _, after = text.partition(b'"HERE"')
         return cls(name, fields, nodes, before, after)
 
     def scene(self, number: int) -> bytes:
-        """The document; everything stands a little elsewhere with every number."""
+        """Return the document with moved nodes: all poses depend on the number."""
         nodes = copy.deepcopy(self.nodes)
         for index, node in enumerate(nodes):
             if "mesh" in node or "camera" in node:
@@ -65,13 +67,19 @@ class Posted:
                     matrix[12 + axis] += 0.002 * math.sin(number + index + axis)
         return self.before + json.dumps(nodes, separators=(",", ":")).encode() + self.after
 
-    def moved(self, width: int, height: int) -> bytes:
-        """The body of a request whose poses were never sent before."""
-        return body(self.scene(next(self._numbers)), self.fields, width, height)
+    def next_body(self, width: int, height: int) -> bytes:
+        """Return the body of a request with poses that no earlier one had."""
+        return request_body(self.scene(next(self._numbers)), self.fields, width, height)
 
 
-def body(scene: bytes, fields: Mapping[str, str], width: int, height: int) -> bytes:
-    """A request for a picture of this size, of the view that the fields describe."""
+def request_body(scene: bytes, fields: Mapping[str, str], width: int, height: int) -> bytes:
+    """Return the body of a request for an image of a size.
+
+    Args:
+        scene: glTF document.
+        fields: form fields. Their intrinsics are scaled to the size.
+        width, height: size of the image, pixels.
+    """
     fields = dict(fields)
     across, down = width / int(fields["width"]), height / int(fields["height"])
     scale = max(across, down)
@@ -88,16 +96,22 @@ def body(scene: bytes, fields: Mapping[str, str], width: int, height: int) -> by
     return b"".join((head, part.encode(), scene, f"\r\n--{BOUNDARY}--\r\n".encode()))
 
 
-def recorded(folder: Path, number: str, kind: str) -> Posted:
-    """The recorded request of a scene by the number that its folder's name begins with."""
-    where = next(folder.glob(f"drake/scenes/{number}_*")) / kind
-    fields = json.loads((where / "fields.json").read_text())["fields"]
-    document = json.loads(scene_of((where / "request.multipart").read_bytes()))
-    return Posted.of_document(where.parent.name, fields, document)
+def recorded(folder: Path, number: str, kind: str) -> RenderScene:
+    """Return the scene of a recorded request.
+
+    Args:
+        folder: folder of recorded requests, see ``corpus``.
+        number: start of the name of the scene's folder.
+        kind: image type.
+    """
+    request = next(folder.glob(f"drake/scenes/{number}_*")) / kind
+    fields = json.loads((request / "fields.json").read_text())["fields"]
+    document = json.loads(scene_of((request / "request.multipart").read_bytes()))
+    return RenderScene.of_document(request.parent.name, fields, document)
 
 
 def fields_for(kind: str, near: float = 0.01, far: float = 10.0) -> dict[str, str]:
-    """A form for a picture of 640 x 480."""
+    """Return the form fields of a request for an image of 640 x 480 pixels. The planes are in metres."""
     numbers = {"far": far, "focal_x": 579.411255, "focal_y": 579.411255, "near": near}
     numbers |= {"max_depth": far, "min_depth": near} if kind == "depth" else {}
     texts = {name: f"{value:.6f}" for name, value in numbers.items()}
@@ -105,7 +119,7 @@ def fields_for(kind: str, near: float = 0.01, far: float = 10.0) -> dict[str, st
 
 
 def accessor(document: dict[str, Any], values: Array, component: int, kind: str) -> int:
-    """Adds an array to a document as Drake's client does: a buffer for each."""
+    """Add an array to a glTF document, with a buffer of its own as Drake's client does. Return the accessor's index."""
     data = values.tobytes()
     uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     index = len(document["buffers"])
@@ -116,7 +130,7 @@ def accessor(document: dict[str, Any], values: Array, component: int, kind: str)
 
 
 def sphere(columns: int, rows: int) -> tuple[Array, Array, Array, Array]:
-    """Positions, normals and texture coordinates (float32) and triangles (uint32) of a sphere of diameter one."""
+    """Return positions, normals, texture coordinates (float32) and triangles (uint32) of a sphere of diameter 1."""
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
     a, b = 2 * np.pi * u, np.pi * v
     normals = np.stack((np.cos(a) * np.sin(b), np.sin(a) * np.sin(b), np.cos(b)), axis=-1).reshape(-1, 3)
@@ -124,13 +138,19 @@ def sphere(columns: int, rows: int) -> tuple[Array, Array, Array, Array]:
     below = first + columns + 1
     triangles = np.concatenate((np.stack((first, below, first + 1), 1), np.stack((first + 1, below, below + 1), 1)))
     uv = np.stack((u, v), -1).reshape(-1, 2)
-    narrow = np.float32
-    return (0.5 * normals).astype(narrow), normals.astype(narrow), uv.astype(narrow), triangles.astype(np.uint32)
+    f32 = np.float32
+    return (0.5 * normals).astype(f32), normals.astype(f32), uv.astype(f32), triangles.astype(np.uint32)
 
 
-def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> Posted:
-    """A scene of 25 MB: ``copies`` spheres of 20,000 triangles, each with a texture of its own in the file, but only
-    ``unique`` of them different, as Drake's client sends a mesh that stands in several places."""
+def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> RenderScene:
+    """Return a scene of spheres with 20,000 triangles and a texture each; 25 MB by default.
+
+    Args:
+        kind: image type.
+        copies: number of spheres. Each has its own mesh and texture in the document, as Drake's client sends them.
+        unique: number of different meshes and textures.
+        side: width and height of the textures, pixels.
+    """
     rng = np.random.default_rng(7)
     names = ("accessors", "bufferViews", "buffers", "images", "materials", "meshes", "nodes", "textures")
     document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "Drake glTF merger"}}
@@ -140,13 +160,13 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
     document["cameras"].append(
         {"perspective": {"aspectRatio": 4 / 3, "yfov": 0.8, "zfar": 10.0, "znear": 0.01}, "type": "perspective"}
     )
-    pictures = []
+    textures = []
     for _ in range(unique):
         noise = rng.integers(0, 256, (side // 32, side // 32, 3), dtype=np.uint8)
-        picture = cv2.resize(noise, (side, side), interpolation=cv2.INTER_CUBIC)
-        encoded = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 64))[1]
-        pictures.append("data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode())
-    meshes = [sphere(100 + which, 100) for which in range(unique)]
+        texture = cv2.resize(noise, (side, side), interpolation=cv2.INTER_CUBIC)
+        encoded = cv2.imencode(".jpg", texture, (cv2.IMWRITE_JPEG_QUALITY, 64))[1]
+        textures.append("data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode())
+    meshes = [sphere(100 + index, 100) for index in range(unique)]
     for number in range(copies):
         positions, normals, uv, triangles = meshes[number % unique]
         attributes = {
@@ -155,15 +175,15 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
             "TEXCOORD_0": accessor(document, uv, 5126, "VEC2"),
         }
         indices = accessor(document, triangles.reshape(-1), 5125, "SCALAR")
-        document["images"].append({"mimeType": "image/jpeg", "uri": pictures[number % unique]})
+        document["images"].append({"mimeType": "image/jpeg", "uri": textures[number % unique]})
         document["textures"].append({"sampler": 0, "source": number})
         pbr = {"baseColorTexture": {"index": number}, "metallicFactor": 0.0, "roughnessFactor": 0.6}
         document["materials"].append({"pbrMetallicRoughness": pbr})
         primitive = {"attributes": attributes, "indices": indices, "material": number}
         document["meshes"].append({"primitives": [primitive]})
-        place = [1.1 * (number % 4) - 1.65, 1.1 * (number // 4) - 1.1, -4.0]
-        matrix = [*np.eye(4).ravel()[:12], *place, 1.0]
+        position = [1.1 * (number % 4) - 1.65, 1.1 * (number // 4) - 1.1, -4.0]
+        matrix = [*np.eye(4).ravel()[:12], *position, 1.0]
         document["nodes"].append({"mesh": number, "name": f"ball{number}", "matrix": matrix})
     document["nodes"].append({"camera": 0, "name": "Camera Node", "matrix": [*np.eye(4).ravel()]})
     document["scenes"].append({"nodes": list(range(copies + 1))})
-    return Posted.of_document("25 MB", fields_for(kind), document)
+    return RenderScene.of_document("25 MB", fields_for(kind), document)
