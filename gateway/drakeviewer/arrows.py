@@ -15,7 +15,7 @@ from gateway.scene.transforms import scaling, translation
 from renderers import primitives
 
 SIDES: Final = 12
-"""Sides of an arrow's cylinder and cones: a message may have thousands of arrows a few pixels wide."""
+"""Number of sides of an arrow's cylinder and cones. A message may have thousands of arrows a few pixels wide."""
 
 
 def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:

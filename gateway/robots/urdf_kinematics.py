@@ -66,8 +66,8 @@ def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
     """Return X_joint_child of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
 
-    The x axis of the plane is a projection into the plane: of that axis of the joint's frame with the smallest angle to
-    the plane. It is x for the normal z.
+    The plane's x axis is an axis of the joint's frame, projected into the plane: the one with the smallest angle to the
+    plane, and x if the normal is z.
 
     Args:
         normal: (3,) unit vector.

@@ -52,9 +52,8 @@ def text_image(text: str, color: Color, background: Color) -> tuple[NDArray[np.u
         image.paste(_uint8_channels(color), (0, 0), Image.fromarray(alpha))
         return np.array(image), height / size
     pixels = np.empty((height, width, 4), np.uint8)
-    pixels[:, :, :3] = _uint8_channels(color)[
-        :3
-    ]  # in transparent pixels, too: filters mix them into the letters' edges
+    # Transparent pixels have the colour, too: filters mix them into the letters' edges.
+    pixels[:, :, :3] = _uint8_channels(color)[:3]
     pixels[:, :, 3] = alpha
     return pixels, height / size
 

@@ -22,7 +22,7 @@ KEEP_ALIVE_SECONDS: Final = 60
 """Time for the next request on a connection."""
 UNRESPONSIVE_SECONDS: Final = 60
 """Time after which uvicorn's supervisor replaces a process that does not respond. New processes do not respond during
-their imports, which take shorter even on an overloaded machine."""
+their imports, which take less time than this even on an overloaded machine."""
 
 
 def server_config(

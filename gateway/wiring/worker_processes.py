@@ -17,7 +17,7 @@ from gateway.wiring.context import Context
 async def write_worker_reports(context: Context) -> AsyncIterator[None]:
     """Write this process's reports while the block runs. Without ``--workers``, this does nothing.
 
-    In a replacement for an ended process, the block starts when the process is ready. Until then, the other processes
+    If the process replaces another one, the block starts when it is ready. Until then, the other processes
     accept all connections.
     """
     reports = context.reports
@@ -40,9 +40,8 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
 
 async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
     while True:
-        with contextlib.suppress(
-            OSError
-        ):  # a full disk: the process goes on serving, and the other processes regard it as silent
+        # With a full disk, the process goes on serving, and the others regard it as silent.
+        with contextlib.suppress(OSError):
             await _write(context, reports)
         await asyncio.sleep(INTERVAL_SECONDS)
 

@@ -61,10 +61,10 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
 
 
 def _primitive(shape: scene.Shape, X: NDArray[np.float64], material: Material) -> Geometry | None:
-    """Return a shape as the same geometry of the protocol.
+    """Return a shape as a primitive of the protocol.
 
     Returns:
-        None if the protocol has no such geometry, or ``X`` scales, shears or mirrors it.
+        None if the protocol has no such primitive, or ``X`` scales, shears or mirrors it.
     """
     R = X[:3, :3]
     if not np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) or np.linalg.det(R) < 0.0:

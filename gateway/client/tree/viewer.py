@@ -125,8 +125,8 @@ class TreeViewer:
     ) -> Answer:
         """Set background, grid and home camera of the page in the browser, for open pages and later ones.
 
-        None resets a setting to the page's default. Settings that are left out stay as they are. In a page whose own
-        controls have been used, their choices take precedence.
+        None resets a setting to the page's default. Settings that are left out stay as they are. Choices made in the
+        page's own controls take precedence.
 
         Args:
             background: a colour as in ``color`` of geometry, without alpha.
@@ -204,7 +204,7 @@ class TreeViewer:
         geometry: Literal["visual", "collision"] = "visual",
         textures: bool = True,
     ) -> PublishedRobot:
-        """Publish a robot file in place of everything at and below a path. Each link has a path below it, its name.
+        """Publish a robot file in place of everything at and below a path. Each link is below it, by name.
 
         Args:
             path: Path of the robot: ``"panda"``.
@@ -308,9 +308,8 @@ class TreeViewer:
             everything = self._published.all()
         everything.click_paths = self._clicks.paths() or None
         if everything.entries or everything.newer_commands():
-            with contextlib.suppress(
-                ConnectionError
-            ):  # no caller waits; the next request publishes again what is missing
+            # No caller waits. The next request publishes again what is missing.
+            with contextlib.suppress(ConnectionError):
                 self._post_only(everything.body())
 
 
