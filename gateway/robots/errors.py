@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Final
+
+MAX_COMPARED_CHARS: Final = 100
+"""Longer names are not compared: the time to compare two names grows with the product of their lengths."""
 
 
 class RobotFileError(ValueError):
@@ -13,9 +17,11 @@ class RobotFileError(ValueError):
 def name_hint(name: str, names: Iterable[str]) -> str:
     """Return the end of an error sentence on an unknown name: "; did you mean a, b?", or "; there are a, b, …"."""
     known = list(names)
-    folded = {other.casefold(): other for other in known}
-    similar = [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
-    similar += [other for other in known if name and name.casefold() in other.casefold() and other not in similar]
+    similar: list[str] = []
+    if 0 < len(name) <= MAX_COMPARED_CHARS:
+        folded = {other.casefold(): other for other in known if len(other) <= MAX_COMPARED_CHARS}
+        similar += [folded[match] for match in difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+        similar += [other for other in known if name.casefold() in other.casefold() and other not in similar]
     if similar:
         return f"; did you mean {', '.join(similar[:3])}?"
     if not known:
