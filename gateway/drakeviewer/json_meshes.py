@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -38,7 +37,7 @@ class FileSource(msgspec.Struct):
             return files.read(self.path)
         try:
             return base64.b64decode(self.contents or "", validate=True)
-        except binascii.Error as error:
+        except ValueError as error:  # binascii.Error, or characters that are not ASCII
             raise MessageError(f"the mesh in memory {quoted(self.filename_hint)} is not base64: {error}") from None
 
 

@@ -168,8 +168,10 @@ def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None
         keys: tuple[LinkKey, ...] = tuple(zip(robots, texts, strict=True))
         names = LinkNames(bytes(message[begin : reader.offset]), keys)
     poses = np.empty((count, 7))
-    poses[:, :3] = np.frombuffer(reader.take(12 * count), ">f4").reshape(count, 3)
-    poses[:, 3:] = np.frombuffer(reader.take(16 * count), ">f4").reshape(count, 4)
+    positions, quaternions = reader.take(12 * count), reader.take(16 * count)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        poses[:, :3] = np.frombuffer(positions, ">f4").reshape(count, 3)
+        poses[:, 3:] = np.frombuffer(quaternions, ">f4").reshape(count, 4)
     return Draw(names, milliseconds / 1000.0, poses)
 
 

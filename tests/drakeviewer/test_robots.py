@@ -219,6 +219,8 @@ def test_unusual_poses(viewer: Viewer) -> None:
     assert flatten(viewer.live.snapshot.root).instances == ()
     viewer.handle(DRAW, draw({(1, "a"): (0, 0, 0, 0, 0, 0, 0)}))
     assert len(flatten(viewer.live.snapshot.root).instances) == 1
+    viewer.handle(DRAW, draw({(1, "a"): IDENTITY})[:-4] + bytes.fromhex("7fa00000"))  # a signalling NaN
+    assert flatten(viewer.live.snapshot.root).instances == ()
 
 
 def test_mesh_in_memory(viewer: Viewer) -> None:
@@ -346,8 +348,8 @@ def test_nodes_of_all_channels_are_limited() -> None:
 
 
 def test_names_of_meshes_in_memory_are_limited(viewer: Viewer) -> None:
-    for name, reason in ((4096, "base64"), (4097, "length <= 4096 .*filename_hint")):
-        text = json.dumps({"in_memory_mesh": {"mesh_file": {"contents": "%", "filename_hint": "x" * name}}})
+    for name, reason in ((4096, "is not base64"), (4097, "length <= 4096 .*filename_hint")):
+        text = json.dumps({"in_memory_mesh": {"mesh_file": {"contents": "é", "filename_hint": "x" * name}}})
         problem = viewer.handle(LOAD, load(link("a", 0, geometry(MESH, [1, 1, 1], string=text))))
         assert re.search(reason, problem)
         assert len(problem) < 300
