@@ -84,7 +84,7 @@ def test_demo_is_not_stored(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("flags", "nodes"), [((), 2), (("--drake-viewer", "off"), 4)])
+@pytest.mark.parametrize(("flags", "nodes"), [((), 2), (("--no-drake-viewer",), 4)])
 def test_what_drake_publishes_is_not_stored(tmp_path: Path, flags: tuple[str, ...], nodes: int) -> None:
     state = tmp_path / "gateway.state"
     arrow = {"path": ["drake", "contacts"], "geometry": BOX}
