@@ -121,13 +121,13 @@ class MeshFiles:
         """
         if extension not in FORMATS:
             formats = ", ".join(sorted(FORMATS))
-            raise MeshFileError(f"{_quoted(name)} is not a file of a known format ({formats})")
+            raise MeshFileError(f"{quoted(name)} is not a file of a known format ({formats})")
         if len(data) > self._limits.max_bytes:
-            raise MeshFileError(f"{_quoted(name)} has {len(data)} bytes, the limit is {self._limits.max_bytes}")
+            raise MeshFileError(f"{quoted(name)} has {len(data)} bytes, the limit is {self._limits.max_bytes}")
         try:
             parts = parse_mesh(data, extension, resolve, self._limits.gltf)
         except (MeshFormatError, GltfError) as error:
-            raise MeshFileError(f"{_quoted(name)}: {error}") from error
+            raise MeshFileError(f"{quoted(name)}: {error}") from error
         return _scaled(tuple(msgspec.structs.replace(part, kind="mesh_file", source=name) for part in parts), scale)
 
     def read(self, filename: str) -> bytes:
@@ -138,7 +138,7 @@ class MeshFiles:
         """
         allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
         if not allowed:
-            raise MeshFileError(f"{_quoted(filename)} lies outside of the folders that are open to clients")
+            raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
         for path in allowed:
             if _is_file(path):
                 try:
@@ -146,16 +146,16 @@ class MeshFiles:
                 except _NotAllowedError as error:
                     raise MeshFileError(str(error)) from error
                 except OSError as error:
-                    raise MeshFileError(f"{_quoted(filename)} cannot be read: {error.strerror}") from error
-        raise MeshFileError(f"{_quoted(filename)}: there is no such file", missing=True)
+                    raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
+        raise MeshFileError(f"{quoted(filename)}: there is no such file", missing=True)
 
     def _find(self, filename: str) -> Path:
         """Return the real path of an existing, allowed file of a known format."""
         if not self._roots:
-            raise MeshFileError(f"{_quoted(filename)}: no folder is open to clients (--mesh-root)")
+            raise MeshFileError(f"{quoted(filename)}: no folder is open to clients (--mesh-root)")
         allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
         if not allowed:
-            raise MeshFileError(f"{_quoted(filename)} lies outside of the folders that are open to clients")
+            raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
         for path in allowed:
             if path.suffix[1:].lower() in FORMATS and _is_file(path):
                 return path
@@ -167,24 +167,24 @@ class MeshFiles:
         for path in allowed:
             if _stamp(str(path)) is not None:
                 formats = ", ".join(sorted(FORMATS))
-                raise MeshFileError(f"{_quoted(filename)} is not a file of a known format ({formats})")
-        raise MeshFileError(f"{_quoted(filename)}: there is no such file", missing=True)
+                raise MeshFileError(f"{quoted(filename)} is not a file of a known format ({formats})")
+        raise MeshFileError(f"{quoted(filename)}: there is no such file", missing=True)
 
     def _candidates(self, filename: str) -> list[Path]:
         """Return the paths that a client's name may refer to, with symbolic links resolved."""
         if "\0" in filename or not filename or len(filename) > 4096:
-            raise MeshFileError(f"{_quoted(filename)} is not a file name")
+            raise MeshFileError(f"{quoted(filename)} is not a file name")
         scheme, separator, rest = filename.partition("://")
         if separator and scheme == "package":
             package, _, path_in_package = rest.partition("/")
             folder = self._packages.folder(package)
             if folder is None:
-                raise MeshFileError(f"{_quoted(filename)}: there is no package {_quoted(package)}", missing=True)
+                raise MeshFileError(f"{quoted(filename)}: there is no package {quoted(package)}", missing=True)
             paths = [folder / path_in_package]
         elif separator and scheme == "file":
             paths = [Path("/" + unquote(rest).lstrip("/"))]
         elif separator:
-            raise MeshFileError(f"{_quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
+            raise MeshFileError(f"{quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
         elif filename.startswith("/"):
             paths = [Path(filename)]
         else:
@@ -192,7 +192,7 @@ class MeshFiles:
         try:
             return [Path(os.path.realpath(path)) for path in paths]
         except (OSError, ValueError):
-            raise MeshFileError(f"{_quoted(filename)} is not a file name") from None
+            raise MeshFileError(f"{quoted(filename)} is not a file name") from None
 
     def _is_below_root(self, path: Path) -> bool:
         return any(path.is_relative_to(root) for root in self._roots)
@@ -210,9 +210,9 @@ class MeshFiles:
             data = reader.read(path)
             parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf)
         except (MeshFormatError, GltfError, _NotAllowedError) as error:
-            raise MeshFileError(f"{_quoted(filename)}: {error}") from error
+            raise MeshFileError(f"{quoted(filename)}: {error}") from error
         except OSError as error:
-            raise MeshFileError(f"{_quoted(filename)} cannot be read: {error.strerror}") from error
+            raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
         parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
         loaded = _LoadedFile(parts, tuple(reader.stamps), _nbytes(parts))
         self.cache.put(str(path), loaded, loaded.nbytes)
@@ -242,10 +242,10 @@ class _FileReader:
             name: Path relative to the mesh file's folder, percent-encoded.
         """
         if "\0" in name or "://" in name:
-            raise _NotAllowedError(f"{_quoted(name)} is not a file beside it")
+            raise _NotAllowedError(f"{quoted(name)} is not a file beside it")
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
         if not any(path.is_relative_to(root) for root in self._roots):
-            raise _NotAllowedError(f"{_quoted(name)} lies outside of the folders that are open to clients")
+            raise _NotAllowedError(f"{quoted(name)} lies outside of the folders that are open to clients")
         return self.read(path)
 
     def read(self, path: Path) -> bytes:
@@ -259,11 +259,11 @@ class _FileReader:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise _NotAllowedError(f"{_quoted(path.name)} is not a regular file")
+                raise _NotAllowedError(f"{quoted(path.name)} is not a regular file")
             limit = min(self._limits.max_bytes, self._remaining_bytes)
             data = file.read(limit + 1)
         if len(data) > limit:
-            raise _NotAllowedError(f"{_quoted(path.name)} is larger than the {limit} bytes that are left to it")
+            raise _NotAllowedError(f"{quoted(path.name)} is larger than the {limit} bytes that are left to it")
         self._remaining_bytes -= len(data)
         if stamp is not None:
             self.stamps.append(stamp)
@@ -303,6 +303,6 @@ def _nbytes(parts: tuple[Part, ...]) -> int:
     return total
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """Return a name from a client for a message: quoted, and shortened to 120 characters."""
     return repr(name if len(name) <= 120 else name[:117] + "...")

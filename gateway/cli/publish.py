@@ -137,4 +137,5 @@ def _print(answer: Answer) -> None:
         typer.echo(warning, err=True)
     for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):
         if paths:
-            typer.echo(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}")
+            more = f" and {len(paths) - 10} more" if len(paths) > 10 else ""
+            typer.echo(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}")

@@ -20,12 +20,22 @@ SIDES: Final = 12
 
 def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:
     """Return a rotation that turns +z to ``direction``, which must not be zero, (4, 4) float64."""
-    z = np.array(direction, dtype=np.float64) / math.hypot(*direction)
-    x = np.cross(np.eye(3)[int(np.abs(z).argmin())], z)
-    x /= np.linalg.norm(x)
+    z = _normalized(direction)  # plain numbers: NumPy needs five times as long for single vectors
+    smallest = min(range(3), key=lambda axis: abs(z[axis]))
+    x = _normalized(_cross((float(smallest == 0), float(smallest == 1), float(smallest == 2)), z))
     X = np.eye(4)
-    X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    X[:3, 0], X[:3, 1], X[:3, 2] = x, _cross(z, x), z
     return X
+
+
+def _normalized(vector: Vector3) -> Vector3:
+    x, y, z = vector
+    norm = math.hypot(x, y, z)
+    return x / norm, y / norm, z / norm
+
+
+def _cross(a: Vector3, b: Vector3) -> Vector3:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def arrow(

@@ -27,6 +27,8 @@ class Limits:
     """Maximum number of points in a point cloud: 240 MB of coordinates."""
     name_bytes: int = 4096
     """Maximum length of a name: names are stored, listed and shown in the browser."""
+    name_elements: int = 32
+    """Maximum number of elements of a name such as ``source::model::link``: each is a node of the tree."""
     mesh_text_bytes: int = 256 * MIB
     """Maximum length of the JSON of a mesh in memory, with all its files."""
 
@@ -41,6 +43,9 @@ class DrakeViewerConfig:
     channels: int = 256
     """Maximum number of channels that are shown, and of other channels whose messages are counted by name. Beyond it,
     new channels of point clouds and frames are not shown; the others have fixed names, so that there are few."""
+    nodes: int = 250_000
+    """Maximum number of nodes for the links, frames and deformable bodies of all channels together: each costs about
+    500 bytes, and every image visits all of them."""
     shown_bytes: int = 4096 * MIB
     """Maximum total size of the newest message of every channel: the live tree holds their geometry."""
     waiting_bytes: int = 512 * MIB

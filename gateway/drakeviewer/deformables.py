@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gateway.drakeviewer.config import Limits
 from gateway.drakeviewer.float_meshes import surface_of
 from gateway.drakeviewer.link_paths import split_name
-from gateway.drakeviewer.messages import Link
+from gateway.drakeviewer.messages import Link, MessageError
 from gateway.drakeviewer.robots import ROOT, show_family
 from gateway.drakeviewer.shapes import color_of, transform_of
 from gateway.scene.geometry import Part
@@ -26,11 +26,16 @@ def read_deformables(link: Link, family: str, limits: Limits) -> Deformables:
         family: family of the channel.
 
     Raises:
-        MessageError: A mesh is damaged or beyond a limit.
+        MessageError: A mesh is damaged, or a mesh or name is beyond a limit.
     """
     bodies: Deformables = {}
+    parent = (ROOT, family, *split_name(link.key[1], limits))
     for geometry in link.geometries:
-        path = (ROOT, family, *split_name(link.key[1]), *split_name(geometry.text))
+        if len(geometry.text) > limits.name_bytes:  # string_data may be as long as a mesh in JSON
+            raise MessageError(
+                f"the name of a deformable body has {len(geometry.text)} characters, the limit is {limits.name_bytes}"
+            )
+        path = (*parent, *split_name(geometry.text, limits))
         surface = surface_of(geometry.floats, limits)
         parts = bodies.setdefault(path, ())
         if surface is not None:

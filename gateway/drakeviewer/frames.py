@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Final
 
 from gateway.drakeviewer.arrows import triad
+from gateway.drakeviewer.config import Limits
 from gateway.drakeviewer.link_paths import link_paths
 from gateway.drakeviewer.messages import Draw, LinkNames
 from gateway.scene.geometry import Part
@@ -34,15 +35,27 @@ class FrameChannel:
     _paths: list[Path] = field(default_factory=list)
     """Path of each frame in ``names``."""
 
-    def apply(self, draw: Draw, edit: TreeEdit) -> None:
-        """Move the frames. If their names have changed, delete the earlier frames."""
+    def paths_of(self, names: LinkNames, limits: Limits) -> list[Path]:
+        """Return the path of each frame in a message.
+
+        Raises:
+            MessageError: A name has too many elements.
+        """
+        if names is self.names:
+            return self._paths
+        paths = link_paths(names.keys, limits)
+        return [(*self.root, *paths[key]) for key in names.keys]
+
+    def apply(self, draw: Draw, paths: list[Path], edit: TreeEdit) -> None:
+        """Move the frames. If their names have changed, delete the earlier frames.
+
+        Args:
+            paths: result of ``paths_of``.
+        """
         if draw.names is not self.names:
             if self.names is None or set(draw.names.keys) != set(self.names.keys):
                 edit.delete(self.root)
-            paths = link_paths(draw.names.keys)
-            self._paths = [(*self.root, *paths[key]) for key in draw.names.keys]
-            for path in self._paths:
+            self.names, self._paths = draw.names, paths
+        for path, pose in zip(paths, draw.poses.tolist(), strict=True):
+            if edit.set_pose(path, tuple(pose)).parts is None:  # new, or deleted by a client of the tree viewer
                 edit.set_parts(path, _axes())
-            self.names = draw.names
-        for path, pose in zip(self._paths, draw.poses.tolist(), strict=True):
-            edit.set_pose(path, tuple(pose))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import base64
-import binascii
-from typing import Any
+from typing import Annotated, Any, Final
 
 import msgspec
 
-from gateway.assets.mesh_files import MeshFileError, MeshFiles
+from gateway.assets.mesh_files import MeshFileError, MeshFiles, quoted
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.geometry import Part
+
+MAX_NAME_CHARS: Final = 4096
+"""Maximum length of the name of a mesh in memory, which the browser shows."""
 
 
 class FileSource(msgspec.Struct):
@@ -21,7 +23,7 @@ class FileSource(msgspec.Struct):
     """Base64."""
     extension: str = ""
     """Extension of the file's name with its dot."""
-    filename_hint: str = ""
+    filename_hint: Annotated[str, msgspec.Meta(max_length=MAX_NAME_CHARS)] = ""
     """File name for error messages."""
 
     def data(self, files: MeshFiles) -> bytes:
@@ -35,8 +37,8 @@ class FileSource(msgspec.Struct):
             return files.read(self.path)
         try:
             return base64.b64decode(self.contents or "", validate=True)
-        except binascii.Error as error:
-            raise MessageError(f"the mesh in memory {self.filename_hint!r} is not base64: {error}") from None
+        except ValueError as error:  # binascii.Error, or characters that are not ASCII
+            raise MessageError(f"the mesh in memory {quoted(self.filename_hint)} is not base64: {error}") from None
 
 
 class InMemoryMesh(msgspec.Struct):
@@ -75,7 +77,7 @@ def memory_mesh(text: str, scale: tuple[float, float, float], files: MeshFiles) 
     def resolve(name: str) -> bytes:
         supporting = mesh.supporting_files.get(name)
         if supporting is None:
-            raise MeshFileError(f"{name!r} is not in the message", missing=True)
+            raise MeshFileError(f"{quoted(name)} is not in the message", missing=True)
         return supporting.data(files)
 
     name = source.filename_hint or f"mesh{source.extension}"

@@ -70,6 +70,8 @@ class Draw:
     """``lcmt_viewer_draw``."""
 
     names: LinkNames
+    seconds: float
+    """Time of the simulation."""
     poses: NDArray[np.float64]
     """(N, 7) float64: x, y, z (metres), qw, qx, qy, qz of each link in the world."""
 

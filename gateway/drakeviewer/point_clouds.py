@@ -62,16 +62,16 @@ def _colors(cloud: Cloud, field: CloudField) -> NDArray[np.float32]:
 
 def _view(cloud: Cloud, field: CloudField, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
     """Return a view of a field's first value in the cloud's data, (height, width). Raises MessageError."""
-    row_step = cloud.row_step if cloud.height > 1 else cloud.point_step * cloud.width
     count = cloud.width * cloud.height
+    if not count:  # one of the two may be any number
+        return np.empty((0, 0), dtype)
+    row_step = cloud.row_step if cloud.height > 1 else cloud.point_step * cloud.width
     end = field.offset + dtype.itemsize
     last = (cloud.height - 1) * row_step + (cloud.width - 1) * cloud.point_step + end
     if not 0 <= field.offset <= end <= cloud.point_step:
         raise MessageError(f"the field {field.name} ends at byte {end} of points of {cloud.point_step} bytes")
     if row_step < cloud.width * cloud.point_step:
         raise MessageError(f"rows of {cloud.width} points of {cloud.point_step} bytes are {row_step} bytes apart")
-    if count and last > len(cloud.data):
+    if last > len(cloud.data):
         raise MessageError(f"{cloud.width} x {cloud.height} points have {len(cloud.data)} bytes instead of {last}")
-    if not count:
-        return np.empty((cloud.height, cloud.width), dtype)
     return np.ndarray((cloud.height, cloud.width), dtype, cloud.data, field.offset, (row_step, cloud.point_step))

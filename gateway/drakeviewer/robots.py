@@ -46,13 +46,16 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
 
     Args:
         family: family of the channel; links of Drake's ``InertiaVisualizer`` belong to ``INERTIA``.
+
+    Raises:
+        MessageError: A name has too many elements.
     """
     problems: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}
     paths: dict[LinkKey, Path] = {}
     origins = {link.key: _family_and_key(link.key, family) for link in links}
     paths_by_family = {
-        name: link_paths(key for own_family, key in origins.values() if own_family == name)
+        name: link_paths((key for own_family, key in origins.values() if own_family == name), limits)
         for name in (family, INERTIA)
     }
     for link in links:
@@ -90,8 +93,8 @@ class RobotChannels:
     """Draw messages that were ignored, because no load message was received."""
     _loaded: LoadedRobots | None = None
     """Content of the last load message."""
-    _is_shown: bool = False
-    """True if the loaded links are in the live tree."""
+    _was_shown: bool = False
+    """True if the loaded links were added to the live tree. A client of the tree viewer may have deleted them."""
     _paths: list[Path] = field(default_factory=list)
     """Paths of the links in ``names`` that are loaded."""
     _poses: NDArray[np.float64] | None = None
@@ -107,7 +110,7 @@ class RobotChannels:
         families = {self.family, *(self._loaded.families if self._loaded is not None else ())}
         for family in families:
             clear_children(edit, (ROOT, family))
-        self._loaded, self._is_shown = loaded, False
+        self._loaded, self._was_shown = loaded, False
         self.names, self._paths, self._poses = None, [], None
 
     def draw(self, draw: Draw, edit: TreeEdit) -> str:
@@ -119,11 +122,12 @@ class RobotChannels:
         if draw.names is not self.names:
             self.names, self._poses = draw.names, None
             self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
+        is_shown = self._was_shown and _has_links(edit.root, loaded)
         is_complete = len(self._paths) == len(draw.names.keys)
-        if not is_complete or (not self._is_shown and len(set(draw.names.keys)) < self._movable):
+        if not is_complete or (not is_shown and len(set(draw.names.keys)) < self._movable):
             self.stale += 1
             return f"its {len(draw.names.keys)} links are not the {self._movable} that are loaded"
-        if not self._is_shown:
+        if not is_shown:
             self._show(loaded, edit)
         poses, last = draw.poses, self._poses
         moved = range(len(poses)) if last is None else np.flatnonzero((poses != last).any(axis=1)).tolist()
@@ -145,7 +149,20 @@ class RobotChannels:
             show_family(edit, family)
             for name, child in subtree.children.items():
                 edit.set_subtree((ROOT, family, name), child)
-        self._is_shown = True
+        self._was_shown, self._poses = True, None
+
+
+def _has_links(root: Node, loaded: LoadedRobots) -> bool:
+    """Return False if links of a load message are missing in the live tree."""
+    for family, subtree in loaded.families.items():
+        node = root.find((ROOT, family))
+        if node is None:
+            return False
+        for name, child in subtree.children.items():
+            shown = node.children.get(name)
+            if shown is None or shown.nodes_with_parts < child.nodes_with_parts:
+                return False
+    return True
 
 
 def show_family(edit: TreeEdit, family: str) -> None:

@@ -65,6 +65,8 @@ class DrakeViewerService:
             "channels": dict(self._channels),
             "families": self.viewer.families(),
         }
+        if self.viewer.simulation_seconds is not None:
+            status["simulation_seconds"] = self.viewer.simulation_seconds
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)
             status["warning"] = f"received, but not shown: {', '.join(list(self._unshown)[:10])}"

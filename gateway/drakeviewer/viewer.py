@@ -5,7 +5,7 @@ Reading a load message opens the mesh files that it names.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -15,6 +15,8 @@ from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.contacts import ContactChannel, read_contacts
 from gateway.drakeviewer.deformables import DeformableChannel, read_deformables
 from gateway.drakeviewer.frames import FrameChannel
+from gateway.drakeviewer.link_paths import count_nodes
+from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
 from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
 from gateway.scene.live import LiveTree
@@ -75,6 +77,10 @@ class _State:
     frames: dict[str, FrameChannel] = field(default_factory=dict)
     """Frames by channel."""
     contacts: ContactChannel = field(default_factory=ContactChannel)
+    nodes: dict[str, int] = field(default_factory=dict)
+    """Number of nodes of each family's links, and of each channel of frames or deformable bodies."""
+    seconds: float | None = None
+    """Time of the last draw message that was shown."""
 
 
 class DrakeViewer:
@@ -140,6 +146,11 @@ class DrakeViewer:
             return self._read_cloud(channel, message)
         return self._read_frames(channel, message)
 
+    @property
+    def simulation_seconds(self) -> float | None:
+        """Time of the simulation in the last draw message that was shown; None before the first one."""
+        return self._state.seconds
+
     def families(self) -> dict[str, dict[str, int]]:
         """Return the numbers of links and draw messages of each family, as plain JSON values."""
         return {
@@ -158,6 +169,7 @@ class DrakeViewer:
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
         def apply(edit: TreeEdit) -> str:
+            self._reserve_nodes(family, loaded.paths.values())
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
@@ -171,13 +183,28 @@ class DrakeViewer:
     def _read_draw(self, family: str, message: wire.Message) -> Edit:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
-        return lambda edit: robots.draw(draw, edit)
+
+        def apply(edit: TreeEdit) -> str:
+            problem = robots.draw(draw, edit)
+            if not problem:
+                self._state.seconds = draw.seconds
+            return problem
+
+        return apply
 
     def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
         limits = self._config.limits
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
-        return _always_shown(lambda edit: shown.apply(bodies, edit)) if bodies or shown.shown else None
+        if not bodies and not shown.shown:
+            return None
+
+        def apply(edit: TreeEdit) -> str:
+            self._reserve_nodes(channel, bodies)
+            shown.apply(bodies, edit)
+            return ""
+
+        return apply
 
     def _read_contacts(self, message: wire.Message) -> Edit | None:
         parts, shown = read_contacts(wire.decode_contacts(message, self._config.limits)), self._state.contacts
@@ -191,8 +218,29 @@ class DrakeViewer:
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.get(channel) or FrameChannel(_channel_path("frames", channel, FRAMES))
         draw = wire.decode_draw(message, self._config.limits, shown.names)
+        paths = shown.paths_of(draw.names, self._config.limits)
         self._state.frames[channel] = shown
-        return _always_shown(lambda edit: shown.apply(draw, edit))
+
+        def apply(edit: TreeEdit) -> str:
+            if draw.names is not shown.names:
+                self._reserve_nodes(channel, paths)
+            shown.apply(draw, paths, edit)
+            return ""
+
+        return apply
+
+    def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
+        """Count the nodes of a family's links, or of a channel, in place of its earlier ones.
+
+        Raises:
+            MessageError: There are too many nodes of all channels together.
+        """
+        nodes = self._state.nodes
+        count = count_nodes(paths)
+        total = sum(nodes.values()) - nodes.get(source, 0) + count
+        if total > self._config.nodes:
+            raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
+        nodes[source] = count
 
     def _robots(self, family: str) -> RobotChannels:
         return self._state.robots.setdefault(family, RobotChannels(family))

@@ -156,7 +156,7 @@ def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None
             decoded again: decoding them takes most of the time.
     """
     reader = Reader(message, DRAW, "lcmt_viewer_draw", limits)
-    reader.integer(8)
+    milliseconds = reader.integer(8)
     count = reader.count("num_links", limits.links)
     begin = reader.offset
     if known is not None and len(known.keys) == count and message[begin : begin + len(known.encoded)] == known.encoded:
@@ -168,9 +168,11 @@ def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None
         keys: tuple[LinkKey, ...] = tuple(zip(robots, texts, strict=True))
         names = LinkNames(bytes(message[begin : reader.offset]), keys)
     poses = np.empty((count, 7))
-    poses[:, :3] = np.frombuffer(reader.take(12 * count), ">f4").reshape(count, 3)
-    poses[:, 3:] = np.frombuffer(reader.take(16 * count), ">f4").reshape(count, 4)
-    return Draw(names, poses)
+    positions, quaternions = reader.take(12 * count), reader.take(16 * count)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        poses[:, :3] = np.frombuffer(positions, ">f4").reshape(count, 3)
+        poses[:, 3:] = np.frombuffer(quaternions, ">f4").reshape(count, 4)
+    return Draw(names, milliseconds / 1000.0, poses)
 
 
 def decode_contacts(message: Message, limits: Limits) -> Contacts:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Final
+
+MAX_COMPARED_CHARS: Final = 100
+"""Longer names are not compared: the time to compare two names grows with the product of their lengths."""
 
 
 class RobotFileError(ValueError):
@@ -18,10 +22,12 @@ def name_hint(name: str, names: Iterable[str]) -> str:
         names: The names that exist.
     """
     known = list(names)
-    by_casefolded = {other.casefold(): other for other in known}
-    matches = difflib.get_close_matches(name.casefold(), by_casefolded, n=3, cutoff=0.5)
-    similar = [by_casefolded[match] for match in matches]
-    similar += [other for other in known if name and name.casefold() in other.casefold() and other not in similar]
+    similar: list[str] = []
+    if 0 < len(name) <= MAX_COMPARED_CHARS:
+        by_casefolded = {other.casefold(): other for other in known if len(other) <= MAX_COMPARED_CHARS}
+        matches = difflib.get_close_matches(name.casefold(), by_casefolded, n=3, cutoff=0.5)
+        similar += [by_casefolded[match] for match in matches]
+        similar += [other for other in known if name.casefold() in other.casefold() and other not in similar]
     if similar:
         return f"; did you mean {', '.join(similar[:3])}?"
     if not known:

@@ -1,7 +1,8 @@
 """Finds and reads the files that a robot file refers to: relative paths, ``package://``, ``file://``.
 
 Only files below these folders are read: the parent of the robot file's folder, packages that contain the robot file,
-packages that it names, and the roots. Symbolic links are resolved before the check.
+packages that it names, and the roots. Symbolic links are resolved before the check. The root of the file system and
+folders that contain the user's home folder count neither as packages nor as the parent folder.
 """
 
 from __future__ import annotations
@@ -39,10 +40,14 @@ class RobotFiles:
         self._remaining_bytes = limits.max_total_bytes
         self._enclosing_packages = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
         self._folders_by_package: dict[str, list[Path]] = {}
-        above = self._folder.parent
+        self._package_parents = [
+            *self._roots,
+            *filter(_is_specific, (self._folder.parent, *(folder.parent for folder in self._enclosing_packages))),
+        ]
+        """Folders in which packages lie side by side."""
         self._allowed = [*self._roots, self._folder, *self._enclosing_packages]
-        if above != Path(above.anchor):  # the root of the file system would allow every file
-            self._allowed.append(above)
+        if _is_specific(self._folder.parent):
+            self._allowed.append(self._folder.parent)
         self.digests: dict[str, str] = {}
         """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
 
@@ -118,10 +123,13 @@ class RobotFiles:
             enclosing = [
                 folder
                 for folder in self.path.parents
-                if folder.name == package or self._has_package_name(folder, package)
+                if (folder.name == package and _is_specific(folder)) or self._has_package_name(folder, package)
             ]
-            parents = (*self._roots, self._folder.parent, *(folder.parent for folder in self._enclosing_packages))
-            siblings = [parent / package for parent in parents if (parent / package).is_dir()]
+            siblings = [
+                folder
+                for folder in (parent / package for parent in self._package_parents)
+                if folder.is_dir() and self._is_beside_packages(folder)
+            ]
             below_roots = self._packages.folder(package)
             named_roots = [root for root in self._roots if root.name == package]
             folders = [*enclosing, *siblings, *named_roots, *([below_roots] if below_roots is not None else [])]
@@ -132,6 +140,11 @@ class RobotFiles:
     def _has_package_name(self, folder: Path, package: str) -> bool:
         """Return True if a folder that contains the robot file has a ``package.xml`` with that package name."""
         return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
+
+    def _is_beside_packages(self, folder: Path) -> bool:
+        """Return False for symbolic links to folders elsewhere, which could open any folder."""
+        real = Path(os.path.realpath(folder))
+        return any(real.is_relative_to(parent) for parent in self._package_parents)
 
     def _is_allowed(self, path: Path) -> bool:
         return any(path.is_relative_to(folder) for folder in self._allowed)
@@ -149,3 +162,9 @@ class RobotFiles:
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
         return data
+
+
+def _is_specific(folder: Path) -> bool:
+    """Return False for the root of the file system, and for folders that contain the user's home folder."""
+    home = Path(os.path.realpath(os.path.expanduser("~")))  # noqa: PTH111 - works without a home folder
+    return folder != Path(folder.anchor) and not home.is_relative_to(folder)

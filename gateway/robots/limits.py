@@ -15,6 +15,11 @@ class RobotLimits:
 
     max_file_bytes: int = 64 << 20
     """Maximum size of a robot file: that of a humanoid with hands has 0.3 MB. MJCF may contain vertices as text."""
+    max_elements: int = 1_000_000
+    """Maximum number of XML elements of a robot file, or of an MJCF file with its includes: a humanoid with hands has
+    2000. Each costs 100 bytes or more."""
+    max_attribute_chars: int = 4096
+    """Maximum length of an attribute of a URDF file: names become elements of paths, which have the same limit."""
     max_mesh_bytes: int = 256 << 20
     """Maximum size of a mesh or image, as for mesh files."""
     max_total_bytes: int = 1 << 30

@@ -35,7 +35,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
         ImportError: The package ``mujoco`` is not installed.
     """
     mujoco = _mujoco()
-    mjcf_files = MjcfFiles(root, files)
+    mjcf_files = MjcfFiles(root, files, limits)
     try:
         model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
     except RobotFileError as error:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
+from gateway.robots.limits import RobotLimits
 from gateway.robots.xml_text import Element, parse_xml
 
 MAX_INCLUDES: Final = 1000
@@ -17,13 +19,14 @@ MAX_INCLUDES: Final = 1000
 class MjcfFiles:
     """Files that a document and its includes refer to. MuJoCo reads them again, and reports errors in them."""
 
-    def __init__(self, root: Element, files: RobotFiles) -> None:
+    def __init__(self, root: Element, files: RobotFiles, limits: RobotLimits) -> None:
         """Read the files that exist, so that their digests are recorded.
 
         Raises:
-            RobotFileError: A file is larger than allowed.
+            RobotFileError: A file is larger than allowed, or the files have too many elements.
         """
         self._files = files
+        self._limits = limits
         self._folder = files.path.parent
         self._documents = list(self._included(root))
         folders = {self._folder}
@@ -56,8 +59,13 @@ class MjcfFiles:
         return ""
 
     def _included(self, root: Element) -> Iterator[Element]:
-        """Yield the document and all that it includes. Raises RobotFileError beyond ``MAX_INCLUDES``."""
-        remaining, count = [root], 0
+        """Yield the document and all that it includes, each file once. MuJoCo reports those that are included twice.
+
+        Raises:
+            RobotFileError: There are too many ``<include>`` elements, or too many elements.
+        """
+        remaining, count, elements = [root], 0, sum(1 for _ in root.iter())
+        seen = {os.fspath(self._files.path)}
         while remaining:
             document = remaining.pop()
             yield document
@@ -65,10 +73,17 @@ class MjcfFiles:
                 path, count = self._folder / include.get("file", ""), count + 1
                 if count > MAX_INCLUDES:
                     raise RobotFileError(f"it includes more than {MAX_INCLUDES} files")
+                if os.path.realpath(path) in seen:
+                    continue
+                seen.add(os.path.realpath(path))
                 try:
-                    remaining.append(parse_xml(self._files.read(path)))
+                    included = parse_xml(self._files.read(path), self._limits.max_elements)
                 except (OSError, RobotFileError):  # MuJoCo reports it
                     continue
+                elements += sum(1 for _ in included.iter())
+                if elements > self._limits.max_elements:
+                    raise RobotFileError(f"it and its includes have more than {self._limits.max_elements} XML elements")
+                remaining.append(included)
 
     def _record(self, candidates: Iterator[Path]) -> None:
         """Read the first file that exists, which records its digest."""

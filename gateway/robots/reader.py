@@ -52,7 +52,7 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     if path.suffix.lower() == ".xacro":
         raise RobotFileError("xacro files must be expanded first: xacro robot.urdf.xacro > robot.urdf")
     files = RobotFiles(path, roots, limits)
-    root = parse_xml(files.read_robot_file())
+    root = parse_xml(files.read_robot_file(), limits.max_elements)
     if root.tag == "robot":
         return _read_urdf(root, files, use, limits)
     if root.tag == "mujoco":

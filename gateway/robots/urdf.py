@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Final
 
@@ -32,8 +33,10 @@ def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
     Raises:
         RobotFileError: An element or attribute is missing or invalid, a name appears twice, or a limit is exceeded.
     """
-    if any(element.tag.startswith("{") and "xacro" in element.tag for element in root.iter()):
-        raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
+    for element in root.iter():
+        if element.tag.startswith("{") and "xacro" in element.tag:
+            raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
+        _check_attributes(element, limits.max_attribute_chars)
     links, joints = root.findall("link"), root.findall("joint")
     geometry_count = sum(1 for link in links for _ in (*link.iter("visual"), *link.iter("collision")))
     check_count(len(links), limits.max_links, "links")
@@ -50,6 +53,14 @@ def parse_urdf(root: Element, limits: RobotLimits) -> UrdfModel:
     _check_names("link", [link.name for link in model.links])
     _check_names("joint", [joint.name for joint in model.joints])
     return model
+
+
+def _check_attributes(element: Element, limit: int) -> None:
+    for name, text in element.items():
+        if len(text) > limit:
+            raise RobotFileError(
+                f"{name[:60]}={text[:60]!r}... of <{element.tag[:60]}> has {len(text)} characters, the limit is {limit}"
+            )
 
 
 def _check_names(what: str, names: list[str]) -> None:
@@ -138,10 +149,10 @@ def _joint(element: Element) -> UrdfJoint:
             raise RobotFileError(f"{where} has no <{end}>")
         ends.append(required(child, "link", where))
     axis = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
-    norm = float(np.linalg.norm(axis))
+    norm = math.hypot(*axis)
     kind = _KINDS[urdf_type]
-    if kind not in (None, "floating") and not norm > 0.0:
-        raise RobotFileError(f"{where}: its axis is zero")
+    if kind not in (None, "floating") and not 0.0 < norm < math.inf:
+        raise RobotFileError(f"{where}: its axis is {'zero' if norm == 0.0 else 'too long'}")
     x, y, z = (component / (norm or 1.0) for component in axis)
     limit = element.find("limit")
     limits = None

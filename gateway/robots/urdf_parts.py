@@ -25,7 +25,7 @@ from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling
-from renderers.drawlist import ImageError, Material
+from renderers.drawlist import Image, ImageError, Material
 from renderers.images import image_from_bytes
 
 DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
@@ -40,6 +40,8 @@ class UrdfParts:
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
+        self._textures: dict[str, tuple[Image, tuple[float, float, float]] | str] = {}
+        """Image and mean colour of each texture, or the reason why it cannot be read, by file name or URL."""
         self.warnings: dict[str, None] = {}
         """Sentences about content that is not shown, as keys: an ordered set."""
 
@@ -92,17 +94,27 @@ class UrdfParts:
         if material is None or material.texture is None:
             return plain, plain
         name = material.texture
-        try:
-            image = image_from_bytes(
-                self._files.read(self._files.find(name)), max_pixels=self._limits.mesh.max_image_pixels
-            )
-            image.decode()
-        except (OSError, RobotFileError, ImageError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            self.warnings[f"link {link!r}: the texture {name} of its material is not shown: {reason}"] = None
+        texture = self._textures.get(name)
+        if texture is None:
+            texture = self._textures[name] = self._texture(name)
+        if isinstance(texture, str):
+            self.warnings[f"link {link!r}: the texture {name} of its material is not shown: {texture}"] = None
             return plain, plain
+        image, mean = texture
         textured = diffuse_material(rgba, image)
-        return replace(textured, base_color=(*mean_color(image), rgba[3]), base_color_texture=None), textured
+        return replace(textured, base_color=(*mean, rgba[3]), base_color_texture=None), textured
+
+    def _texture(self, name: str) -> tuple[Image, tuple[float, float, float]] | str:
+        """Read an image file. Return the image and its mean colour, or the reason why it cannot be read."""
+        try:
+            data = self._files.read(self._files.find(name))
+            image = image_from_bytes(data, max_pixels=self._limits.mesh.max_image_pixels)
+            image.decode()
+            return image, mean_color(image)
+        except (RobotFileError, ImageError) as error:
+            return str(error)
+        except OSError as error:
+            return str(error.strerror)
 
     def _mesh(self, name: str) -> tuple[Part, ...]:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""

@@ -6,6 +6,7 @@ All functions raise RobotFileError. ``where`` is the start of its message: the l
 from __future__ import annotations
 
 import math
+from typing import Any
 from xml.etree import ElementTree
 
 from gateway.robots.errors import RobotFileError
@@ -16,18 +17,32 @@ Element = ElementTree.Element
 class _TreeBuilder(ElementTree.TreeBuilder):
     """Builds elements. A DOCTYPE is an error: its entities could expand to gigabytes."""
 
+    def __init__(self, max_elements: int) -> None:
+        super().__init__()
+        self._max_elements = max_elements
+        self._count = 0
+
+    def start(self, tag: str, attrs: dict[Any, Any]) -> Element:
+        self._count += 1
+        if self._count > self._max_elements:
+            raise RobotFileError(f"it has more than {self._max_elements} XML elements, which is the limit")
+        return super().start(tag, attrs)
+
     def doctype(self, name: str, public_id: str | None, system_id: str | None) -> None:
         raise RobotFileError("XML with a DOCTYPE is refused")
 
 
-def parse_xml(data: bytes) -> Element:
+def parse_xml(data: bytes, max_elements: int) -> Element:
     """Return the root element.
 
     Raises:
-        RobotFileError: The data is not XML, or has a DOCTYPE.
+        RobotFileError: The data is not XML, has a DOCTYPE, or more elements than allowed.
     """
+    parser = ElementTree.XMLParser(target=_TreeBuilder(max_elements))  # noqa: S314 - no entities
     try:
-        return ElementTree.fromstring(data, ElementTree.XMLParser(target=_TreeBuilder()))  # noqa: S314 - no entities
+        return ElementTree.fromstring(data, parser)  # noqa: S314
+    except RobotFileError:
+        raise
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise RobotFileError(f"it is not XML: {error}") from None
 

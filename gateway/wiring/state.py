@@ -38,8 +38,11 @@ async def restore_state(context: Context) -> None:
     if state is None:
         return
     from gateway.demo import ROOT as DEMO_ROOT
+    from gateway.drakeviewer.robots import ROOT as DRAKE_ROOT
 
-    excluded = DEMO_ROOT if context.settings.demo else ()  # the demo is created at every start
+    excluded = list(DEMO_ROOT) if context.settings.demo else []  # the demo is created at every start
+    if context.settings.drake_viewer:  # what ended meanwhile would stay: no later message deletes it
+        excluded.append(DRAKE_ROOT)
     await asyncio.to_thread(state.restore_tree, context.tree, excluded)
     state.start()
     state.store_idle_edits(context.tree)

@@ -35,7 +35,10 @@ async def setup(context: Context) -> None:
 
 
 def gateway_status(context: Context) -> dict[str, Any]:
-    """Return what the page's status bar shows: the interfaces' states, the queue, lost messages and streams."""
+    """Return what the page's status bar shows.
+
+    That is the interfaces' states, the time of Drake's simulation, the queue, lost messages and streams.
+    """
     interfaces: dict[str, dict[str, str]] = {}
     details: dict[str, dict[str, Any]] = {}
     for name, entry in context.registry.entries.items():
@@ -44,7 +47,11 @@ def gateway_status(context: Context) -> dict[str, Any]:
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
         details[name] = described
     stats = context.workers.stats
-    facts: list[dict[str, Any]] = [{"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0}]
+    facts: list[dict[str, Any]] = []
+    seconds = details.get("drakeviewer", {}).get("simulation_seconds")
+    if seconds is not None:
+        facts.append({"name": "simulation", "value": f"{seconds:.2f} s"})
+    facts.append({"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0})
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:
         facts.append({"name": "lost LCM", "value": lost, "warn": lost > 0})

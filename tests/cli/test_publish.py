@@ -28,6 +28,7 @@ from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
+from tests.treeviewer.conversation import BOX
 
 
 def read(folder: Path, request: Any) -> Changes:
@@ -177,7 +178,7 @@ def test_shapes_of_the_protocol_stay_what_they_are_unless_scaled(shape: Shape, k
 
 
 def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
-    """The command prints them; options of robots are for robots."""
+    """The command prints the first ten; options of robots are for robots."""
     liblcm()
     robot = write(tmp_path, ARM)
     with gateway_process("--only", "treeviewer", "--lcm-url", "off", "--tcpq-port", "0") as (_, url):
@@ -187,6 +188,11 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
         )
         assert result.exit_code == 0, result.output
         assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.output
+        boxes = write(
+            tmp_path, json.dumps({"setgeometry": [{"path": [i], "geometry": BOX} for i in range(12)]}), "b.json"
+        )
+        result = CliRunner().invoke(app, ["publish", str(boxes), "--lcm-url", hub])
+        assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.output
         with pytest.raises(ValueError, match="the robot has no joint 'elbo'; did you mean elbow"):
             CliRunner().invoke(
                 app, ["publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub], catch_exceptions=False

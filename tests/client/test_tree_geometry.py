@@ -141,6 +141,8 @@ def test_a_frustum_from_the_field_of_view() -> None:
     frustum = CameraFrustum.from_fov(np.pi / 2, 1.5)
     assert frustum.width / frustum.height == 1.5
     assert frustum.fx / frustum.height == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="fovy must be between 0 and pi radians, not 60"):
+        CameraFrustum.from_fov(60)
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,7 @@ async def test_many_transforms() -> None:
                     viewer[name].set(Box((1, 1, 1)))
                 answer = viewer.set_transforms(["a/b", ("c",)], [[1, 2, 3, 1, 0, 0, 0], [4, 5, 6, 0, 1, 0, 0]])
                 assert (answer.status, answer.transformed) == (0, (("a", "b"), ("c",)))
+                assert viewer.set_transforms([], []).transformed == ()
                 with viewer.batch() as batch:
                     batch.set_transforms(["c"], np.full((1, 7), 0.5))
                 with pytest.raises(ValueError, match=r"poses must have shape \(1, 7\) for 1 paths, not \(7,\)"):
@@ -149,6 +150,23 @@ async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogC
     assert [click.path for click in received] == [("robot", "arm")]
 
 
+async def test_callbacks_that_cannot_be_called_are_refused() -> None:
+    async def coroutine(click: Click) -> None:
+        raise AssertionError(click)
+
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                with pytest.raises(TypeError, match="must not be a coroutine; AsyncTreeViewer takes both"):
+                    viewer.on_click("robot", coroutine)
+                with pytest.raises(TypeError, match="must be a function, not a NoneType"):
+                    viewer.on_click("robot", None)  # type: ignore[arg-type]
+
+        await in_thread(talk)
+        assert service.protocol.page.clicks.paths() == ()
+
+
 async def test_async_client() -> None:
     received: list[Click] = []
     live = LiveTree()
@@ -163,6 +181,16 @@ async def test_async_client() -> None:
             page.clicks.click(ON_ARM)
             await until(lambda: received)
             await stop()
+
+            async def hide(click: Click) -> None:
+                await viewer[click.path].set_visible(False)
+
+            stop = await viewer.on_click("robot/arm", hide)
+            page.clicks.click(ON_ARM)
+            await until(lambda: not node(live, "robot", "arm").visible)
+            await stop()
+            with pytest.raises(TypeError, match="must be a function, not a str"):
+                await viewer.on_click("robot/arm", "hide")  # type: ignore[arg-type]
             assert page.clicks.paths() == ()
         assert (node(live, "robot").visible, node(live, "robot").opacity) == (False, 0.5)
         assert page.view == PageView(grid=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node, Path
@@ -13,9 +14,9 @@ from gateway.scene.tree import Node, Path
 class Viewer(DrakeViewer):
     """A viewer with its own live tree and no mesh files."""
 
-    def __init__(self, files: MeshFiles | None = None) -> None:
+    def __init__(self, files: MeshFiles | None = None, config: DrakeViewerConfig | None = None) -> None:
         self.live = LiveTree()
-        super().__init__(self.live, files or MeshFiles(()))
+        super().__init__(self.live, files or MeshFiles(()), config)
 
     def node(self, *path: str) -> Node:
         """Return the node below ``drake``."""

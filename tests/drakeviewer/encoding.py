@@ -48,13 +48,13 @@ def deformables(*geometries: bytes, name: str = "deformable_geometries") -> byte
     return fingerprint(wire.LINK_DATA) + link(name, 0, *geometries)
 
 
-def draw(poses: Mapping[tuple[int, str], Sequence[float]]) -> bytes:
+def draw(poses: Mapping[tuple[int, str], Sequence[float]], milliseconds: int = 1000) -> bytes:
     """Return a draw message of poses x, y, z, qw, qx, qy, qz by link."""
     values = np.array([*poses.values()], ">f4").reshape(-1, 7)
     return b"".join(
         (
             fingerprint(wire.DRAW),
-            struct.pack(">qi", 1000, len(poses)),
+            struct.pack(">qi", milliseconds, len(poses)),
             *(text(name) for _, name in poses),
             struct.pack(f">{len(poses)}i", *(robot for robot, _ in poses)),
             values[:, :3].tobytes(),

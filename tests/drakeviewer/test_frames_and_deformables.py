@@ -37,6 +37,14 @@ def test_frames_move_and_are_replaced(viewer: Viewer) -> None:
     assert viewer.paths() == [("drake", "frames", "B", "c")]
 
 
+def test_frames_that_a_client_deleted_come_back(viewer: Viewer) -> None:
+    for _ in range(2):
+        viewer.handle(FRAMES, draw({(0, "a"): IDENTITY}))
+        assert len(viewer.node("frames", "default", "a").parts or ()) == 3
+        with viewer.live.edit() as edit:
+            edit.delete(())
+
+
 def test_deformable_bodies_follow_their_vertices(viewer: Viewer) -> None:
     path = ("illustration", "deformable_geometries", "model", "jelly")
     viewer.handle(DEFORMABLE, deformables(JELLY))

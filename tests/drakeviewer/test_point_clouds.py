@@ -63,8 +63,9 @@ def test_points_that_are_not_finite_are_left_out(viewer: Viewer) -> None:
     np.testing.assert_allclose(shown(viewer).channels["rgb"], [(0, 0.4, 1)])
 
 
-def test_a_cloud_without_points(viewer: Viewer) -> None:
-    viewer.handle(CHANNEL, cloud(b"", 0, XYZ, 12))
+@pytest.mark.parametrize(("width", "height"), [(0, 1), (0, 2**62), (2**62, 0)])
+def test_a_cloud_without_points(viewer: Viewer, width: int, height: int) -> None:
+    viewer.handle(CHANNEL, cloud(b"", width, [*XYZ, RGB], 16, height, row_step=0))
     assert shown(viewer).points.shape == (0, 3)
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import DrakeViewerConfig, Limits
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
@@ -25,6 +27,7 @@ from tests.drakeviewer.encoding import (
     MESH,
     SPHERE,
     TETRAHEDRON,
+    deformables,
     draw,
     geometry,
     link,
@@ -165,6 +168,27 @@ def test_a_repeated_load_changes_nothing(viewer: Viewer) -> None:
     assert viewer.paths() == [("drake", "illustration", "a")]
 
 
+@pytest.mark.parametrize(
+    "deleted",
+    [(), ("drake",), ("drake", "illustration", "plant"), ("drake", "illustration", "plant", "a")],
+    ids=lambda path: "/".join(path) or "root",
+)
+def test_links_that_a_client_deleted_come_back_with_the_next_draw(viewer: Viewer, deleted: tuple[str, ...]) -> None:
+    message = load(link("plant::a", 1, BALL), link("plant::b", 1, BALL), link("scene::::InertiaVisualizer::a", 2, BALL))
+    poses = dict.fromkeys(((1, "plant::a"), (1, "plant::b"), (2, "scene::::InertiaVisualizer::a")), POSE)
+    viewer.handle(LOAD, message)
+    viewer.handle(DRAW, draw(poses))
+    before = viewer.paths()
+    with viewer.live.edit() as edit:
+        assert edit.delete(deleted)
+    viewer.handle(LOAD, message)  # a repeated load message changes nothing by itself
+    assert viewer.handle(DRAW, draw(poses)) == ""
+    assert viewer.paths() == before
+    assert viewer.node("illustration", "plant", "a").pose == POSE
+    assert viewer.node("illustration").visible
+    assert not viewer.node("inertia").visible
+
+
 def test_only_moved_links_are_edited(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
     viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
@@ -195,6 +219,8 @@ def test_unusual_poses(viewer: Viewer) -> None:
     assert flatten(viewer.live.snapshot.root).instances == ()
     viewer.handle(DRAW, draw({(1, "a"): (0, 0, 0, 0, 0, 0, 0)}))
     assert len(flatten(viewer.live.snapshot.root).instances) == 1
+    viewer.handle(DRAW, draw({(1, "a"): IDENTITY})[:-4] + bytes.fromhex("7fa00000"))  # a signalling NaN
+    assert flatten(viewer.live.snapshot.root).instances == ()
 
 
 def test_mesh_in_memory(viewer: Viewer) -> None:
@@ -290,6 +316,59 @@ def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color
     (part,) = viewer.node("illustration", "world").parts or ()
     assert part.material.base_color == pytest.approx((*map(linear_from_srgb, (0.2, 0.4, 0.6)), 1.0), abs=1e-6)
     assert part.material.base_color_texture is None
+
+
+def test_names_have_few_elements(viewer: Viewer) -> None:
+    name = "::".join("a" * 33)
+    for channel, message in (
+        (LOAD, load(link(name, 0, BALL))),
+        ("DRAKE_DRAW_FRAMES", draw({(0, name): IDENTITY})),
+        ("DRAKE_VIEWER_DEFORMABLE", deformables(geometry(MESH, TETRAHEDRON, string=name))),
+    ):
+        with pytest.raises(MessageError, match=r"'a::a.* has 33 elements, the limit is 32"):
+            viewer.handle(channel, message)
+    assert viewer.live.snapshot.revision == 0
+
+
+def test_nodes_of_all_channels_are_limited() -> None:
+    viewer = Viewer(config=DrakeViewerConfig(nodes=12))
+    three = load(*(link(f"plant::{name}", 0, BALL) for name in "abc"))
+    viewer.handle(LOAD, three)  # drake, illustration, plant, a, b, c
+    viewer.handle(DRAW, draw({(0, f"plant::{name}"): IDENTITY for name in "abc"}))
+    frames = draw({(0, name): IDENTITY for name in "abc"})  # drake, frames, default, a, b, c
+    viewer.handle("DRAKE_DRAW_FRAMES", frames)
+    before = viewer.live.snapshot.root
+    with pytest.raises(MessageError, match="would be 18, the limit is 12"):
+        viewer.handle("DRAKE_DRAW_FRAMES_2", frames)
+    with pytest.raises(MessageError, match="would be 13, the limit is 12"):
+        viewer.handle(LOAD, load(*(link(f"plant::{name}", 0, BALL) for name in "abcd")))
+    assert viewer.live.snapshot.root is before
+    viewer.handle("DRAKE_DRAW_FRAMES", draw({(0, "a"): IDENTITY}))
+    viewer.handle("DRAKE_VIEWER_LOAD_ROBOT_ILLUSTRATION", three)
+
+
+def test_names_of_meshes_in_memory_are_limited(viewer: Viewer) -> None:
+    for name, reason in ((4096, "is not base64"), (4097, "length <= 4096 .*filename_hint")):
+        text = json.dumps({"in_memory_mesh": {"mesh_file": {"contents": "é", "filename_hint": "x" * name}}})
+        problem = viewer.handle(LOAD, load(link("a", 0, geometry(MESH, [1, 1, 1], string=text))))
+        assert re.search(reason, problem)
+        assert len(problem) < 300
+
+
+def test_names_of_deformable_bodies_are_limited(viewer: Viewer) -> None:
+    config = DrakeViewerConfig(limits=Limits(name_bytes=20))
+    body = deformables(geometry(MESH, TETRAHEDRON, string="x" * 21), name="bodies")
+    with pytest.raises(MessageError, match="has 21 characters, the limit is 20"):
+        Viewer(config=config).handle("DRAKE_VIEWER_DEFORMABLE", body)
+
+
+def test_time_of_the_simulation(viewer: Viewer) -> None:
+    viewer.handle(LOAD, load(link("a", 0, BALL)))
+    times = [viewer.simulation_seconds]
+    for name, milliseconds in (("a", 2345), ("stale", 9999), ("a", 0)):  # at 0, the simulation starts again
+        viewer.handle(DRAW, draw({(0, name): IDENTITY}, milliseconds=milliseconds))
+        times.append(viewer.simulation_seconds)
+    assert times == [None, 2.345, 2.345, 0.0]
 
 
 def test_damage_changes_nothing(viewer: Viewer) -> None:

@@ -16,6 +16,7 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.service import DrakeViewerService
 from gateway.drakeviewer.viewer import PREFIXES
+from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
 from gateway.scene.live import LiveTree
@@ -71,6 +72,7 @@ async def test_draws_wait_for_their_load_and_the_newest_is_shown() -> None:
         assert status["superseded"] == 9
         assert status["families"]["illustration"]["stale"] == 0
         assert status["channels"] == {LOAD: 1, DRAW: 10}
+        assert status["simulation_seconds"] == 1.0
         found.service.receive(DRAW, at(10))
         assert found.x() == 10.0, "small messages are shown at once"
 
@@ -174,23 +176,48 @@ async def test_waiting_messages_of_new_channels_are_limited() -> None:
         await until(lambda: found.service.status()["channels"] == {"DRAKE_DRAW_FRAMES": 1})
 
 
+@contextlib.asynccontextmanager
+async def hub_of(found: Running) -> AsyncIterator[str]:
+    """The URL of a hub that passes messages to the service."""
+    listener = ChannelListener(PREFIXES, found.service.receive)
+    hub = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), found.live, listeners=[listener])
+    task = asyncio.create_task(hub.run())
+    await hub.wait_ready()
+    try:
+        yield f"tcpq://127.0.0.1:{hub.tcpq_port}"
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
 async def test_messages_pass_the_tree_viewers_hub() -> None:
     lcm = liblcm()
-    async with running() as found:
-        listener = ChannelListener(PREFIXES, found.service.receive)
-        hub = TreeViewerService(
-            TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), found.live, listeners=[listener]
-        )
-        task = asyncio.create_task(hub.run())
-        await hub.wait_ready()
-        client = await asyncio.to_thread(lcm.LCM, f"tcpq://127.0.0.1:{hub.tcpq_port}")
+    async with running() as found, hub_of(found) as url:
+        client = await asyncio.to_thread(lcm.LCM, url)
         await asyncio.to_thread(client.publish, LOAD, ROBOT)
         await asyncio.to_thread(client.publish, DRAW, at(3))
         await asyncio.to_thread(client.publish, "OTHER", b"")
         await until(lambda: found.x() == 3.0)
         assert set(found.service.status()["channels"]) == {LOAD, DRAW}
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_recordings_are_shown_again(tmp_path: Path) -> None:
+    lcm = liblcm()
+    log, progress = tmp_path / "drake.lcmlog", replay.Progress()
+    async with running() as found, hub_of(found) as url:
+        stop, ready = asyncio.Event(), asyncio.Event()
+        recording = asyncio.create_task(replay.record(log, url, ".*", progress, stop, ready.set))
+        await asyncio.wait_for(ready.wait(), SECONDS)
+        client = await asyncio.to_thread(lcm.LCM, url)
+        for channel, message in ((LOAD, ROBOT), (DRAW, at(3)), (DRAW, at(4))):
+            await asyncio.to_thread(client.publish, channel, message)
+        await until(lambda: progress.events == 3)
+        stop.set()
+        await recording
+    async with running() as found, hub_of(found) as url:
+        await replay.play(log, url, 1.0, False, ".*", replay.Progress())
+        await until(lambda: found.x() == 4.0)
+        assert found.service.status()["simulation_seconds"] == 1.0
 
 
 @pytest.mark.lcm

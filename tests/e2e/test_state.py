@@ -83,6 +83,19 @@ def test_demo_is_not_stored(tmp_path: Path) -> None:
     connection.close()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("flags", "nodes"), [((), 2), (("--no-drake-viewer",), 4)])
+def test_what_drake_publishes_is_not_stored(tmp_path: Path, flags: tuple[str, ...], nodes: int) -> None:
+    state = tmp_path / "gateway.state"
+    arrow = {"path": ["drake", "contacts"], "geometry": BOX}
+    with gateway_process(*FLAGS, *flags, "--state", str(state)) as (process, url):
+        send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}, arrow]})
+        assert process.stop() == 0
+    connection = sqlite3.connect(state)
+    assert connection.execute("SELECT count(*) FROM tree_node").fetchone() == (nodes,)
+    connection.close()
+
+
 @pytest.mark.parametrize("content", [b"not a database at all, but somebody's notes", None])
 def test_unusable_state_file_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"

@@ -85,6 +85,28 @@ def test_other_folders_are_not_read(tmp_path: Path) -> None:
         assert read_robot(robot_file, roots=[tmp_path]).parts[0]
 
 
+def test_a_link_does_not_make_other_folders_a_package(tmp_path: Path) -> None:
+    write(tmp_path / "elsewhere", TRIANGLE, "m.obj")
+    robot_file = write(tmp_path / "robots" / "one", mesh("package://pkg/m.obj"))
+    (tmp_path / "robots" / "pkg").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RobotFileError, match="the package 'pkg', which is not around the robot file"):
+        read_robot(robot_file)
+    assert read_robot(robot_file, roots=[tmp_path]).parts[0]
+
+
+def test_the_home_folder_is_no_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = tmp_path / "users" / "alice"
+    write(home, TRIANGLE, "m.obj")
+    monkeypatch.setenv("HOME", str(home))
+    for name in ("package://alice/m.obj", "package://users/alice/m.obj", "../m.obj"):
+        robot_file = write(home / "robot", mesh(name))
+        with pytest.raises(RobotFileError, match=r"not around the robot file|outside of the robot's folders"):
+            read_robot(robot_file)
+        assert read_robot(robot_file, roots=[home.parent, home]).parts[0]
+    write(home / "robot", TRIANGLE, "meshes/m.obj")
+    assert read_robot(write(home / "robot", mesh("../meshes/m.obj"), "urdf/robot.urdf")).parts[0]
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

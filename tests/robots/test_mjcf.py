@@ -189,6 +189,15 @@ def test_included_files_are_recorded(tmp_path: Path) -> None:
     assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
 
 
+def test_elements_of_included_files_are_limited(tmp_path: Path) -> None:
+    write(tmp_path, "<mujoco><worldbody><geom size='1'/><include file='part.xml'/></worldbody></mujoco>", "part.xml")
+    document = '<mujoco><include file="part.xml"/><include file="part.xml"/></mujoco>'
+    with pytest.raises(RobotFileError, match="it and its includes have more than 6 XML elements"):
+        read(tmp_path, document, limits=RobotLimits(max_elements=6))
+    with pytest.raises(RobotFileError, match=r"MuJoCo cannot compile it: .*already included"):  # each is read once
+        read(tmp_path, document, limits=RobotLimits(max_elements=7))
+
+
 def test_limits(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="it has 2 geometries, the limit is 1"):
         read(tmp_path, mjcf('<geom size="1"/><geom size="1"/>'), limits=RobotLimits(max_geometries=1))

@@ -100,6 +100,7 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         (joint("fixed", ends='<parent link="a"/>'), "joint 'j' has no <child>"),
         (joint("fixed", ends='<parent link="a"/><child link="bb"/>'), "there is no link 'bb'; did you mean b?"),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero"),
+        (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
         (joint("revolute", '<mimic joint="k"/>'), "joint 'j' mimics 'k', which is not a joint that moves"),
         (joint("revolute", '<mimic joint="j"/>'), "the joints j mimic each other in a circle"),
         (joint("floating", '<mimic joint="j"/>'), "joint 'j' cannot mimic 'j': one has several values"),
@@ -131,6 +132,8 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
     ("limits", "message"),
     [
         (RobotLimits(max_links=4), "it has 5 links, the limit is 4"),
+        (RobotLimits(max_elements=5), "it has more than 5 XML elements, which is the limit"),
+        (RobotLimits(max_attribute_chars=10), r"size='0.4 0.4 0.1'\.\.\. of <box> has 11 characters, the limit is 10"),
         (RobotLimits(max_geometries=2), "it has 3 geometries, the limit is 2"),
         (RobotLimits(max_file_bytes=10), r"robot.urdf has \d+ bytes, the remaining limit is 10"),
     ],
@@ -183,3 +186,21 @@ def test_joints_with_several_values(tmp_path: Path) -> None:
     robot = read(tmp_path, joint("planar", '<axis xyz="0 0 1"/>'))
     _, X = robot.link_poses({"j": (1, 2, math.pi / 2)})
     np.testing.assert_allclose(X, [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-15)
+
+
+def test_a_long_axis_is_normalised(tmp_path: Path) -> None:
+    robot = read(tmp_path, joint("revolute", '<axis xyz="0 0 1e200"/>'))
+    np.testing.assert_allclose(robot.link_poses({"j": 0.5})[1][:2, 0], (np.cos(0.5), np.sin(0.5)))
+
+
+def test_long_names_are_refused_and_not_repeated(tmp_path: Path) -> None:
+    """The hint at similar names would compare them for minutes."""
+    with pytest.raises(RobotFileError, match="of <link> has 5000 characters, the limit is 4096") as caught:
+        read(tmp_path, f'<robot><link name="{"a" * 5000}"/></robot>')
+    assert len(str(caught.value).removeprefix(str(tmp_path))) < 200
+    names = [f"{number}{'a' * 4000}" for number in range(3)]
+    links = "".join(f'<link name="{name}"/>' for name in names)
+    ends = f'<parent link="{"a" * 4000}"/><child link="{names[0]}"/>'
+    with pytest.raises(RobotFileError, match="there is no link") as caught:
+        read(tmp_path, f'<robot>{links}<joint name="j" type="fixed">{ends}</joint></robot>')
+    assert "did you mean" not in str(caught.value)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.robots.errors import RobotFileError
+from gateway.robots.files import RobotFiles
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
 from renderers.color import linear_from_srgb
@@ -105,6 +106,24 @@ def test_the_texture_of_a_material(tmp_path: Path) -> None:
     robot = read_robot(tmp_path / "robot.urdf")
     assert "the texture t.png of its material is not shown: " in robot.warnings[0]
     assert part_of(tmp_path, with_uv, "m.obj", material=RED).material.base_color == (1, 0, 0, 1)
+
+
+def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "t.png").write_bytes(png_rgb(np.zeros((1, 2, 3), np.uint8)))
+    names = []
+    read = RobotFiles.read
+
+    def counted(self: RobotFiles, path: Path) -> bytes:
+        names.append(path.name)
+        return read(self, path)
+
+    monkeypatch.setattr(RobotFiles, "read", counted)
+    one = visual('<box size="1 1 1"/>', '<material name="t"><texture filename="t.png"/></material>')
+    box = one[one.index("<visual>") : one.index("</link>")]
+    first, second = read_robot(write(tmp_path, one.replace(box, 2 * box))).parts[0]
+    assert first.material == second.material
+    assert first.material.base_color == (0.0, 0.0, 0.0, 1.0)
+    assert names == ["t.png"]
 
 
 def test_a_broken_mesh_is_an_error_that_names_link_and_file(tmp_path: Path) -> None:

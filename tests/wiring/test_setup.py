@@ -304,6 +304,8 @@ async def test_the_status_bar(contexts: Any) -> None:
         "render": {"state": "ready"},
     }
     assert status["facts"] == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
+    context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
+    assert view.gateway_status(context)["facts"][0] == {"name": "simulation", "value": "1.50 s"}
     for lost, warn in ((0, False), (1, True)):
         context.registry.ready("treeviewer", figures=lambda lost=lost: {"lcm": {"dropped": lost}})
         assert {"name": "lost LCM", "value": lost, "warn": warn} in view.gateway_status(context)["facts"]

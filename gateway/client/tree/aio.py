@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from numpy.typing import ArrayLike
 
 from gateway.client.tree.answer import Answer
-from gateway.client.tree.clicks import Callback
+from gateway.client.tree.clicks import Callback, Click
 from gateway.client.tree.geometry import Geometry, Transform
 from gateway.client.tree.nodes import Batch, Node
 from gateway.client.tree.published import Key, path_of
@@ -85,6 +86,8 @@ class AsyncTreeViewer:
         """Accept the arguments of ``TreeViewer``."""
         self._arguments = (url, timeout, binary)
         self._viewer: TreeViewer | None = None
+        self._callback_tasks: set[asyncio.Task[None]] = set()
+        """Coroutines of ``on_click`` that run."""
 
     async def __aenter__(self) -> AsyncTreeViewer:
         self._viewer = await asyncio.to_thread(TreeViewer, *self._arguments)
@@ -117,10 +120,20 @@ class AsyncTreeViewer:
         return await asyncio.to_thread(self._connected_viewer.set_view, background=background, grid=grid, home=home)
 
     async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
-        """See ``TreeViewer.on_click``. The event loop calls ``callback``, which is not a coroutine."""
+        """See ``TreeViewer.on_click``. The event loop calls ``callback``, which may be a coroutine."""
         loop = asyncio.get_running_loop()
+
+        def call(click: Click) -> None:
+            result = callback(click)
+            if inspect.iscoroutine(result):
+                task = loop.create_task(result)
+                self._callback_tasks.add(task)
+                task.add_done_callback(self._callback_tasks.discard)
+
+        if not callable(callback):
+            raise TypeError(f"a callback of on_click must be a function, not a {type(callback).__name__}")
         stop = await asyncio.to_thread(
-            self._connected_viewer.on_click, path, lambda click: loop.call_soon_threadsafe(callback, click)
+            self._connected_viewer.on_click, path, lambda click: loop.call_soon_threadsafe(call, click)
         )
         return lambda: asyncio.to_thread(stop)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import logging
 import queue
 import threading
@@ -48,7 +49,15 @@ class ClickListener:
         self._threads: list[threading.Thread] = []
 
     def add(self, path: Path, callback: Callback) -> Callable[[], None]:
-        """Add a callback for clicks at and below a path; return the function that removes it."""
+        """Add a callback for clicks at and below a path; return the function that removes it.
+
+        Raises:
+            TypeError: the callback is a coroutine function, or cannot be called.
+        """
+        if inspect.iscoroutinefunction(callback):
+            raise TypeError("a callback of TreeViewer.on_click must not be a coroutine; AsyncTreeViewer takes both")
+        if not callable(callback):
+            raise TypeError(f"a callback of on_click must be a function, not a {type(callback).__name__}")
         entry = (path, callback)
         with self._lock:
             self._callbacks.append(entry)

@@ -26,7 +26,7 @@ class Transform:
     translation: Sequence[float] = (0.0, 0.0, 0.0)
     """x, y, z in metres."""
     quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
-    """Rotation as w, x, y, z, of any length but zero."""
+    """Rotation as w, x, y, z, of any length. All zeros: no rotation."""
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:

@@ -125,7 +125,12 @@ class CameraFrustum(Geometry):
             fovy: Angle from the bottom to the top edge, radians.
             aspect: Width divided by height.
             options: Other fields, such as ``depth`` and ``image``.
+
+        Raises:
+            ValueError: ``fovy`` is not between 0 and pi, such as an angle in degrees.
         """
+        if not 0.0 < fovy < math.pi:
+            raise ValueError(f"fovy must be between 0 and pi radians, not {fovy:g}")
         return cls(width=aspect, height=1.0, fx=0.5 / math.tan(0.5 * fovy), **options)
 
     def _fields(self) -> dict[str, Any]:

@@ -112,6 +112,8 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         )
     keys = [path_of(path) for path in paths]
     array = np.asarray(poses, np.float64)
+    if not keys and array.size == 0:
+        array = array.reshape(0, 7)
     if array.shape != (len(keys), 7):
         raise ValueError(f"poses must have shape ({len(keys)}, 7) for {len(keys)} paths, not {array.shape}")
     if not np.isfinite(array).all():

@@ -154,6 +154,7 @@ class TreeViewer:
 
         Raises:
             TreeViewerError: the viewer sends no clicks, or a limit is reached.
+            TypeError: the callback is no function, or a coroutine.
         """
         remove = self._clicks.add(path_of(path), callback)
         try:
