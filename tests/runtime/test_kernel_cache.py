@@ -223,6 +223,17 @@ async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monke
     assert not kernels.are_cached()
 
 
+async def test_ctrl_c_does_not_reach_a_child(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal sends the signal to a process group. A child that it ended was reported as kernels that fail."""
+    child = tmp_path / "child"
+    child.write_text(f"#!{sys.executable}\nimport os, sys\nsys.exit(f'in group {{os.getpgrp()}}')\n")
+    child.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(child))
+    with pytest.raises(kernels.KernelError, match=r"in group \d+$") as error:
+        await kernels.compile_in_children(["shading"], Progress({"shading": 1}))
+    assert int(str(error.value).split()[-1]) != os.getpgrp()
+
+
 @pytest.mark.slow
 async def test_children_import_what_this_process_does(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
