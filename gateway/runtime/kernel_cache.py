@@ -170,7 +170,7 @@ async def _compile_in_child(
         # The same modules as here, whatever lies in the current folder: it may be a clone of another version.
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),
-        process_group=0,  # Ctrl+C ends this process, which then ends the child, rather than both at once
+        start_new_session=True,  # Ctrl+C ends this process, which then ends the child, rather than both at once
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
