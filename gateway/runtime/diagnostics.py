@@ -87,7 +87,7 @@ def _glib() -> Finding:
     try:
         ctypes.CDLL("libglib-2.0.so.0")
     except OSError:
-        meaning = "The Python package lcm cannot be imported; Scenegate's own LCM interfaces work."
+        meaning = "The Python client and `scenegate publish` do not work; Scenegate's own LCM interfaces do."
         return Finding("glib", Verdict.NOTE, "missing", meaning, "apt install libglib2.0-0")
     return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
 

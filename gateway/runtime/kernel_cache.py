@@ -176,6 +176,7 @@ async def _compile_in_child(
         # Import the same modules as this process; the current folder may be a clone of another version.
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),
+        start_new_session=True,  # Ctrl+C ends this process, which then ends the child, rather than both at once
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

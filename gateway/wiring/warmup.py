@@ -85,23 +85,23 @@ NEEDED: Final[Mapping[str, Callable[[], None]]] = {
 }
 """Parts that the default settings need; the longest first, so that the children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
+    "studio": _kernels_of(*_STUDIO),
     "stereo": _kernels_of("renderers.stereo", modules=_STEREO),
     "normals": _kernels_of(*_NORMALS),
-    "formats": _kernels_of(*_FORMATS, modules=_FORMATS),
     "antialiasing": _kernels_of(*_ANTIALIASING),
-    "studio": _kernels_of(*_STUDIO),
+    "formats": _kernels_of(*_FORMATS, modules=_FORMATS),
 }
-"""Parts that are compiled after the server is ready."""
+"""Parts that are compiled after the server is ready, longest first: the look of ``/scene/render`` is."""
 PARTS: Final[Mapping[str, Callable[[], None]]] = {**NEEDED, **BACKGROUND}
 FUNCTION_COUNTS: Final[Mapping[str, int]] = {
     "shading": 125,
     "raster": 95,
-    "setup": 40,
-    "stereo": 105,
+    "setup": 55,
+    "stereo": 60,
     "normals": 35,
-    "formats": 45,
-    "antialiasing": 45,
-    "studio": 65,
+    "formats": 20,
+    "antialiasing": 55,
+    "studio": 135,
 }
 """Number of functions that Numba compiles for each part: the scale of the progress bar.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import builtins
 import os
 import socket
 import subprocess
@@ -223,9 +224,25 @@ def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
         TreeViewer("bogus://here", timeout=SECONDS)
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
         TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
-    monkeypatch.setitem(sys.modules, "lcm", None)
-    with pytest.raises(ImportError, match=r"pip install lcm, and apt install libglib2\.0-0"):
+
+
+@pytest.mark.parametrize(
+    ("module", "remedy"), [("lcm", "pip install lcm"), ("lcm.Release", "apt install libglib2.0-0")]
+)
+def test_reports_what_to_install_for_lcm(monkeypatch: pytest.MonkeyPatch, module: str, remedy: str) -> None:
+    """Without the system's glib, the package lcm is there and cannot import its lcm.Release."""
+
+    def fail(name: str, *arguments: Any) -> Any:
+        if name == "lcm":
+            raise ModuleNotFoundError(f"No module named '{module}'")
+        return real(name, *arguments)
+
+    real = builtins.__import__
+    monkeypatch.setattr(builtins, "__import__", fail)
+    with pytest.raises(ImportError) as error:
         TreeViewer("udpm://", timeout=SECONDS)
+    assert f": {remedy}" in str(error.value)
+    assert str(error.value).count(" install ") == 1
 
 
 def test_escapes_channels() -> None:

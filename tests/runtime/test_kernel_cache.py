@@ -8,11 +8,12 @@ import os
 import pickle
 import stat
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 
 from gateway.runtime import kernel_cache as kernels
 from gateway.runtime.kernel_progress import KernelProgress
@@ -221,6 +222,20 @@ async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monke
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
         await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
     assert not kernels.are_cached()
+
+
+@pytest.mark.parametrize("run", [asyncio.run, uvloop.run], ids=["commands", "server"])
+def test_ctrl_c_does_not_reach_a_child(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[[Any], Any]
+) -> None:
+    """A terminal sends the signal to a process group. A child that it ended was reported as kernels that fail."""
+    child = tmp_path / "child"
+    child.write_text(f"#!{sys.executable}\nimport os, sys\nsys.exit(f'in group {{os.getpgrp()}}')\n")
+    child.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(child))
+    with pytest.raises(kernels.KernelError, match=r"in group \d+$") as error:
+        run(kernels.compile_in_children(["shading"], Progress({"shading": 1})))
+    assert int(str(error.value).split()[-1]) != os.getpgrp()
 
 
 @pytest.mark.slow

@@ -161,6 +161,70 @@ def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[fl
     shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
 
 
+IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values()].every((node) => {
+  const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.stage.camera);
+  return Math.max(Math.abs(at.x), Math.abs(at.y)) < 1;
+})"""
+"""True if the places of all nodes are in view."""
+
+
+def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    shown.page.evaluate("performance.now = () => 0")  # the first nodes are those of two seconds
+    publisher.box(["first"], RED)
+    shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
+    assert shown.page.evaluate(IN_VIEW)
+    publisher.box(["second"], GREEN, x=40.0)
+    shown.until(lambda: shown.page.evaluate(IN_VIEW) and row(shown, ["second"]).count() == 1, "both are in view")
+    where = "scenegate.stage.camera.position.toArray()"
+    shown.page.evaluate("performance.now = () => 2001")
+    before = shown.page.evaluate(where)
+    publisher.box(["later"], GREEN, x=-90.0)
+    shown.until(lambda: row(shown, ["later"]).count() == 1, "a later node is shown")
+    assert shown.page.evaluate(where) == pytest.approx(before)
+
+
+def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["left"], RED, x=-20.0)
+    publisher.box(["right"], GREEN, x=20.0)
+    shown.until(lambda: row(shown, ["right"]).count() == 1, "two nodes far apart")
+    shown.page.keyboard.press("h")
+    shown.page.set_viewport_size({"width": 360, "height": 740})
+    shown.until(lambda: shown.page.evaluate(IN_VIEW + " && scenegate.stage.camera.aspect < 1"), "both are in view")
+    shown.page.locator(".stage canvas").click(position={"x": 5, "y": 5})
+    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    shown.page.set_viewport_size({"width": 740, "height": 360})
+    shown.until(lambda: shown.page.evaluate("scenegate.stage.camera.aspect > 1"), "the phone is turned")
+    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+
+
+def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    shown.page.evaluate("performance.now = () => 0")
+    publisher.box(["first"], RED)
+    shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
+    shown.page.locator(".stage canvas").click()
+    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    publisher.box(["second"], GREEN, x=40.0)
+    shown.until(lambda: row(shown, ["second"]).count() == 1, "the second node is shown")
+    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+
+
+def test_code_of_the_empty_scene_is_copied(view: tuple[View, Publisher]) -> None:
+    shown, _ = view
+    shown.page.get_by_role("tab", name="Python").focus()
+    shown.page.keyboard.press("ArrowRight")
+    assert shown.page.get_by_role("tab", name="A file").evaluate("tab => tab === document.activeElement")
+    code = shown.page.get_by_role("tabpanel", name="Code").locator("code").inner_text()
+    assert code.startswith("scenegate publish ")
+    # As on a page that is neither from this host nor over HTTPS, where browsers have no clipboard.
+    shown.page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
+    shown.page.get_by_role("button", name="Copy").click()
+    shown.page.get_by_role("button", name="Selected").wait_for()
+    assert shown.page.evaluate("getSelection().toString()").strip() == code.strip()
+
+
 def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["pick", "left"], RED, x=-1.0)

@@ -102,9 +102,9 @@ class LcmConnection:
         try:
             import lcm
         except ImportError as error:
-            raise ImportError(
-                f"LCM cannot be loaded ({error}): pip install lcm, and apt install libglib2.0-0"
-            ) from None
+            lacks_glib = "lcm.Release" in str(error)
+            remedy = "apt install libglib2.0-0, the system library that it needs" if lacks_glib else "pip install lcm"
+            raise ImportError(f"The package lcm cannot be loaded ({error}): {remedy}") from None
         scheme = self.url.partition("://")[0]
         hint = _HINTS.get(scheme, "use udpm:// or tcpq://")
         url = _with_host_address(self.url)

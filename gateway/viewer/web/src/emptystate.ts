@@ -2,7 +2,9 @@
 
 import { h } from "./dom";
 import { icon } from "./icons";
+import { TabList } from "./tabs";
 
+const CODE_ID = "empty-state-code";
 const DEFAULT_HUB = "tcpq://127.0.0.1:7700";
 
 /** Code to publish on a hub, by its URL; by title of the tab. */
@@ -22,19 +24,18 @@ ApplyVisualizationConfig(VisualizationConfig(), builder, lcm=lcm)`,
 
 export class EmptyState {
   readonly element = h("section", { class: "empty-state", "aria-label": "The scene is empty", hidden: true });
-  private readonly tabs = h("div", { class: "tabs", role: "tablist" });
+  private readonly tabs = new TabList(Object.keys(EXAMPLES), () => CODE_ID, (title) => this.show(title));
   private readonly code = h("code");
   private readonly copy = h("button", { class: "plain", title: "Copy the code", onclick: () => void this.copyCode() });
   private title = "Python";
   private hub = DEFAULT_HUB;
 
   constructor() {
-    for (const title of Object.keys(EXAMPLES)) this.tabs.append(h("button", { role: "tab", onclick: () => this.show(title) }, title));
     this.element.append(
       h("h2", {}, "The scene is empty"),
       h("p", {}, "Publish something, and it appears here:"),
-      this.tabs,
-      h("div", { class: "code" }, h("pre", { tabindex: 0 }, this.code), this.copy),
+      this.tabs.element,
+      h("div", { class: "code", role: "tabpanel", id: CODE_ID, "aria-label": "Code" }, h("pre", { tabindex: 0 }, this.code), this.copy),
       h("p", { class: "quiet" }, "Or start the gateway with ", h("code", {}, "--demo"), " for a moving scene."),
     );
     this.show(this.title);
@@ -47,7 +48,7 @@ export class EmptyState {
 
   private show(title: string): void {
     this.title = title;
-    for (const button of this.tabs.children) button.setAttribute("aria-selected", String(button.textContent === title));
+    this.tabs.select(title);
     this.code.textContent = EXAMPLES[title]?.(this.hub) ?? "";
     this.labelCopyButton("Copy");
   }
@@ -63,8 +64,9 @@ export class EmptyState {
   }
 
   private async copyCode(): Promise<void> {
-    const copied = await copyText(this.code.textContent ?? "");
-    this.labelCopyButton(copied ? "Copied" : "Select and copy by hand");
+    if (await copyText(this.code.textContent ?? "")) return this.labelCopyButton("Copied");
+    getSelection()?.selectAllChildren(this.code);
+    this.labelCopyButton("Selected: press Ctrl+C");
   }
 
   private labelCopyButton(text: string): void {

@@ -22,6 +22,9 @@ import { backgroundColors, colorsOn, startingBackground, startingTheme, type The
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
 
+/** Time in which the home view follows the nodes that are added. */
+const FRAMING_MS = 2000;
+
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
@@ -43,8 +46,10 @@ let updates = 0;
 let streaming = false;
 /** True after the stereo panel has been opened for the first stream. */
 let stereoPanelOpened = false;
-/** True after the first geometry has been framed. */
-let framed = false;
+/** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
+let framingEnds = Infinity;
+/** `stage.placements` after the home view was last framed. */
+let framed = 0;
 let background = startingBackground();
 let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
 /** JSON of the last home camera that a client has set. */
@@ -157,6 +162,7 @@ function look(direction: Direction): void {
     const { eye, target, up } = settings.home;
     stage.placeCamera(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
   } else stage.look(direction, drawing.focusBoxes(model.root));
+  if (direction === "home") framed = stage.placements;
 }
 
 function receive(message: Message): void {
@@ -193,15 +199,27 @@ function update(message: SceneUpdate): void {
   if (selected && model.nodes.get(selected.id) !== selected) select(model.find(selected.path));
   else if (selected) highlight();
   const empty = model.root.children.size === 0 && !model.root.parts;
-  if (!framed && !empty) {
-    framed = true;
-    look("home");
-  }
+  if (!empty && (change.added.length || framingEnds === Infinity)) frameFirstNodes();
   if (change.added.length || change.removed.length) placeShadows();
   emptyState.setShown(empty);
   showHint("", "centre");
   redraw();
 }
+
+/** Frame the scene while its first nodes arrive, unless the camera was moved meanwhile. */
+function frameFirstNodes(): void {
+  const now = performance.now();
+  if (framingEnds === Infinity) framingEnds = now + FRAMING_MS;
+  else if (now > framingEnds || stage.placements !== framed) return;
+  look("home");
+}
+
+/** Keep the home view framed in a window of another shape, for instance on a phone that is turned. */
+addEventListener("resize", () => {
+  if (stage.placements !== framed) return;
+  stage.resize();
+  look("home");
+});
 
 function showSettings(next: PageSettings): void {
   const gridChanged = next.grid !== settings.grid;

@@ -62,6 +62,8 @@ export class Stage {
   private halfHeight = 1;
   /** Number of frames drawn. */
   frames = 0;
+  /** Number of times that the camera was placed, or taken by the visitor. */
+  placements = 0;
 
   /** Objects of the scene, which `pick` searches. */
   readonly content = new Object3D();
@@ -94,6 +96,7 @@ export class Stage {
     const controls = new OrbitControls(this.camera, this.renderer.domElement);
     controls.listenToKeyEvents(this.renderer.domElement);
     controls.addEventListener("change", () => this.redraw());
+    controls.addEventListener("start", () => (this.placements += 1));
     return controls;
   }
 
@@ -156,6 +159,7 @@ export class Stage {
   }
 
   private finishPlacing(halfHeight: number): void {
+    this.placements += 1;
     this.orthographic.zoom = 1;
     this.halfHeight = halfHeight;
     this.resize();
@@ -255,7 +259,8 @@ export class Stage {
     return caster.intersectObject(this.content, true)[0];
   }
 
-  private resize(): void {
+  /** Adopt the size of the view on the page. */
+  resize(): void {
     const width = Math.max(1, this.holder.clientWidth);
     const height = Math.max(1, this.holder.clientHeight);
     this.renderer.setSize(width, height);

@@ -1,10 +1,48 @@
-// Tabs of a panel; arrow keys move between them.
+// Tabs; arrow keys move between them.
 
 import { h } from "./dom";
 
+/** The row of tabs. Each tab controls the element with the id that `controls` returns. */
+export class TabList {
+  readonly element = h("div", { class: "tabs", role: "tablist" });
+  private readonly buttons = new Map<string, HTMLElement>();
+
+  constructor(
+    names: string[],
+    controls: (name: string) => string,
+    private readonly onSelect: (name: string) => void,
+  ) {
+    for (const name of names) {
+      const button = h("button", { role: "tab", "aria-controls": controls(name), onclick: () => onSelect(name) }, name);
+      this.buttons.set(name, button);
+      this.element.append(button);
+    }
+    this.element.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  select(name: string): void {
+    for (const [each, button] of this.buttons) {
+      button.setAttribute("aria-selected", String(each === name));
+      button.tabIndex = each === name ? 0 : -1;
+    }
+  }
+
+  private key(event: KeyboardEvent): void {
+    const buttons = [...this.buttons];
+    const current = buttons.findIndex(([, button]) => button === event.target);
+    const step = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
+    const next = buttons[(current + step + buttons.length) % buttons.length];
+    if (!step || !next) return;
+    this.onSelect(next[0]);
+    next[1].focus();
+    event.preventDefault();
+  }
+}
+
+/** The panels on the right, of which one is shown. */
 export class Tabs {
   readonly element: HTMLElement;
-  private readonly buttons = new Map<string, HTMLElement>();
+  private readonly list: TabList;
   private readonly pages = new Map<string, HTMLElement>();
   current = "";
 
@@ -12,37 +50,20 @@ export class Tabs {
     pages: Record<string, HTMLElement>,
     private readonly onShow: (name: string) => void,
   ) {
-    const list = h("div", { class: "tabs", role: "tablist" });
-    this.element = h("div", { class: "drawer right" }, list);
+    const id = (name: string) => `page-${name.toLowerCase().replaceAll(" ", "-")}`;
+    this.list = new TabList(Object.keys(pages), id, (name) => this.show(name));
+    this.element = h("div", { class: "drawer right" }, this.list.element);
     for (const [name, content] of Object.entries(pages)) {
-      const id = `page-${name.toLowerCase().replaceAll(" ", "-")}`;
-      const button = h("button", { role: "tab", "aria-controls": id, onclick: () => this.show(name) }, name);
-      const page = h("div", { class: "page", role: "tabpanel", id, "aria-label": name, tabindex: -1 }, content);
-      this.buttons.set(name, button);
+      const page = h("div", { class: "page", role: "tabpanel", id: id(name), "aria-label": name, tabindex: -1 }, content);
       this.pages.set(name, page);
-      list.append(button);
       this.element.append(page);
     }
-    list.addEventListener("keydown", (event) => this.key(event));
   }
 
   show(name: string): void {
     this.current = name;
-    for (const [each, button] of this.buttons) {
-      button.setAttribute("aria-selected", String(each === name));
-      button.tabIndex = each === name ? 0 : -1;
-    }
+    this.list.select(name);
     for (const [each, page] of this.pages) page.hidden = each !== name;
     this.onShow(name);
-  }
-
-  private key(event: KeyboardEvent): void {
-    const names = [...this.buttons.keys()];
-    const step = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
-    const next = names[(names.indexOf(this.current) + step + names.length) % names.length];
-    if (!step || !next) return;
-    this.show(next);
-    this.buttons.get(next)?.focus();
-    event.preventDefault();
   }
 }

@@ -5,7 +5,8 @@ import { FamiliesPanel } from "./familiespanel";
 import { icon } from "./icons";
 import type { Model, TreeNode } from "./model";
 
-const ROW = 26;
+/** Height of a row, CSS pixels: a finger needs more than a pointer. */
+const ROW = matchMedia("(pointer: coarse)").matches ? 40 : 26;
 const OPEN_AT_FIRST = 2;
 
 interface Row {
