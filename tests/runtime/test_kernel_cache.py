@@ -234,7 +234,7 @@ def test_ctrl_c_does_not_reach_a_child(
     child.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(child))
     with pytest.raises(kernels.KernelError, match=r"in group \d+$") as error:
-        run(kernels.compile_in_children(["shading"], Progress({"shading": 1})))
+        run(kernels.compile_in_children(["shading"], KernelProgress({"shading": 1})))
     assert int(str(error.value).split()[-1]) != os.getpgrp()
 
 
