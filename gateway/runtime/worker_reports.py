@@ -42,7 +42,7 @@ class Report:
         """Return the status, or ``silent`` for an old report, or ``ended`` if the process no longer exists."""
         try:
             os.kill(self.pid, 0)
-        except ProcessLookupError:
+        except OSError:  # none with this id, or one of another user
             return "ended"
         return "silent" if time.monotonic() - self.time > SILENT_SECONDS else self.status
 
@@ -69,10 +69,11 @@ class WorkerReports:
         reports = list(self._read())
         self.replaces = len(reports) >= self.count
         for report in reports:
-            if report.state() == "ended" and self._remove(report.pid):
+            if report.state() == "ended" and self._take_over(report.pid):
                 self._ended = sum_expositions((), (report.metrics, report.ended)).decode()
                 break
-        self.write("starting", "")
+        with contextlib.suppress(OSError):  # with a full disk, the others still read the report taken over, or none
+            self.write("starting", "")
 
     def write(self, status: str, metrics: str) -> None:
         """Replace the report of this process.
@@ -115,17 +116,17 @@ class WorkerReports:
         return sum_expositions(running, ended)
 
     def _others(self) -> Iterator[Report]:
-        return (report for report in self._read() if report.pid != self._pid)
+        return self._read(skip=self._file(self._pid))
 
-    def _read(self) -> Iterator[Report]:
-        for path in sorted(self._folder.glob("*.json")):
+    def _read(self, skip: Path | None = None) -> Iterator[Report]:
+        for path in sorted({*self._folder.glob("*.json")} - {skip}):
             with contextlib.suppress(FileNotFoundError):  # another process has just removed it
                 yield Report(**json.loads(path.read_text("utf-8")))
 
-    def _remove(self, pid: int) -> bool:
-        """Remove the report of a process that has ended. Return False if another process has already removed it."""
+    def _take_over(self, pid: int) -> bool:
+        """Rename the report of a process that has ended. Return False if another process has already taken it over."""
         try:
-            self._file(pid).unlink()
+            self._file(pid).rename(self._file(self._pid))
         except FileNotFoundError:
             return False
         return True
