@@ -51,7 +51,7 @@ _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
-    routes = APIRouter(tags=["scene"])
+    routes = APIRouter(tags=["The live scene"])
 
     async def listing(request: Request) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
