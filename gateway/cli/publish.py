@@ -27,8 +27,8 @@ def publish(
             metavar="SCENE.json|MESH|ROBOT",
             exists=True,
             dir_okay=False,
-            help="A request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae; or a robot file: urdf, xml "
-            "(MJCF).",
+            help="A request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: "
+            "urdf, xml (MJCF).",
         ),
     ],
     path: Annotated[str, typer.Option(help="Path in the tree: robot/base.")] = "",

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import tempfile
+import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import structlog
 
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.worker_reports import WorkerReports
-from gateway.settings import Settings
+from gateway.settings import Settings, SettingsError
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
     from uvicorn import Config
+    from uvicorn.supervisors import Multiprocess
+
+RETRY_SECONDS: Final = 5.0
+"""Time after which a process that cannot start ends, and the supervisor tries again."""
 
 
 def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
@@ -31,12 +37,42 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
     from uvicorn.config import STARTUP_FAILURE
     from uvicorn.supervisors import Multiprocess
 
+    log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
-    with tempfile.TemporaryDirectory(prefix="scenegate-workers-") as folder:
+    try:
+        temporary = tempfile.TemporaryDirectory(prefix="scenegate-workers-")
+    except OSError as error:
+        log.error(f"--workers needs a temporary folder, which TMPDIR names: {error.strerror}.")
+        return 1
+    with temporary as folder:
         supervisor = Multiprocess(_config(settings, Path(folder), tls), [listener])
+        _notice_ended_processes(supervisor)
         supervisor.run()
-    structlog.get_logger("gateway").info("Scenegate has stopped")
+    log.info("Scenegate has stopped")
     return 1 if any(process.exitcode == STARTUP_FAILURE for process in supervisor.processes) else 0
+
+
+def _notice_ended_processes(supervisor: Multiprocess) -> None:
+    """Let the supervisor replace a process at once that ends while the supervisor waits for its response.
+
+    uvicorn waits for ``HANGING_SECONDS``, and handles no signal meanwhile: it keeps the process's end of their pipe
+    open, so that it does not read the end of the file. It does when this end is closed.
+    """
+
+    def close_pipes(*_: object) -> None:
+        for process in supervisor.processes:
+            if process.pid is not None and _has_ended(process.pid):
+                process.child_conn.close()
+
+    signal.signal(signal.SIGCHLD, close_pipes)
+
+
+def _has_ended(pid: int) -> bool:
+    """Return whether a child process has ended. Its exit code stays for the supervisor."""
+    try:
+        return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    except ChildProcessError:
+        return True
 
 
 def _config(settings: Settings, folder: Path, tls: tuple[Path, Path] | None) -> Config:
@@ -58,6 +94,11 @@ def create_worker(settings: Settings, folder: Path) -> FastAPI:
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
 
-    app = create_app(settings, reports=WorkerReports(folder, settings.workers))
+    try:
+        app = create_app(settings, reports=WorkerReports(folder, settings.workers))
+    except SettingsError as error:  # a file has changed since the supervisor started
+        structlog.get_logger("gateway").error(f"This process cannot start: {error}")
+        time.sleep(RETRY_SECONDS)
+        raise SystemExit(1) from None
     app.state.context.on_started = process_tuning.freeze_gc
     return app

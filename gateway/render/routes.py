@@ -146,7 +146,7 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
 
 def router(service: RenderService) -> APIRouter:
     """Return the routes of the render endpoint, at the path of its configuration."""
-    routes = APIRouter(tags=["render"])
+    routes = APIRouter(tags=["Render"])
     path = service.config.path
 
     async def render(http: Request) -> Response:

@@ -105,8 +105,15 @@ def _kernels(parts: Collection[str]) -> Finding:
     folder = kernel_cache.configure()
     if not (reason := cache_folder.missing(parts=parts)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
-    meaning = "The next start compiles them: half a minute on two cores."
-    return Finding("kernels", Verdict.NOTE, f"{reason}, in {folder}", meaning, "scenegate warmup")
+    detail, duration = f"{reason}, in {folder}", "half a minute on two cores"
+    remedy = "CACHE_DIR=FOLDER, one that can be written"
+    if not cache_folder.is_writable(folder):
+        detail = f"{detail}, which cannot be written"
+        return Finding("kernels", Verdict.ERROR, detail, "Nothing is rendered.", f"NUMBA_{remedy}")
+    if cache_folder.root().name.startswith("scenegate-kernels-"):  # a private folder, which this process removes
+        detail = f"{reason}, and the cache folder cannot be written"
+        return Finding("kernels", Verdict.NOTE, detail, f"Each start compiles them: {duration}.", f"SCENEGATE_{remedy}")
+    return Finding("kernels", Verdict.NOTE, detail, f"The next start compiles them: {duration}.", "scenegate warmup")
 
 
 def _port(name: str, host: str, port: int, flag: str, instances: list[RunningInstance]) -> Finding:

@@ -11,6 +11,7 @@ import contextlib
 import fcntl
 import json
 import os
+import signal
 import sys
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
@@ -109,7 +110,7 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
     if not cache_folder.is_writable(folder):
         raise KernelError(
             f"the rendering kernels in {folder} are not complete ({cache_folder.missing()}), and the folder cannot be "
-            "written: NUMBA_CACHE_DIR or SCENEGATE_CACHE_DIR chooses another one"
+            "written: NUMBA_CACHE_DIR chooses another one"
         )
     with (folder / "lock").open("wb") as lock:
         while True:
@@ -197,13 +198,23 @@ async def _compile_in_child(
     except BaseException:
         if child.returncode is None:
             child.terminate()
-            await child.wait()
+        while child.returncode is None:
+            # Ctrl+C ends children as well: the first that has ended cancels the others, then this process is cancelled.
+            with contextlib.suppress(asyncio.CancelledError):
+                await child.wait()
         raise
     finally:
         output = await errors
     if child.returncode:
-        lines = output.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
-        raise KernelError(f"the rendering kernels could not be compiled: {lines[-1]}")
+        lines = output.decode(errors="replace").strip().splitlines() or [_description(child.returncode)]
+        raise KernelError(f"the rendering kernels could not be compiled into {cache_folder.folder()}: {lines[-1]}")
+
+
+def _description(returncode: int) -> str:
+    """Return how a child ended that wrote no error."""
+    if returncode == -signal.SIGKILL:
+        return "a compiling process was killed, perhaps for lack of memory, of which each needs 0.6 GB"
+    return f"a compiling process ended with {f'signal {-returncode}' if returncode < 0 else f'exit code {returncode}'}"
 
 
 @contextmanager

@@ -13,6 +13,8 @@ from typing import Any, Final
 
 _LOG_STEP_PERCENT: Final = 20
 """Progress between two lines of the log, percent."""
+_BAR_COLUMNS: Final = 80
+"""Columns of a terminal that a line with a bar needs."""
 _MIN_ESTIMATE_FRACTION: Final = 0.1
 """Minimum progress, 0 to 1, for an estimate of the remaining time."""
 
@@ -130,16 +132,20 @@ def _bar(progress: KernelProgress) -> Iterator[None]:
     from rich import progress as rich_progress
     from rich.console import Console
 
-    columns = (
+    console = Console(stderr=True)
+    columns: list[rich_progress.ProgressColumn] = [
         rich_progress.TextColumn("{task.description}"),
-        rich_progress.BarColumn(),
         rich_progress.TaskProgressColumn(),
-        rich_progress.TimeElapsedColumn(),
         rich_progress.TextColumn("{task.fields[left]}"),
-    )
+    ]
+    description = "Compiling kernels"
+    if console.width >= _BAR_COLUMNS:
+        description = "Compiling the rendering kernels, once"
+        columns[1:1] = [rich_progress.BarColumn()]
+        columns[3:3] = [rich_progress.TimeElapsedColumn()]
     terminal = sys.stderr
-    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("Compiling the rendering kernels, once", total=1.0, left="")
+    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(description, total=1.0, left="")
 
         def show() -> None:
             left = f"about {progress.seconds_left} s left" if progress.seconds_left else ""

@@ -6,7 +6,10 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
+
+_BAR_COLUMNS: Final = 60
+"""Columns of a terminal that a line with a bar needs."""
 
 
 class ProgressBar:
@@ -61,13 +64,14 @@ def progress_bar(description: str, unit: str, total: float | None = None) -> Ite
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description}"),
-        BarColumn(),
+        *([BarColumn()] if console.width >= _BAR_COLUMNS else []),
         TextColumn("{task.fields[count]}"),
         TextColumn("{task.fields[rate]}"),
         TimeElapsedColumn() if total is None else TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         yield ProgressBar(unit, bar, bar.add_task(description, total=total, count="", rate="", note=""))

@@ -42,7 +42,7 @@ class WorkerReport:
         """Return the status; ``silent`` if the report is old; ``ended`` if the process no longer exists."""
         try:
             os.kill(self.pid, 0)
-        except ProcessLookupError:
+        except OSError:  # none with this id, or one of another user
             return "ended"
         return "silent" if time.monotonic() - self.time > SILENT_SECONDS else self.status
 
@@ -69,10 +69,11 @@ class WorkerReports:
         reports = list(self._read())
         self.is_replacement = len(reports) >= self.count
         for report in reports:
-            if report.state() == "ended" and self._remove(report.pid):
+            if report.state() == "ended" and self._take_over(report.pid):
                 self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
                 break
-        self.write("starting", "")
+        with contextlib.suppress(OSError):  # with a full disk, the others still read the report taken over, or none
+            self.write("starting", "")
 
     def write(self, status: str, metrics: str) -> None:
         """Replace the report of this process.
@@ -116,17 +117,17 @@ class WorkerReports:
         return sum_expositions(running, ended)
 
     def _others(self) -> Iterator[WorkerReport]:
-        return (report for report in self._read() if report.pid != self._pid)
+        return self._read(skip=self._file(self._pid))
 
-    def _read(self) -> Iterator[WorkerReport]:
-        for path in sorted(self._folder.glob("*.json")):
+    def _read(self, skip: Path | None = None) -> Iterator[WorkerReport]:
+        for path in sorted({*self._folder.glob("*.json")} - {skip}):
             with contextlib.suppress(FileNotFoundError):  # another process has just removed it
                 yield WorkerReport(**json.loads(path.read_text("utf-8")))
 
-    def _remove(self, pid: int) -> bool:
-        """Remove the report of an ended process. Return False if another process has already removed it."""
+    def _take_over(self, pid: int) -> bool:
+        """Rename the report of an ended process. Return False if another process has already taken it over."""
         try:
-            self._file(pid).unlink()
+            self._file(pid).rename(self._file(self._pid))
         except FileNotFoundError:
             return False
         return True

@@ -49,7 +49,7 @@ def router(
         readiness: returns the status of this process for ``/readyz``; default: that of the registry.
         reports: reports of all processes, if there are several (``--workers``).
     """
-    routes = APIRouter(tags=["operations"])
+    routes = APIRouter(tags=["Health and metrics"])
     own_readiness = readiness or registry.verdict
 
     async def describe(request: Request) -> dict[str, Any]:

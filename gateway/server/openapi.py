@@ -19,7 +19,7 @@ SECURITY_SCHEMES: Final[Mapping[str, Any]] = {
     "token": {
         "type": "http",
         "scheme": "bearer",
-        "description": "A token of --http-token-file, if the gateway has one: `Authorization: Bearer TOKEN`.",
+        "description": "A token of --http-token-file: `Authorization: Bearer TOKEN`.",
     },
     "cookie": {
         "type": "apiKey",
@@ -63,17 +63,16 @@ def describe(app: FastAPI, *, token: bool, open_paths: Collection[str]) -> None:
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
-        schema = generate()
-        if "securitySchemes" not in schema.setdefault("components", {}):  # FastAPI caches the schema
-            _complete(schema, token, open_paths)
-        return schema
+        if app.openapi_schema is None:  # FastAPI keeps the schema there
+            _complete(generate(), token, open_paths)
+        return generate()
 
     app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way
 
 
 def _complete(schema: dict[str, Any], token: bool, open_paths: Collection[str]) -> None:
-    schema["components"]["securitySchemes"] = dict(SECURITY_SCHEMES)
     if token:
+        schema.setdefault("components", {})["securitySchemes"] = dict(SECURITY_SCHEMES)
         schema["security"] = [{name: []} for name in SECURITY_SCHEMES]
     for path, methods in schema["paths"].items():
         for method, operation in methods.items():

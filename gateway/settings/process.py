@@ -154,6 +154,9 @@ class ProcessSettings(BaseSettings):
 
     # --- Logs
     log_format: Literal["auto", "human", "json"] = option(
-        "auto", "Logs", "'human': coloured lines; 'json': one object per line; 'auto': human in a terminal, else JSON."
+        "auto",
+        "Logs",
+        "'human': lines, coloured in a terminal unless NO_COLOR is set; 'json': one object per line; 'auto': human in "
+        "a terminal, else JSON.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = option("info", "Logs", "Lowest level that is logged.")

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.runtime.kernel_wait import until_compiled
 from gateway.runtime.worker_pool import QueueFull, WorkerPool
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.events import EventHub
@@ -23,7 +24,6 @@ from gateway.stereo.motion import EarlierFrame
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
-from renderers.compiler.pending import is_compiling
 from renderers.drawlist import DrawList
 
 SceneSource = Callable[[], tuple[DrawList, int]]
@@ -34,7 +34,6 @@ same thread."""
 
 _KERNEL_PARTS: Final = ("stereo", "normals")
 """Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
-_KERNEL_POLL_SECONDS: Final = 0.1
 
 
 class FrameScheduler:
@@ -102,8 +101,7 @@ class FrameScheduler:
         The first one waits for the kernels: compiling them is no part of a frame's time limit.
         """
         try:
-            while any(is_compiling(part) for part in _KERNEL_PARTS):  # noqa: ASYNC110 - other threads load them
-                await asyncio.sleep(_KERNEL_POLL_SECONDS)
+            await until_compiled(*_KERNEL_PARTS)
             while True:
                 await self._step()
         finally:

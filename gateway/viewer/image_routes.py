@@ -28,16 +28,20 @@ from renderers.interface import LookName
 
 NO_STORE: Final = {"Cache-Control": "no-store"}
 _DEFAULTS: Final = ViewerConfig()
-Size = Annotated[
-    int | None,
-    Query(
+
+
+def _size(default: int, shown: int) -> Any:
+    return Query(
         ge=1,
-        description=f"Pixels; width x height is at most {_DEFAULTS.max_pixels}",
+        description=f"Pixels; width x height is at most {_DEFAULTS.max_pixels}. Default: {default}.",
         json_schema_extra={"maximum": _DEFAULTS.max_side},  # checked by the handler, which has a better error text
-        openapi_examples=example(640),
-    ),
-]
-MaxWidth = Annotated[int | None, Query(ge=1, description="Maximum width in pixels", openapi_examples=example(320))]
+        openapi_examples=example(shown),
+    )
+
+
+Width = Annotated[int | None, _size(_DEFAULTS.width, 640)]
+Height = Annotated[int | None, _size(_DEFAULTS.height, 480)]
+MaxWidth = Annotated[int | None, Query(ge=1, description="Maximum width in pixels.", openapi_examples=example(320))]
 CameraText = Annotated[
     str,
     Query(
@@ -52,7 +56,11 @@ CameraText = Annotated[
 FrameRate = Annotated[float, Query(gt=0, description="Maximum frame rate, Hz", openapi_examples=example(15.0))]
 Quality = Annotated[int, Query(ge=1, le=100, description="JPEG quality", openapi_examples=example(85))]
 LookChoice = Annotated[
-    LookName | None, Query(description="Shading of colour images", openapi_examples=example("plain"))
+    LookName | None,
+    Query(
+        description=f"Shading. Default: {_DEFAULTS.look}, for streams {_DEFAULTS.stream_look}.",
+        openapi_examples=example("plain"),
+    ),
 ]
 StereoImage = Annotated[
     str,
@@ -152,8 +160,8 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     async def frame(
         request: Request,
         camera: CameraText = "fit",
-        width: Size = None,
-        height: Size = None,
+        width: Width = None,
+        height: Height = None,
         quality: Quality = 85,
         look: LookChoice = None,
     ) -> Response:
@@ -171,8 +179,8 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     async def stream(
         request: Request,
         camera: CameraText = "fit",
-        width: Size = None,
-        height: Size = None,
+        width: Width = None,
+        height: Height = None,
         quality: Quality = 80,
         look: LookChoice = None,
         rate: FrameRate = 15.0,

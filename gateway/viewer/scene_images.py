@@ -9,6 +9,7 @@ from typing import Final
 
 import structlog
 
+from gateway.runtime.kernel_wait import parts_of_look, until_compiled
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
@@ -93,10 +94,16 @@ class SceneImages:
             DeadlineExceeded: rendering took too long.
             PoolClosed: the gateway shuts down.
         """
+        look = self._look(request)
+        await until_compiled(*parts_of_look(look.name, look.samples))
         snapshot = self._tree.snapshot
         key = (request, snapshot.revision)
         data = await self._images.get(key, lambda: self._workers.run(self._render, request, snapshot))
         return data, snapshot.revision
+
+    def _look(self, request: ImageRequest) -> Look:
+        samples = self.config.samples if request.look == "studio" else 1
+        return Look(request.look, self.config.background, samples, self.config.rig)
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         """Return a snapshot as JPEG. Called in a worker thread."""
@@ -109,9 +116,7 @@ class SceneImages:
             stereo=self._stereo_camera(),
             draw_list=draw_list,
         )
-        samples = self.config.samples if request.look == "studio" else 1
-        look = Look(request.look, self.config.background, samples, self.config.rig)
-        with self._renderer.render(draw_list, camera, Output.COLOR, look) as frame:
+        with self._renderer.render(draw_list, camera, Output.COLOR, self._look(request)) as frame:
             assert frame.color is not None
             return jpeg_rgb(frame.color, quality=request.quality)
 

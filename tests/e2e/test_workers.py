@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
+from pathlib import Path
 from threading import Event
 
 import httpx2
@@ -181,6 +184,37 @@ def test_processes_end_with_a_killed_supervisor() -> None:
         pids = all_ready(url)
         process.process.kill()
         wait_until(lambda: all(map(ended, pids)))
+
+
+def test_a_process_that_ends_while_the_supervisor_waits_for_it_is_replaced() -> None:
+    patient = (
+        "from gateway.server import http_server; http_server.HANGING_SECONDS = 1e6; "
+        "from gateway.cli.main import main; main()"
+    )
+    with gateway_process(*WORKERS, command=(sys.executable, "-c", patient)) as (process, url):
+        pids = all_ready(url)
+        os.kill(pids[0], signal.SIGSTOP)
+        time.sleep(2.0)  # the supervisor asks it twice a second, and now waits for its response
+        os.kill(pids[0], signal.SIGKILL)
+        entry = process.wait_for("Child process")
+    assert entry["event"] == f"Child process [{pids[0]}] died"
+
+
+def test_a_process_that_cannot_start_leaves_the_others_and_is_tried_again(tmp_path: Path) -> None:
+    tokens = tmp_path / "tokens"
+    tokens.write_text("a-token-of-many-characters")
+    with gateway_process(*WORKERS, "--http-token-file", str(tokens)) as (process, url):
+        pids = all_ready(url)
+        tokens.rename(tmp_path / "elsewhere")
+        os.kill(pids[0], signal.SIGKILL)
+        entry = process.wait_for("This process cannot start")
+        assert entry["level"] == "error"
+        assert str(tokens) in entry["event"]
+        (tmp_path / "elsewhere").rename(tokens)
+        assert pids[1] in wait_until(lambda: all_ready(url))
+        assert process.stop() == 0
+        log = process.rest_of_log()
+    assert not [entry for entry in log if entry["level"] == "raw"]
 
 
 def test_one_scene_is_one_process() -> None:

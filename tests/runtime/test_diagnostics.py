@@ -92,6 +92,25 @@ def test_kernels_are_complete_when_every_part_is_listed(
         is_note(row, detail, "scenegate warmup")
 
 
+@pytest.mark.parametrize(
+    ("variable", "verdict", "detail"),
+    [
+        ("NUMBA_CACHE_DIR", Verdict.ERROR, "not compiled yet, in /proc/kernels/"),
+        ("SCENEGATE_CACHE_DIR", Verdict.NOTE, "not compiled yet, and the cache folder cannot be written"),
+    ],
+)
+def test_a_cache_folder_that_cannot_be_written_is_found(
+    monkeypatch: pytest.MonkeyPatch, variable: str, verdict: Verdict, detail: str
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # configure() writes it; monkeypatch takes it back
+    monkeypatch.setenv(variable, "/proc/kernels")
+    cache_folder.root.cache_clear()
+    try:
+        is_note(finding("kernels"), detail, f"{variable}=FOLDER", verdict)
+    finally:
+        cache_folder.root.cache_clear()
+
+
 def test_a_free_port_is_ok_and_one_that_is_not_allowed_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     assert finding("port 0", 0) == Finding("port 0", Verdict.OK, "HTTP: free")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import json
 import os
 import pickle
 import stat
@@ -219,9 +220,36 @@ async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, m
 
 async def test_a_child_that_fails_is_an_error_of_one_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
+    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be .* exit code 1$"):
         await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
     assert not kernels.are_cached()
+
+
+async def test_a_killed_child_is_an_error_that_says_so(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", script(tmp_path, "kill -KILL $$"))
+    with pytest.raises(kernels.KernelError, match=r"a compiling process was killed, perhaps for lack of memory"):
+        await kernels.compile_in_children(["shading"], KernelProgress({"shading": 1}))
+
+
+async def test_cancelled_twice_while_children_compile(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by Ctrl+C, which ends one child first."""
+    report, pid = json.dumps({"part": "shading"}), tmp_path / "pid"
+    commands = f"echo $$ >{pid}; echo '{report}'; exec sleep 1000"
+    monkeypatch.setattr(sys, "executable", script(tmp_path, commands))
+    progress = KernelProgress({"shading": 9})
+    task = asyncio.create_task(kernels.compile_in_children(["shading"], progress))
+    await until(lambda: progress.compiled)
+    task.cancel()
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
 
 
 @pytest.mark.parametrize("run", [asyncio.run, uvloop.run], ids=["commands", "server"])
@@ -236,6 +264,14 @@ def test_ctrl_c_does_not_reach_a_child(
     with pytest.raises(kernels.KernelError, match=r"in group \d+$") as error:
         run(kernels.compile_in_children(["shading"], KernelProgress({"shading": 1})))
     assert int(str(error.value).split()[-1]) != os.getpgrp()
+
+
+def script(folder: Path, commands: str) -> str:
+    """Write a program that does not look at its arguments; return its path."""
+    program = folder / "program"
+    program.write_text(f"#!/bin/sh\n{commands}\n")
+    program.chmod(0o755)
+    return str(program)
 
 
 @pytest.mark.slow

@@ -67,11 +67,12 @@ def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
 
-def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("columns", [120, 40])
+def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("COLUMNS", str(columns))
     handler = logging.StreamHandler(terminal)
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [handler])
@@ -85,3 +86,4 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     assert "25%" in written
     assert "about 1 s left" in written
     assert "something else\n" in written
+    assert "…" not in written

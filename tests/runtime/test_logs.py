@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import sys
@@ -36,6 +37,25 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert (first["event"], first["ms"], first["logger"], first["request_id"]) == ("drawn", 3, "gateway.x", "r1")
     assert (second["event"], second["level"], second["request_id"]) == ("2 left", "warning", "r1")
     assert first["timestamp"].endswith("Z")
+
+
+@pytest.mark.parametrize(
+    ("environment", "colored"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
+)
+def test_lines_in_a_terminal_are_coloured(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], colored: bool
+) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    logs.configure("auto", "info")
+    structlog.get_logger("gateway.x").info("drawn")
+    assert "drawn" in terminal.getvalue()
+    assert ("\x1b[" in terminal.getvalue()) is colored
 
 
 def test_lines_of_one_of_several_processes_have_its_number(capsys: pytest.CaptureFixture[str]) -> None:

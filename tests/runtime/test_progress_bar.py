@@ -15,11 +15,11 @@ class Terminal(io.StringIO):
         return True
 
 
-def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, total: float | None) -> str:
+def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, total: float | None, columns: int = 120) -> str:
     """Return what a bar with two updates, two seconds apart, writes."""
     now = [100.0]
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("COLUMNS", str(columns))
     monkeypatch.setenv("TERM", "xterm")
     with progress_bar("Playing", "messages", total) as bar:
         monkeypatch.setattr("gateway.runtime.progress_bar.time.monotonic", lambda: now[0])
@@ -38,6 +38,13 @@ def test_count_and_rate_are_shown_on_a_terminal(monkeypatch: pytest.MonkeyPatch,
     text = shown(monkeypatch, Terminal(), total)
     for part in ("Playing", "5 messages", "2.5/s", "newest 7"):
         assert part in text
+
+
+def test_the_figures_are_whole_in_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = shown(monkeypatch, Terminal(), 100.0, columns=48)
+    for part in ("Playing", "5 messages", "2.5/s", "-:--:--", "newest 7"):
+        assert part in text
+    assert "…" not in text
 
 
 def test_the_total_may_be_found_later(monkeypatch: pytest.MonkeyPatch) -> None:

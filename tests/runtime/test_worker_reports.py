@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -118,3 +119,33 @@ def test_a_process_beside_all_others_will_replace_one(tmp_path: Path) -> None:
     reports.register()
     assert reports.is_replacement
     assert reports.describe("restarting")[0] == "degraded"
+
+
+def test_a_process_starts_although_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    leave(tmp_path, ended_process(), steps=3)
+    leave(tmp_path, os.getppid(), steps=4)
+    reports = WorkerReports(tmp_path, 2)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_text", full)
+        reports.register()
+    assert samples(reports.sum_metrics(""))["scenegate_steps_total"] == 7.0
+    assert reports.describe("ready")[0] == "ready"
+    other = WorkerReports(tmp_path, 2, os.getppid())
+    assert samples(other.sum_metrics(COUNTER.format(4)))["scenegate_steps_total"] == 7.0
+    assert other.describe("ready")[0] == "degraded"
+
+
+def test_the_number_of_an_ended_process_may_be_that_of_another_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave(tmp_path, os.getppid())
+
+    def forbidden(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "kill", forbidden)
+    assert WorkerReports(tmp_path, 2).describe("ready")[0] == "degraded"

@@ -25,6 +25,7 @@ from gateway.sceneapi.query import QueryError, openapi_parameters, parse_query
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
+from renderers.compiler import pending
 from renderers.drawlist import ImageError, Material
 from renderers.interface import Output
 from tests.sceneapi.conftest import SPOT, World
@@ -304,6 +305,19 @@ async def test_single_clipping_plane_adjusts_the_other(world: World, query: str,
     assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
     camera = world.renderer.calls[-1][1]
     assert (camera.near, camera.far) == pytest.approx((near, far))
+
+
+async def test_an_image_waits_for_its_kernels_without_a_worker_thread(world: World) -> None:
+    with pending.announced(("studio", "antialiasing")):
+        studio = asyncio.ensure_future(world.client.get(f"/scene/render?{SMALL}"))
+        for query in ("look=plain", "type=depth"):
+            assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
+        assert [look.name for *_, look in world.renderer.calls][:1] == ["plain"]
+        assert len(world.renderer.calls) == 2
+        pending.finish("antialiasing")
+        assert not studio.done()
+        pending.finish("studio")
+        assert (await studio).status_code == 200
 
 
 async def test_undecodable_texture_is_500(world: World) -> None:

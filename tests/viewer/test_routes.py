@@ -30,6 +30,7 @@ from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import RenderSummary, StereoImages
 from renderers.camera import Camera
+from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.images import image_from_bytes
@@ -123,6 +124,17 @@ async def test_concurrent_requests_share_one_rendering_per_revision(world: World
     assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
     assert len(world.renderer.cameras) == 2
     assert world.renderer.looks == [Look("studio", world.config.background, 4, Rig(exposure=0.5))] * 2
+
+
+async def test_an_image_waits_for_its_kernels_without_a_worker_thread(world: World) -> None:
+    with pending.announced(("studio",)):
+        studio = asyncio.ensure_future(world.http.get("/view/frame.jpg?width=64&height=48"))
+        for width in (64, 65):
+            plain = await world.http.get(f"/view/frame.jpg?width={width}&height=48&look=plain")
+            assert plain.status_code == 200
+        assert [look.name for look in world.renderer.looks if look is not None] == ["plain", "plain"]
+        pending.finish("studio")
+        assert (await studio).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -18,17 +18,11 @@ _HEAD: Final = """# HTTP
 Every route of a gateway. A running gateway has this description at `/openapi.json`, and a page that sends requests at
 `/docs`. Routes under `/api/v2/pipelines/0` are those of the first stereo camera; further cameras have 1, 2 and so on.
 
-With `--http-token-file`, requests need the header `Authorization: Bearer TOKEN`; a browser can use a
+With `--http-token-file`, requests without the header `Authorization: Bearer TOKEN` get 401; a browser can use a
 [cookie](../security.md#opening-it-to-other-machines).
 """
 _COMMON_STATUSES: Final = ("403", "414", "421", "500", "503")
 """Status codes that any route may return. The top of the page has their most frequent text, once for all routes."""
-_TITLES: Final[Mapping[str, str]] = {
-    "operations": "Health and metrics",
-    "render": "Render",
-    "scene": "The live scene",
-}
-"""Headings by tag. Other tags are their own headings."""
 _REPLACED_PREFIXES: Final = (("/api/v1/nodes", "/api/v2/pipelines/0/nodes"), ("/api/v1/", "/api/v2/"))
 """Path prefixes of the first version of the device's interface, and their replacements."""
 
@@ -65,7 +59,7 @@ def page(schema: Mapping[str, Any]) -> str:
     parts = [_HEAD, "\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n"]
     parts += [f"| {status} | {text} |\n" for status, text in common.items()]
     for tag, members in groupby(operations, key=lambda entry: entry[0]):
-        parts.append(f"\n## {_TITLES.get(tag, tag)}\n")
+        parts.append(f"\n## {tag}\n")
         for _, method, path, operation in members:
             old = next((old for old in schema["paths"] if _replacement(old) == path), None)
             parts.append(_operation(method, path, operation, old, common))

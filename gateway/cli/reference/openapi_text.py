@@ -27,6 +27,8 @@ ENDLESS: Final = frozenset({"application/x-ndjson", "multipart/x-mixed-replace"}
 
 def type_text(schema: Mapping[str, Any]) -> str:
     """Return a schema's type, values and limits in words, such as ``integer, 1 to 16384``."""
+    if "anyOf" in schema and len(kinds := [each for each in schema["anyOf"] if each != {"type": "null"}]) == 1:
+        schema = {**schema, **kinds[0]}  # an optional parameter
     if "enum" in schema:
         return ", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in schema["enum"])
     kind = schema.get("type", "any")

@@ -45,6 +45,7 @@ def test_http_page_is_up_to_date(demo_gateway: DemoGateway) -> None:
         ({"type": ["number", "string"]}, "number or string"),
         ({"type": "array", "items": {"enum": ["a", "b"]}}, "array of: `a`, `b`"),
         ({"enum": [1, 4]}, "`1`, `4`"),
+        ({"anyOf": [{"type": "integer", "minimum": 1}, {"type": "null"}], "maximum": 9}, "integer, 1 to 9"),
         ({"type": "string", "format": "binary"}, "file"),
     ],
 )
