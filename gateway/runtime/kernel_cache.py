@@ -199,7 +199,7 @@ async def _compile_in_child(
         if child.returncode is None:
             child.terminate()
         while child.returncode is None:
-            # Ctrl+C ends children as well: the first that has ended cancels the others, then this process is cancelled.
+            # This task may be cancelled twice: because another child failed, and because the process stops.
             with contextlib.suppress(asyncio.CancelledError):
                 await child.wait()
         raise

@@ -188,7 +188,7 @@ def test_processes_end_with_a_killed_supervisor() -> None:
 
 def test_a_process_that_ends_while_the_supervisor_waits_for_it_is_replaced() -> None:
     patient = (
-        "from gateway.server import http_server; http_server.HANGING_SECONDS = 1e6; "
+        "from gateway.server import http_server; http_server.UNRESPONSIVE_SECONDS = 1e6; "
         "from gateway.cli.main import main; main()"
     )
     with gateway_process(*WORKERS, command=(sys.executable, "-c", patient)) as (process, url):

@@ -236,7 +236,7 @@ async def test_a_killed_child_is_an_error_that_says_so(
 async def test_cancelled_twice_while_children_compile(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As by Ctrl+C, which ends one child first."""
+    """As when a child fails and the process is stopped."""
     report, pid = json.dumps({"part": "shading"}), tmp_path / "pid"
     commands = f"echo $$ >{pid}; echo '{report}'; exec sleep 1000"
     monkeypatch.setattr(sys, "executable", script(tmp_path, commands))
