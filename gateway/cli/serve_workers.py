@@ -55,8 +55,8 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
 def _notice_ended_processes(supervisor: Multiprocess) -> None:
     """Let the supervisor replace a process at once that ends while the supervisor waits for its response.
 
-    uvicorn waits for ``UNRESPONSIVE_SECONDS``, and handles no signal meanwhile: it keeps the process's end of their pipe
-    open, so that it does not read the end of the file. It does when this end is closed.
+    uvicorn waits for ``http_server.UNRESPONSIVE_SECONDS``, and handles no signal meanwhile. It does not notice the end
+    of the process, because it keeps the process's end of their pipe open. Closing this end wakes it up.
     """
 
     def close_pipes(*_: object) -> None:

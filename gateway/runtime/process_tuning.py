@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import errno
 import gc
+import multiprocessing
 import os
 import resource
 import signal
@@ -51,9 +52,15 @@ def tune() -> None:
 
 
 def end_with_parent() -> None:
-    """Make the system send this process SIGTERM when its parent ends, even by SIGKILL (Linux only)."""
+    """Send this process SIGTERM when its parent ends, even by SIGKILL (Linux only), or at once if it has ended.
+
+    Call this in a process that ``multiprocessing`` has started.
+    """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    parent = multiprocessing.parent_process()
+    if parent is not None and os.getppid() != parent.pid:
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def return_memory() -> None:

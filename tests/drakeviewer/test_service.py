@@ -206,12 +206,15 @@ async def test_recordings_are_shown_again(tmp_path: Path) -> None:
     log, progress = tmp_path / "drake.lcmlog", replay.Progress()
     async with running() as found, hub_of(found) as url:
         stop, ready = asyncio.Event(), asyncio.Event()
-        recording = asyncio.create_task(replay.record(log, url, ".*", progress, stop, ready.set))
+        recording = asyncio.create_task(replay.record(log, url, "DRAKE_.*", progress, stop, ready.set))
         await asyncio.wait_for(ready.wait(), SECONDS)
         client = await asyncio.to_thread(lcm.LCM, url)
-        for channel, message in ((LOAD, ROBOT), (DRAW, at(3)), (DRAW, at(4))):
-            await asyncio.to_thread(client.publish, channel, message)
-        await until(lambda: progress.events == 3)
+        while not progress.events:  # the hub may get the recorder's subscription later than the first message
+            await asyncio.to_thread(client.publish, LOAD, ROBOT)
+            await asyncio.sleep(0.01)
+        for x in (3, 4):
+            await asyncio.to_thread(client.publish, DRAW, at(x))
+        await until(lambda: at(4) in log.read_bytes())
         stop.set()
         await recording
     async with running() as found, hub_of(found) as url:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
@@ -186,15 +185,30 @@ def test_processes_end_with_a_killed_supervisor() -> None:
         wait_until(lambda: all(map(ended, pids)))
 
 
+PATIENT_SUPERVISOR = """
+import sys
+from gateway.cli.main import main
+from uvicorn.supervisors.multiprocess import Process
+
+ping_once = Process.ping
+
+def ping(process, timeout):
+    if ping_once(process, 1.0):
+        return True
+    print("waiting for", process.pid, file=sys.stderr, flush=True)
+    return ping_once(process, 1e6)
+
+Process.ping = ping
+main()
+"""
+"""Program that serves, and says when uvicorn's supervisor waits for a process. It waits without a timeout."""
+
+
 def test_a_process_that_ends_while_the_supervisor_waits_for_it_is_replaced() -> None:
-    patient = (
-        "from gateway.server import http_server; http_server.UNRESPONSIVE_SECONDS = 1e6; "
-        "from gateway.cli.main import main; main()"
-    )
-    with gateway_process(*WORKERS, command=(sys.executable, "-c", patient)) as (process, url):
+    with gateway_process(*WORKERS, command=(sys.executable, "-c", PATIENT_SUPERVISOR)) as (process, url):
         pids = all_ready(url)
         os.kill(pids[0], signal.SIGSTOP)
-        time.sleep(2.0)  # the supervisor asks it twice a second, and now waits for its response
+        process.wait_for(f"waiting for {pids[0]}")
         os.kill(pids[0], signal.SIGKILL)
         entry = process.wait_for("Child process")
     assert entry["event"] == f"Child process [{pids[0]}] died"

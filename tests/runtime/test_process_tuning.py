@@ -5,11 +5,13 @@ from __future__ import annotations
 import gc
 import resource
 import socket
+import subprocess
 import sys
 
 import pytest
 
 from gateway.runtime import process_tuning
+from tests.support.waiting import SECONDS
 
 
 def test_listening_on_a_free_port() -> None:
@@ -90,3 +92,23 @@ def test_the_garbage_collector_works_again_after_the_start() -> None:
     finally:
         gc.unfreeze()
         gc.enable()
+
+
+def test_a_process_whose_parent_has_already_ended_ends() -> None:
+    """A supervisor that is killed while it starts a process left that process running."""
+    program = """
+import multiprocessing, os, time
+from gateway.runtime import process_tuning
+
+def run():
+    while os.getppid() == multiprocessing.parent_process().pid:
+        time.sleep(0.01)
+    print("started", flush=True)
+    process_tuning.end_with_parent()
+    print("still running", flush=True)
+
+multiprocessing.get_context("fork").Process(target=run).start()
+os._exit(0)
+"""
+    output = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, timeout=SECONDS).stdout
+    assert output == b"started\n"
