@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -74,7 +75,10 @@ def test_slow_renders_end_at_the_limit_and_others_are_served(flags: tuple[str, .
         assert post(url, one_pixel_body())[0] == 200
         text = get(url, "/metrics")[1]
         assert 'scenegate_renders_total{outcome="slow",type="color"} 4.0' in text
-        assert 'scenegate_calls_total{end="timed_out"} 4.0' in text
+        # Renders that began before all kernels were loaded are rendered again.
+        timed_out = re.search(r'^scenegate_calls_total\{end="timed_out"\} (\S+)$', text, re.MULTILINE)
+        assert timed_out is not None
+        assert float(timed_out[1]) >= 4.0
         assert process.stop() == 0
 
 
