@@ -77,7 +77,8 @@ class MjcfFiles:
                     continue
                 seen.add(os.path.realpath(path))
                 try:
-                    included = parse_xml(self._files.read(path), self._limits.max_elements)
+                    # Without warnings: MuJoCo reads the file itself.
+                    included = parse_xml(self._files.read(path), self._limits.max_elements, [])
                 except (OSError, RobotFileError):  # MuJoCo reports it
                     continue
                 elements += sum(1 for _ in included.iter())

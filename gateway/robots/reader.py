@@ -7,14 +7,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.errors import RobotFileError
+from gateway.robots.errors import RobotFileError, joined_warnings
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.robot import GeometryUse, Robot, check_mimics
+from gateway.robots.robot import GeometryUse, Robot, without_invalid_mimics
 from gateway.robots.urdf import parse_urdf
 from gateway.robots.urdf_kinematics import UrdfKinematics
 from gateway.robots.urdf_parts import UrdfParts
-from gateway.robots.xml_text import Element, parse_xml
+from gateway.robots.xml_text import Element, parse_xml, uses_xacro
 
 SUFFIXES: Final = (".urdf", ".xml", ".mjcf")
 """Suffixes of robot files."""
@@ -25,23 +25,28 @@ def read_robot(
     *,
     roots: Iterable[str | Path] = (),
     geometry: GeometryUse = "visual",
+    strict: bool = False,
     limits: RobotLimits | None = None,
 ) -> Robot:
-    """Read a robot file.
+    """Read a robot file. All that can be drawn is drawn; ``Robot.warnings`` has a sentence for each thing that cannot.
 
     Args:
         path: A URDF or MJCF file.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
+        strict: True: a warning is an error.
         limits: Limits; None: ``RobotLimits()``.
 
     Raises:
-        RobotFileError: The file or one that it refers to is missing, invalid or beyond a limit. The message names the
-            robot file and the reason.
+        RobotFileError: The file cannot be read, has no tree of links, or is beyond a limit; or ``strict`` is true and
+            it has a warning. The message names the robot file and the reason.
         ImportError: The file is MJCF, and the package ``mujoco`` is not installed.
     """
     try:
-        return _read(Path(path), tuple(Path(root) for root in roots), geometry, limits or RobotLimits())
+        robot = _read(Path(path), tuple(Path(root) for root in roots), geometry, limits or RobotLimits())
+        if strict and robot.warnings:
+            raise RobotFileError(joined_warnings(robot.warnings))
+        return robot
     except RobotFileError as error:
         raise RobotFileError(f"{os.fspath(path)}: {error}") from None
     except OSError as error:
@@ -52,9 +57,10 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     if path.suffix.lower() == ".xacro":
         raise RobotFileError("xacro files must be expanded first: xacro robot.urdf.xacro > robot.urdf")
     files = RobotFiles(path, roots, limits)
-    root = parse_xml(files.read_robot_file(), limits.max_elements)
+    warnings: list[str] = []
+    root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
     if root.tag == "robot":
-        return _read_urdf(root, files, use, limits)
+        return _read_urdf(root, files, use, limits, warnings)
     if root.tag == "mujoco":
         from gateway.robots.mjcf import read_mjcf
 
@@ -62,16 +68,15 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     raise RobotFileError(f"its first element is <{root.tag[:60]}>; URDF starts with <robot>, MJCF with <mujoco>")
 
 
-def _read_urdf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits) -> Robot:
-    model = parse_urdf(root, limits)
+def _read_urdf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits, warnings: list[str]) -> Robot:
+    if uses_xacro(root):
+        raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
+    model = parse_urdf(root, use, limits, warnings)
     names = tuple(link.name for link in model.links)
     kinematics = UrdfKinematics(names, model.joints)
     joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
-    check_mimics(joints)
-    converter = UrdfParts(files, limits)
-    parts = tuple(
-        converter.parts_of(link.name, link.visual if use == "visual" else link.collision) for link in model.links
-    )
-    return Robot(
-        model.name or files.path.stem, names, joints, parts, kinematics, tuple(converter.warnings), files.digests
-    )
+    joints = without_invalid_mimics(joints, warnings)
+    converter = UrdfParts(files, limits, warnings)
+    parts = tuple(converter.parts_of(link.name, link.geometries) for link in model.links)
+    name = model.name or files.path.stem
+    return Robot(name, names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), files.digests)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError, name_hint
+from gateway.robots.errors import RobotFileError
 from gateway.robots.urdf_model import UrdfJoint
 from gateway.scene.transforms import from_pose
 
@@ -18,7 +18,7 @@ class UrdfKinematics:
     def __init__(self, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
         """
         Raises:
-            RobotFileError: A joint names a link that does not exist, a link has two parents, or joints form a cycle.
+            RobotFileError: A link has two parents, or joints form a cycle.
         """
         self._link_count = len(links)
         ordered = _parents_first(links, joints)
@@ -86,13 +86,9 @@ def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.f
 
 def _parents_first(links: Sequence[str], joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     """Return the joints, each after the joints above it. Raises RobotFileError if they do not form a tree."""
-    known = set(links)
     children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     parent_of: dict[str, UrdfJoint] = {}
     for joint in joints:
-        for end in (joint.parent, joint.child):
-            if end not in known:
-                raise RobotFileError(f"joint {joint.name!r}: there is no link {end!r}{name_hint(end, links)}")
         other = parent_of.setdefault(joint.child, joint)
         if other is not joint:
             raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.robot import Joint
-from gateway.scene.geometry import Box, Capsule, Cylinder, Sphere
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+
+UrdfShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | UrdfMesh"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,7 @@ class UrdfMaterial:
 class UrdfGeometry:
     """Visual or collision geometry of a link."""
 
-    shape: Box | Sphere | Cylinder | Capsule | UrdfMesh
+    shape: UrdfShape
     X_link_geometry: NDArray[np.float64]
     """(4, 4) float64: pose of the geometry in the link's frame."""
     material: UrdfMaterial | None
@@ -47,8 +50,8 @@ class UrdfLink:
     """A link."""
 
     name: str
-    visual: tuple[UrdfGeometry, ...]
-    collision: tuple[UrdfGeometry, ...]
+    geometries: tuple[UrdfGeometry, ...]
+    """Visual or collision geometries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

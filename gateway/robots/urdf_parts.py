@@ -12,7 +12,6 @@ import numpy as np
 from gateway.assets.mesh_formats import (
     FORMATS,
     PLAIN_MATERIAL,
-    EmptyMeshError,
     MeshFormatError,
     diffuse_material,
     parse_mesh,
@@ -36,25 +35,20 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 class UrdfParts:
     """Converts geometry to parts. A mesh file that several geometries use is read once."""
 
-    def __init__(self, files: RobotFiles, limits: RobotLimits) -> None:
+    def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str]) -> None:
+        """
+        Args:
+            warnings: Warnings are appended to this list.
+        """
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
         self._textures: dict[str, tuple[Image, tuple[float, float, float]] | str] = {}
         """Image and mean colour of each texture, or the reason why it cannot be read, by file name or URL."""
-        self.warnings: dict[str, None] = {}
-        """Sentences about content that is not shown, as keys: an ordered set."""
+        self._warnings = warnings
 
     def parts_of(self, link: str, geometries: tuple[UrdfGeometry, ...]) -> tuple[Part, ...]:
-        """Return the parts of a link, in the link's frame.
-
-        Args:
-            link: Name of the link, for errors.
-            geometries: Its visual or collision geometries.
-
-        Raises:
-            RobotFileError: A mesh file is missing or cannot be read.
-        """
+        """Return the parts of a link, in the link's frame. A mesh that cannot be read is left out with a warning."""
         return tuple(part for geometry in geometries for part in self._parts(link, geometry))
 
     def _parts(self, link: str, geometry: UrdfGeometry) -> list[Part]:
@@ -64,14 +58,10 @@ class UrdfParts:
             return [Part(shape, material, X)]
         try:
             parts = self._mesh(shape.filename)
-        except EmptyMeshError as error:
-            self.warnings[f"link {link!r}: {shape.filename} is not shown: {error}"] = None
+        except (RobotFileError, MeshFormatError, GltfError, OSError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            self._warnings.append(f"link {link!r}: the mesh {shape.filename} is not shown: {reason}")
             return []
-        except (RobotFileError, MeshFormatError, GltfError) as error:
-            name = "" if shape.filename in str(error) else f"{shape.filename}: "
-            raise RobotFileError(f"link {link!r}: {name}{error}") from None
-        except OSError as error:
-            raise RobotFileError(f"link {link!r}: {shape.filename} cannot be read: {error.strerror}") from None
         X = X @ scaling(*shape.scale)
 
         def material_of(part: Part) -> Material:
@@ -98,7 +88,7 @@ class UrdfParts:
         if texture is None:
             texture = self._textures[name] = self._texture(name)
         if isinstance(texture, str):
-            self.warnings[f"link {link!r}: the texture {name} of its material is not shown: {texture}"] = None
+            self._warnings.append(f"link {link!r}: the texture {name} of its material is not shown: {texture}")
             return plain, plain
         image, mean = texture
         textured = diffuse_material(rgba, image)
@@ -120,12 +110,12 @@ class UrdfParts:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
         extension = Path(name).suffix[1:].lower()
         if extension not in FORMATS:
-            raise RobotFileError(f"{name} is none of the formats {', '.join(sorted(FORMATS))}")
+            raise RobotFileError(f"it is none of the formats {', '.join(sorted(FORMATS))}")
         path = self._files.find(name)
         if path not in self._meshes:
             data = self._files.read(path)
             if data.startswith(_LFS_POINTER):
-                raise RobotFileError(f"{name} is a pointer of Git LFS, not the mesh: run git lfs pull")
+                raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
             self._meshes[path] = parse_mesh(
                 data,
                 extension,

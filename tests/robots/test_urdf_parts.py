@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
@@ -81,8 +80,8 @@ def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Pa
     robot = read_robot(write(tmp_path, visual('<mesh filename="empty.dae"/>', texture)))
     assert robot.parts == ((),)
     assert robot.warnings == (
-        "link 'a': the texture wood.png of its material is not shown: the file wood.png does not exist",
-        "link 'a': empty.dae is not shown: the file holds no triangles or points",
+        "link 'a': the texture wood.png of its material is not shown: there is no such file",
+        "link 'a': the mesh empty.dae is not shown: the file holds no triangles or points",
     )
 
 
@@ -126,13 +125,18 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert names == ["t.png"]
 
 
-def test_a_broken_mesh_is_an_error_that_names_link_and_file(tmp_path: Path) -> None:
-    write(tmp_path, "nothing", "m.dae")
-    with pytest.raises(RobotFileError, match=r"link 'a': m.dae: it cannot be read as DAE: "):
-        read_robot(write(tmp_path, visual('<mesh filename="m.dae"/>')))
-    write(tmp_path, "version https://git-lfs.github.com/spec/v1\n", "m.stl")
-    with pytest.raises(RobotFileError, match=r"link 'a': m.stl is a pointer of Git LFS"):
-        read_robot(write(tmp_path, visual('<mesh filename="m.stl"/>')))
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("m.dae", "nothing", "it cannot be read as DAE: "),
+        ("m.stl", "version https://git-lfs.github.com/spec/v1\n", "it is a pointer of Git LFS"),
+    ],
+)
+def test_a_broken_mesh_is_left_out_with_a_warning(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    write(tmp_path, content, name)
+    robot = read_robot(write(tmp_path, visual(f'<mesh filename="{name}"/>')))
+    assert robot.parts == ((),)
+    assert robot.warnings[0].startswith(f"link 'a': the mesh {name} is not shown: {reason}")
 
 
 def test_a_mesh_is_read_once(tmp_path: Path) -> None:
