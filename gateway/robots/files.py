@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -19,7 +20,11 @@ from gateway.robots.limits import RobotLimits
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+PATH_VARIABLES: Final = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
+"""Environment variables of ROS and Gazebo with folders of packages and models."""
 _NO_PACKAGES: Final = ("", ".", "..")
+_MAX_CONFIG_CHARS: Final = 1 << 16
+"""Length of a ``model.config`` that is searched for file names."""
 
 
 class RobotFiles:
@@ -34,9 +39,9 @@ class RobotFiles:
         self.path = Path(os.path.realpath(path))
         self._folder = self.path.parent
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
-        self._ros_folders = (*self._roots, *_folders_of("ROS_PACKAGE_PATH"))
+        self._package_roots = (*self._roots, *(folder for name in PATH_VARIABLES for folder in _folders_of(name)))
         """Folders that contain packages at any depth."""
-        self._packages = Packages(self._ros_folders)
+        self._packages = Packages(self._package_roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
         self.digests: dict[str, str] = {}
@@ -70,6 +75,23 @@ class RobotFiles:
                 missing.append(candidate)
         raise RobotFileError(self._not_found(name, scheme if separator else "", missing))
 
+    def find_model(self, uri: str, folder: Path) -> Path:
+        """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
+
+        Args:
+            uri: File or folder. The ``model.config`` of a folder names the file, else it is ``model.sdf``.
+            folder: Folder of the file that includes it.
+        """
+        scheme, separator, rest = uri.partition("://")
+        for candidate in self._candidates(scheme, rest) if separator else (folder / uri,):
+            if candidate.is_file():
+                return candidate
+            if candidate.is_dir():
+                for name in (*_files_of_config(candidate / "model.config"), "model.sdf"):
+                    if (candidate / name).is_file():
+                        return candidate / name
+        raise RobotFileError(self._not_found(uri, scheme if separator else "", []))
+
     def read(self, path: Path) -> bytes:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
         return self._read(path, self._limits.max_mesh_bytes)
@@ -92,7 +114,7 @@ class RobotFiles:
             yield from (folder / path for folder in (self._folder, *self._roots))
         else:
             package, _, path_in_package = path.lstrip("/").partition("/")
-            if package not in _NO_PACKAGES and path_in_package:
+            if package not in _NO_PACKAGES:
                 yield from (folder / path_in_package for folder in self._package_folders(package))
                 # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
                 yield from (folder / path_in_package for folder in self.path.parents)
@@ -108,7 +130,7 @@ class RobotFiles:
         for folder in self.path.parents:
             if folder.name == package or package_name(folder / "package.xml") == package:
                 yield folder
-        for root in self._ros_folders:
+        for root in self._package_roots:
             yield root / package
             if root.name == package:
                 yield root
@@ -153,6 +175,15 @@ def _folders_of(variable: str) -> list[Path]:
     """Return the existing folders of an environment variable such as ROS_PACKAGE_PATH."""
     folders = [Path(text) for text in os.environ.get(variable, "").split(os.pathsep) if text]
     return [folder for folder in folders if folder.is_dir()]
+
+
+def _files_of_config(config: Path) -> list[str]:
+    """Return the SDF files that a ``model.config`` names, the newest version last in the file first."""
+    try:
+        text = config.read_text("utf-8", "replace")[:_MAX_CONFIG_CHARS]
+    except OSError:
+        return []
+    return re.findall(r"<sdf[^<>]*>\s*([^<>\s]+)\s*</sdf>", text)[::-1]
 
 
 def _spellings(name: str) -> list[str]:

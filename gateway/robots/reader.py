@@ -1,4 +1,4 @@
-"""Reads robot files: URDF or MJCF, decided by the root element."""
+"""Reads robot files: URDF, SDF or MJCF, decided by the root element."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from gateway.robots.errors import RobotFileError, joined_warnings
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.robots.robot import GeometryUse, Robot, without_invalid_mimics
+from gateway.robots.sdf import parse_sdf
 from gateway.robots.urdf import parse_urdf
 from gateway.robots.urdf_kinematics import UrdfKinematics
+from gateway.robots.urdf_model import UrdfModel
 from gateway.robots.urdf_parts import UrdfParts
-from gateway.robots.xml_text import Element, parse_xml, uses_xacro
+from gateway.robots.xml_text import parse_xml, uses_xacro
 
-SUFFIXES: Final = (".urdf", ".xml", ".mjcf")
+SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf")
 """Suffixes of robot files."""
 
 
@@ -31,7 +33,7 @@ def read_robot(
     """Read a robot file. All that can be drawn is drawn; ``Robot.warnings`` has a sentence for each thing that cannot.
 
     Args:
-        path: A URDF or MJCF file.
+        path: A URDF, SDF or MJCF file.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
         strict: True: a warning is an error.
@@ -59,24 +61,30 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     files = RobotFiles(path, roots, limits)
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
-    if root.tag == "robot":
-        return _read_urdf(root, files, use, limits, warnings)
     if root.tag == "mujoco":
         from gateway.robots.mjcf import read_mjcf
 
         return read_mjcf(root, files, use, limits)
-    raise RobotFileError(f"its first element is <{root.tag[:60]}>; URDF starts with <robot>, MJCF with <mujoco>")
+    if root.tag == "robot":
+        if uses_xacro(root):
+            raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
+        model = parse_urdf(root, use, limits, warnings)
+    elif root.tag == "sdf":
+        model = parse_sdf(root, files, use, limits, warnings)
+    else:
+        raise RobotFileError(
+            f"its first element is <{root.tag[:60]}>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"
+        )
+    return _robot(model, files, limits, warnings)
 
 
-def _read_urdf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits, warnings: list[str]) -> Robot:
-    if uses_xacro(root):
-        raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
-    model = parse_urdf(root, use, limits, warnings)
-    names = tuple(link.name for link in model.links)
-    kinematics = UrdfKinematics(names, model.joints)
+def _robot(model: UrdfModel, files: RobotFiles, limits: RobotLimits, warnings: list[str]) -> Robot:
+    """Return the robot of a URDF or SDF file."""
+    kinematics = UrdfKinematics(model)
     joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
     joints = without_invalid_mimics(joints, warnings)
     converter = UrdfParts(files, limits, warnings)
     parts = tuple(converter.parts_of(link.name, link.geometries) for link in model.links)
+    links = tuple(link.name for link in model.links)
     name = model.name or files.path.stem
-    return Robot(name, names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), files.digests)
+    return Robot(name, links, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), files.digests)

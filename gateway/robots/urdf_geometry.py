@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from gateway.robots.robot import GeometryUse
-from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh, UrdfShape
+from gateway.robots.shapes import read_shape
+from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial
 from gateway.robots.xml_text import (
     Element,
     InvalidAttributeError,
@@ -16,11 +17,8 @@ from gateway.robots.xml_text import (
     finite_numbers,
     numbers,
     origin,
-    required_numbers,
 )
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
-_SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh", "drake:capsule", "drake:ellipsoid")
 _LARGEST_UNIT_COLOR: Final = 2.0
 """Colours with a larger number have the range 0 to 255."""
 _ROUNDING: Final = 1e-3
@@ -47,69 +45,13 @@ class UrdfGeometryReader:
         geometries = []
         for element in link.findall(self._use):
             try:
-                shape = self._shape(element.find("geometry"), where)
+                shape = read_shape(element.find("geometry"), where, self._warnings)
             except InvalidAttributeError as error:
                 self._warnings.append(f"{where}: {error}; it is not shown")
                 continue
             X = origin(element, where, self._warnings)
             geometries.append(UrdfGeometry(shape, X, self._material_of(element, where)))
         return tuple(geometries)
-
-    def _shape(self, geometry: Element | None, where: str) -> UrdfShape:
-        """Return the shape of a ``<geometry>``; raises InvalidAttributeError if it has none that can be drawn."""
-        shapes = list(geometry) if geometry is not None else []
-        known = [shape for shape in shapes if shape.tag in _SHAPES]
-        if not shapes:
-            raise InvalidAttributeError("it has no shape")
-        if not known:
-            raise InvalidAttributeError(f"the shape <{shapes[0].tag[:60]}> is unknown")
-        if len(known) > 1:
-            self._warnings.append(f"{where}: it has {len(known)} shapes, only the first, <{known[0].tag}>, is shown")
-        element = known[0]
-        match element.tag:
-            case "box":
-                return self._box(element, where)
-            case "sphere":
-                (radius,) = self._sizes(element, where, "radius")
-                return Sphere(radius)
-            case "cylinder":
-                radius, length = self._sizes(element, where, "radius", "length")
-                return Cylinder(radius, length)
-            case "capsule" | "drake:capsule":
-                radius, length = self._sizes(element, where, "radius", "length")
-                return Capsule(radius, length)
-            case "drake:ellipsoid":
-                a, b, c = self._sizes(element, where, "a", "b", "c")
-                return Ellipsoid((a, b, c))
-            case "ellipsoid":
-                x, y, z = _positive(element, "radii", *required_numbers(element, "radii", 3, where, self._warnings))
-                return Ellipsoid((x, y, z))
-            case _:
-                return self._mesh(element, where)
-
-    def _sizes(self, element: Element, where: str, *names: str) -> list[float]:
-        """Return attributes that are one number above 0 each."""
-        return [
-            value
-            for name in names
-            for value in _positive(element, name, *required_numbers(element, name, 1, where, self._warnings))
-        ]
-
-    def _box(self, element: Element, where: str) -> Box:
-        x, y, z = required_numbers(element, "size", 3, where, self._warnings)
-        if min(x, y, z) < 0.0 or (x, y, z).count(0.0) > 1:
-            raise InvalidAttributeError(f"size={attribute(element, 'size')[:60]!r} of <box> must be above 0")
-        return Box((x, y, z))  # with one length of 0, it is a sheet
-
-    def _mesh(self, element: Element, where: str) -> UrdfMesh:
-        filename = attribute(element, "filename")
-        if not filename:
-            raise InvalidAttributeError("<mesh> has no filename")
-        if len(attribute(element, "scale").split()) == 1:  # one number, as some exporters write
-            (factor,) = numbers(element, "scale", (1.0,), where, self._warnings)
-            return UrdfMesh(filename, (factor, factor, factor))
-        x, y, z = numbers(element, "scale", (1.0, 1.0, 1.0), where, self._warnings)
-        return UrdfMesh(filename, (x, y, z))
 
     def _named_materials(self, root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
         """Yield name and material of each named material with a colour or texture: those of links, then the robot's.
@@ -161,9 +103,3 @@ def _unit_range(values: tuple[float, ...]) -> list[float]:
         value if -_ROUNDING <= (value := number / divisor) <= 1.0 + _ROUNDING else min(max(value, 0.0), 1.0)
         for number in values
     ]
-
-
-def _positive(element: Element, name: str, *values: float) -> tuple[float, ...]:
-    if min(values) <= 0.0:
-        raise InvalidAttributeError(f"{name}={attribute(element, name)[:60]!r} of <{element.tag}> must be above 0")
-    return values

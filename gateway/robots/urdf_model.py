@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.robots.robot import Joint
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from gateway.scene.transforms import IDENTITY
 
 UrdfShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | UrdfMesh"
 
@@ -64,11 +66,13 @@ class UrdfJoint:
     child: str
     """Name of the child link."""
     X_parent_joint: NDArray[np.float64]
-    """(4, 4) float64: pose of the joint's frame in the parent's. It is the child's frame at the neutral value."""
+    """(4, 4) float64: pose of the joint's frame in the parent's."""
     axis: tuple[float, float, float]
     """Unit vector in the joint's frame."""
     motion: Joint | None
     """Kind, default value, limits and mimic rule; None: the joint is fixed."""
+    X_joint_child: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
+    """(4, 4) float64: pose of the child in the joint's frame at the neutral value. In URDF it is the identity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,3 +82,5 @@ class UrdfModel:
     name: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
+    X_robot_root: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """(4, 4) float64: poses of links without a parent, by name; the identity for others. In URDF there are none."""

@@ -35,7 +35,7 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     Raises:
         RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
     """
-    data = data.lstrip()
+    data = data.strip(b" \t\r\n\0")
     try:
         return _parse(data, max_elements)
     except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
@@ -181,3 +181,9 @@ def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float6
     )
     X[:3, 3] = xyz
     return X
+
+
+def with_attributes(element: Element) -> Element:
+    """Return an element of SDF as URDF would write it: the texts of its children are attributes."""
+    texts = {child.tag: (child.text or "").strip() for child in element if not len(child)}
+    return ElementTree.Element(element.tag, {**texts, **element.attrib})
