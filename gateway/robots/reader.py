@@ -27,6 +27,7 @@ def read_robot(
     *,
     roots: Iterable[str | Path] = (),
     geometry: GeometryUse = "visual",
+    keyframe: str = "",
     strict: bool = False,
     limits: RobotLimits | None = None,
 ) -> Robot:
@@ -36,6 +37,7 @@ def read_robot(
         path: A URDF, SDF or MJCF file.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
+        keyframe: Name of an MJCF file's ``<key>``, which has the joints' default values. Empty: those of the model.
         strict: True: a warning is an error.
         limits: Limits; None: ``RobotLimits()``.
 
@@ -45,7 +47,7 @@ def read_robot(
         ImportError: The file is MJCF, and the package ``mujoco`` is not installed.
     """
     try:
-        robot = _read(Path(path), tuple(Path(root) for root in roots), geometry, limits or RobotLimits())
+        robot = _read(Path(path), tuple(Path(root) for root in roots), geometry, keyframe, limits or RobotLimits())
         if strict and robot.warnings:
             raise RobotFileError(joined_warnings(robot.warnings))
         return robot
@@ -55,7 +57,7 @@ def read_robot(
         raise RobotFileError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
 
 
-def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLimits) -> Robot:
+def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, keyframe: str, limits: RobotLimits) -> Robot:
     if path.suffix.lower() == ".xacro":
         raise RobotFileError("xacro files must be expanded first: xacro robot.urdf.xacro > robot.urdf")
     files = RobotFiles(path, roots, limits)
@@ -64,7 +66,9 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     if root.tag == "mujoco":
         from gateway.robots.mjcf import read_mjcf
 
-        return read_mjcf(root, files, use, limits)
+        return read_mjcf(root, files, use, keyframe, limits)
+    if keyframe:
+        raise RobotFileError("only MJCF files have keyframes")
     if root.tag == "robot":
         if uses_xacro(root):
             raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")

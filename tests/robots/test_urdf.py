@@ -292,6 +292,11 @@ def test_limits(tmp_path: Path, limits: RobotLimits, message: str) -> None:
         read_robot(write(tmp_path, ARM), limits=limits)
 
 
+def test_only_mjcf_files_have_keyframes(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="only MJCF files have keyframes"):
+        read_robot(write(tmp_path, ARM), keyframe="home")
+
+
 def test_missing_files_and_xacro(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r"none.urdf cannot be read: No such file"):
         read_robot(tmp_path / "none.urdf")
