@@ -32,6 +32,8 @@ NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
 """Values of the zero configuration. Angles are in radians, lengths in metres. ``ball``: a quaternion [w, x, y, z].
 ``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
 
+_UNITS: Final[Mapping[JointKind, Literal["rad", "m"]]] = {"revolute": "rad", "prismatic": "m"}
+
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
@@ -64,6 +66,11 @@ class Joint:
     """Lowest and highest value, for information; values beyond are accepted. None: no limits."""
     mimic: Mimic | None = None
     """Rule that applies while no value is given for the joint; None: the default applies."""
+
+    @property
+    def unit(self) -> Literal["rad", "m", ""]:
+        """Unit of the value and its limits; empty for joints with several values, see ``NEUTRAL``."""
+        return _UNITS.get(self.kind, "")
 
 
 class Kinematics(Protocol):
