@@ -10,16 +10,20 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
+from renderers.stop import check_stop, current_stop
 
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
 """Cosine of the crease angle: where faces meet at a larger angle, there is a crease. It is Director's feature angle."""
 MAX_FACES_PER_VERTEX: Final = 256
 """Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
-with more faces, each corner has the normal of its own face."""
+with more faces, each corner has the normal of its own face, and is compared with as many output vertices at most."""
+_STEPS_PER_STOP_CHECK: Final = 1 << 10
+"""Vertices, or corners of a vertex, between two checks of the ``StopFlag``."""
 _SAME_NORMAL_COSINE: Final = 0.99999
 """Corners of one vertex share an output vertex if the cosine of the angle between their normals is larger than this
 (0.26 degrees)."""
@@ -31,6 +35,7 @@ CREASED_MESH: Final = Struct(
         "faces": pointer_to(U32),  # (M, 3)
         "vertex_count": I64,  # N
         "face_count": I64,  # M
+        "stop_at": I64,  # address of a StopFlag; the outputs are incomplete once it is set
         # Scratch.
         "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges; their length is twice the area
         "unit_normals": pointer_to(F64),  # (M, 3): normals of the faces
@@ -105,6 +110,8 @@ def _split_at_creases(mesh_at):
     half_angle_cosine = math.sqrt(max(0.0, (1.0 + CREASE_COSINE) / 2.0))
     out_count = 0
     for vertex in range(mesh.vertex_count):
+        if vertex % _STEPS_PER_STOP_CHECK == 0 and is_set(mesh.stop_at):
+            return out_count
         start, end = starts[vertex], starts[vertex + 1]
         # At most vertices there is no crease. This is certain if all faces are within half the crease angle of their
         # mean normal, because then any two of them are within the crease angle of each other.
@@ -134,6 +141,8 @@ def _split_at_creases(mesh_at):
         first_out_vertex = out_count
         too_many_faces = end - start > MAX_FACES_PER_VERTEX
         for i in range(start, end):
+            if i % _STEPS_PER_STOP_CHECK == 0 and is_set(mesh.stop_at):
+                return out_count
             face = 3 * (corners[i] // 3)
             x, y, z = 0.0, 0.0, 0.0
             if not too_many_faces:
@@ -153,7 +162,7 @@ def _split_at_creases(mesh_at):
                 x, y, z = x / length, y / length, z / length
             else:
                 x, y, z = unit_normals[face], unit_normals[face + 1], unit_normals[face + 2]
-            out_vertex = first_out_vertex
+            out_vertex = max(first_out_vertex, out_count - MAX_FACES_PER_VERTEX)
             while out_vertex < out_count:
                 cosine = (
                     out_normals[3 * out_vertex] * x
@@ -197,14 +206,16 @@ def smooth_vertices(
     corners, source_vertex = np.empty((2, corner_count), np.int64)
     starts = np.zeros(vertex_count + 2, np.int64)
     normals, out_faces = np.empty((corner_count, 3), np.float32), np.empty((face_count, 3), np.uint32)
+    stop = current_stop()
     mesh = np.zeros(1, CREASED_MESH.dtype)
     mesh[0] = (
-        *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
+        *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count, stop.address),
         *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
         *(address_of(array, np.int64) for array in (corners, starts, source_vertex)),
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
     )
     out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
+    stop.check()
     return source_vertex[:out_count], out_faces, normals[:out_count].copy()
 
 
@@ -226,6 +237,7 @@ def with_creases(
     # Compare positions by their bytes; adding 0 turns -0 into 0.
     position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()
     _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
+    check_stop()
     merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
     smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
     if uv is None and colors is None:
