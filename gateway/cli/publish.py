@@ -101,7 +101,10 @@ def _read_mesh(source: Path, textures: bool) -> Iterator[Geometry]:
     from gateway.client.tree.part_images import PartImages
     from gateway.client.tree.parts import geometries_of
 
-    parts = MeshFiles([source.parent]).load(str(source.resolve()))
+    warnings: list[str] = []
+    parts = MeshFiles([source.parent]).load(str(source.resolve()), warnings=warnings)
+    for warning in warnings:
+        typer.echo(warning, err=True)
     images = PartImages() if textures else None
     for part in parts:
         yield from geometries_of(part, images)

@@ -166,11 +166,12 @@ class _MeshFileReader:
     def __init__(self, files: FolderFiles) -> None:
         self._files = files
 
-    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+    def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         """Return the parts of a mesh file, scaled along x, y and z."""
-        parts = parse_mesh(
-            self._files.resolve(filename), Path(filename).suffix[1:].lower(), self._files.resolve, MESH_LIMITS
-        )
+        data, extension = self._files.resolve(filename), Path(filename).suffix[1:].lower()
+        found: list[str] = []
+        parts = parse_mesh(data, extension, self._files.resolve, MESH_LIMITS, found)
+        warnings += [f"{filename}: {text}" for text in found]
         X_scale = scaling(*scale)
         return tuple(msgspec.structs.replace(part, X_node_part=X_scale @ part.X_node_part) for part in parts)
 

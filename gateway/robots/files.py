@@ -92,6 +92,10 @@ class RobotFiles:
                         return candidate / name
         raise RobotFileError(self._not_found(uri, scheme if separator else "", []))
 
+    def find_package(self, name: str) -> Path | None:
+        """Return the folder of a package; None if there is none."""
+        return None if name in _NO_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
+
     def read(self, path: Path) -> bytes:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
         return self._read(path, self._limits.max_mesh_bytes)
@@ -148,9 +152,9 @@ class RobotFiles:
         if scheme not in _PACKAGE_SCHEMES:
             return "there is no such file"
         package = name.partition("://")[2].lstrip("/").partition("/")[0]
-        folders = [] if package in _NO_PACKAGES else list(filter(Path.is_dir, self._package_folders(package)))
-        if folders:
-            return f"there is no such file in {folders[0]}"
+        folder = self.find_package(package)
+        if folder is not None:
+            return f"there is no such file in {folder}"
         return (
             f"the package {package!r} is not above or beside the robot file, nor in ROS_PACKAGE_PATH or "
             "AMENT_PREFIX_PATH; name a folder that contains it with --root"

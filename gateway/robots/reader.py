@@ -16,9 +16,10 @@ from gateway.robots.urdf import parse_urdf
 from gateway.robots.urdf_kinematics import UrdfKinematics
 from gateway.robots.urdf_model import UrdfModel
 from gateway.robots.urdf_parts import UrdfParts
+from gateway.robots.xacro_files import expand_xacro
 from gateway.robots.xml_text import parse_xml, uses_xacro
 
-SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf")
+SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
 """Suffixes of robot files."""
 
 
@@ -44,7 +45,7 @@ def read_robot(
     Raises:
         RobotFileError: The file cannot be read, has no tree of links, or is beyond a limit; or ``strict`` is true and
             it has a warning. The message names the robot file and the reason.
-        ImportError: The file is MJCF, and the package ``mujoco`` is not installed.
+        ImportError: The file is MJCF or has xacro elements, and the package ``mujoco`` or ``xacro`` is not installed.
     """
     try:
         robot = _read(Path(path), tuple(Path(root) for root in roots), geometry, keyframe, limits or RobotLimits())
@@ -58,11 +59,11 @@ def read_robot(
 
 
 def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, keyframe: str, limits: RobotLimits) -> Robot:
-    if path.suffix.lower() == ".xacro":
-        raise RobotFileError("xacro files must be expanded first: xacro robot.urdf.xacro > robot.urdf")
     files = RobotFiles(path, roots, limits)
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
+    if uses_xacro(root):
+        root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
     if root.tag == "mujoco":
         from gateway.robots.mjcf import read_mjcf
 
@@ -70,8 +71,6 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, keyframe: str, 
     if keyframe:
         raise RobotFileError("only MJCF files have keyframes")
     if root.tag == "robot":
-        if uses_xacro(root):
-            raise RobotFileError("it has xacro elements: expand it first, xacro robot.urdf.xacro > robot.urdf")
         model = parse_urdf(root, use, limits, warnings)
     elif root.tag == "sdf":
         model = parse_sdf(root, files, use, limits, warnings)

@@ -53,10 +53,12 @@ def _read_robot(path: Path, joints: Iterable[str], roots: Iterable[str | Path]) 
 
 def _read_mesh(path: Path, suffix: str) -> SceneFile:
     files = FolderFiles(path)
+    warnings: list[str] = []
     try:
-        parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS)
+        parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS, warnings)
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except (MeshFormatError, GltfError) as error:
         raise SceneFileError(f"{path}: {error}") from None
-    return SceneFile(Node(None, children={path.stem: Node(parts)}), digests=files.digests)
+    root = Node(None, children={path.stem: Node(parts)})
+    return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

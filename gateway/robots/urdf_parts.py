@@ -57,7 +57,7 @@ class UrdfParts:
         if not isinstance(shape, UrdfMesh):
             return [Part(shape, material, X)]
         try:
-            parts = self._mesh(shape.filename)
+            parts = self._mesh(link, shape.filename)
         except (RobotFileError, MeshFormatError, GltfError, OSError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             self._warnings.append(f"link {link!r}: the mesh {shape.filename} is not shown: {reason}")
@@ -106,7 +106,7 @@ class UrdfParts:
         except OSError as error:
             return str(error.strerror)
 
-    def _mesh(self, name: str) -> tuple[Part, ...]:
+    def _mesh(self, link: str, name: str) -> tuple[Part, ...]:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
         extension = Path(name).suffix[1:].lower()
         if extension not in FORMATS:
@@ -116,13 +116,16 @@ class UrdfParts:
             data = self._files.read(path)
             if data.startswith(_LFS_POINTER):
                 raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
+            warnings: list[str] = []
             self._meshes[path] = parse_mesh(
                 data,
                 extension,
                 lambda other: self._files.read_beside(path, other),
                 self._limits.mesh,
+                warnings,
                 collada_up_axis=False,
             )
+            self._warnings += [f"link {link!r}, {name}: {text}" for text in warnings]
         return self._meshes[path]
 
 

@@ -140,7 +140,7 @@ def _mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part,
         raise CommandError("filename: no folder of mesh files is open to clients")
     scale = _mesh_file_scale(params)
     try:
-        parts = context.meshes.load(filename, scale)
+        parts = context.meshes.load(filename, scale, context.warnings)
     except (ValueError, OSError) as error:
         if getattr(error, "missing", isinstance(error, FileNotFoundError)):
             raise NothingToDraw(f"{error}, so nothing is drawn") from None

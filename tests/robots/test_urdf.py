@@ -89,9 +89,8 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         ("<robot", "it is not XML: "),
         ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', "it declares the XML entity 'b'"),
         ("<a>" * 1001, "nested more than 1000 deep"),
-        ("<sdf/>", "its first element is <sdf>; URDF starts with <robot>, MJCF with <mujoco>"),
+        ("<a/>", "its first element is <a>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
-        ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro/></robot>', "expand it first"),
         ('<robot><link name="a"/><link name="a"/></robot>', "two links are called 'a'"),
         (joint("fixed", ends='<parent link="a"/><child link="a"/>'), "the joints j form a circle"),
     ],
@@ -297,11 +296,9 @@ def test_only_mjcf_files_have_keyframes(tmp_path: Path) -> None:
         read_robot(write(tmp_path, ARM), keyframe="home")
 
 
-def test_missing_files_and_xacro(tmp_path: Path) -> None:
+def test_missing_files(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r"none.urdf cannot be read: No such file"):
         read_robot(tmp_path / "none.urdf")
-    with pytest.raises(RobotFileError, match="xacro files must be expanded first"):
-        read_robot(write(tmp_path, ARM, "arm.xacro"))
 
 
 def test_poses_are_products_of_the_joints(tmp_path: Path) -> None:

@@ -68,10 +68,45 @@ def test_the_robots_material_is_for_meshes_without_one(tmp_path: Path) -> None:
     assert part_of(tmp_path, own, "m.obj", material=RED).material.base_color == (0, 0, 1, 1)
 
 
-def test_a_transparency_of_one_is_opaque(tmp_path: Path) -> None:
+def test_a_mesh_that_would_vanish_is_drawn_opaque_with_a_warning(tmp_path: Path) -> None:
     write(tmp_path, BLUE + "Tr 1.0\n", "m.mtl")
     own = "mtllib m.mtl\nusemtl blue\n" + TRIANGLE
     assert part_of(tmp_path, own, "m.obj").material.base_color == (0, 0, 1, 1)
+    (warning,) = read_robot(tmp_path / "robot.urdf").warnings
+    assert warning == "link 'a', m.obj: all its materials have an opacity of 0; it is drawn opaque"
+    write(tmp_path, BLUE + "Tr 1.0\nnewmtl red\nKd 1 0 0\n", "m.mtl")
+    write(tmp_path, own + "usemtl red\nf 1 3 2\n", "m.obj")
+    robot = read_robot(tmp_path / "robot.urdf")
+    assert sorted(part.material.base_color[3] for part in robot.parts[0]) == [0.0, 1.0]
+    assert robot.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("transparent", "opacity", "warned"),
+    [
+        ('opaque="A_ONE"><color>1 1 1 0</color>', 1.0, True),
+        ('opaque="A_ONE"><color>1 1 1 0.25</color>', 0.25, False),
+        ('opaque="RGB_ZERO"><color>0 0 0 1</color>', 1.0, False),
+        ('opaque="RGB_ZERO"><color>0.5 0.5 0.5 1</color>', 0.5, False),
+    ],
+)
+def test_opacity_of_collada(tmp_path: Path, transparent: str, opacity: float, warned: bool) -> None:
+    lambert = f"<lambert><diffuse><color>0 1 0 1</color></diffuse><transparent {transparent}</transparent></lambert>"
+    effect = f'<effect id="e"><profile_COMMON><technique sid="c">{lambert}</technique></profile_COMMON></effect>'
+    materials = (
+        f'<library_effects>{effect}</library_effects><library_materials><material id="m">'
+        '<instance_effect url="#e"/></material></library_materials><library_geometries>'
+    )
+    bound = (
+        '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#m"/>'
+        "</technique_common></bind_material></instance_geometry>"
+    )
+    mesh = DAE.replace("<library_geometries>", materials).replace(
+        '<triangles count="1">', '<triangles count="1" material="m">'
+    )
+    part = part_of(tmp_path, mesh.replace('<instance_geometry url="#g"/>', bound), "m.dae")
+    assert part.material.base_color == pytest.approx((0, 1, 0, opacity), abs=1e-6)
+    assert bool(read_robot(tmp_path / "robot.urdf").warnings) == warned
 
 
 def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Path) -> None:
