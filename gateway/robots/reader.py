@@ -62,7 +62,7 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, keyframe: str, 
     files = RobotFiles(path, roots, limits)
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
-    if uses_xacro(root):
+    if path.suffix.lower() == ".xacro" or uses_xacro(root):
         root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
     if root.tag == "mujoco":
         from gateway.robots.mjcf import read_mjcf
