@@ -217,3 +217,38 @@ def test_the_number_of_further_cameras(count: int, allowed: bool) -> None:
     else:
         with pytest.raises(SettingsError):
             load({"stereo_cameras": text})
+
+
+@pytest.mark.parametrize(
+    ("text", "path"), [("/proxy/8000/", "/proxy/8000"), ("/user/%C3%A4nn", "/user/änn"), ("/", ""), ("", "")]
+)
+def test_root_paths(text: str, path: str) -> None:
+    assert Settings(root_path=text).root_path == path
+
+
+@pytest.mark.parametrize("text", ["proxy", "//host/x", "/a?b", "/a b", "https://host/x"])
+def test_other_texts_are_no_root_paths(text: str) -> None:
+    with pytest.raises(ValueError, match="must be a path such as"):
+        Settings(root_path=text)
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("*", True),
+        ("http://localhost:8888", True),
+        ("https://*.example.org", True),
+        ("vscode-webview:", True),
+        ("localhost:8888", False),
+        ("http://a;script-src *", False),
+        ("http://a\r\nX: y", False),
+        ("http://a/b", False),
+    ],
+)
+def test_origins_of_frames_cannot_end_the_header(text: str, allowed: bool) -> None:
+    try:
+        assert Settings(frame_origins=(text,)).frame_origins == (text,)
+        accepted = True
+    except ValueError:
+        accepted = False
+    assert accepted == allowed
