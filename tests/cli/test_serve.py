@@ -15,7 +15,7 @@ from structlog.testing import capture_logs
 from typer.testing import CliRunner
 
 from gateway.cli import serve
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.runtime import logs, process_tuning
 from gateway.server import http_server
 from gateway.settings import Settings
@@ -148,7 +148,7 @@ def test_unknown_variables_are_warnings(server: type[FakeServer], monkeypatch: p
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     with capture_logs() as entries:
         serve.run(Settings(http_port=0))
-    assert "SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
+    assert "SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
 
 
 def test_a_signal_before_the_server_runs_exits() -> None:

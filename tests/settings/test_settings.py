@@ -68,7 +68,7 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
         ({"background": "red"}, {}, "", "--background: must be R,G,B: three whole numbers of 0 to 255, got 'red'."),
         ({"background": "1,2,256"}, {}, "", "--background: must be R,G,B"),
         ({"clock": "sundial"}, {}, "", "--clock: input should be 'real' or 'simulated', got 'sundial'."),
-        ({}, {}, "htpp_port = 1", "htpp_port in {file} is no setting; did you mean http_port?"),
+        ({}, {}, "htpp_port = 1", "htpp_port in {file} is not a setting; did you mean http_port?"),
         ({}, {}, "http_port = ", "The configuration file {file} is not TOML"),
     ],
 )
@@ -104,7 +104,7 @@ def test_unknown_variables_are_reported(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     monkeypatch.setenv("SCENEGATE_CORPUS", "/somewhere")
     monkeypatch.setenv("SCENEGATE_ROBOTS", "/somewhere")
-    assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?"]
+    assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?"]
 
 
 def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -> None:
