@@ -115,6 +115,7 @@ def test_exit_codes(server: type[FakeServer], started: bool, fails: bool, code: 
         ({"only": ("render",)}, "/ and /docs", "http://127.0.0.1:"),
         ({"only": ("render", "view")}, "/view, / and /docs", "http://127.0.0.1:"),
         ({"host": "::1"}, "/view, / and /docs", "http://[::1]:"),
+        ({"host": "0.0.0.0"}, "/view, / and /docs", "http://localhost:"),
     ],
 )
 def test_the_address_is_logged(server: type[FakeServer], settings: dict[str, Any], pages: str, url: str) -> None:
