@@ -21,9 +21,7 @@ FIRST_RELEASE: Final = {
         " Scenegate is not on the package index yet.": "",
         "Not released yet; the [changelog]": "The [changelog]",
     },
-    "docs/README.md": {
-        "pip install . && scenegate serve --demo      ": "pip install scenegate && scenegate serve --demo"
-    },
+    "docs/README.md": {"pip install .         ": "pip install scenegate "},
 }
 """Texts that the first release makes untrue, and those that replace them, by file."""
 
