@@ -23,15 +23,18 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.server import error_handlers, health, openapi
+from gateway.server.docs_page import docs_page
 from gateway.server.early_response import EarlyResponse
 from gateway.server.index_page import index_page
 from gateway.server.middleware import RequestContext
+from gateway.server.path_prefix import PathPrefix
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics
 from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
+from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
@@ -59,10 +62,13 @@ def create_app(
         SettingsError: a token or certificate file cannot be used.
     """
     app: FastAPI = FastAPIOffline(
+        docs_url=None,  # its page has absolute addresses
         redoc_url=None,
+        redirect_slashes=False,  # Starlette's redirects have absolute addresses; error_handlers.not_found redirects
         title="Scenegate",
         version=__version__,
         description=DESCRIPTION,
+        servers=[{"url": ".", "description": "this gateway"}],  # relative to the description's own address
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=_lifespan,
         swagger_ui_parameters={"validatorUrl": None},  # no request to an online validator
@@ -125,7 +131,15 @@ def _add_routes(context: Context) -> None:
     @app.get("/", include_in_schema=False)
     async def index() -> HTMLResponse:
         view = {"view": "See the scene"} if "view" in interfaces else {}
-        return HTMLResponse(index_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
+        links = {**view, "docs": "HTTP interface", "metrics": "metrics"}
+        if documentation_url():
+            links[documentation_url()] = "documentation"
+        names = {name: (entry.title, documentation_of(name)) for name, entry in NAMES.items()}
+        return HTMLResponse(index_page(__version__, links, names))
+
+    @app.get("/docs", include_in_schema=False)
+    async def http_interface() -> HTMLResponse:
+        return docs_page(app)
 
 
 def _add_middleware(context: Context) -> None:
@@ -147,6 +161,8 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(error_handlers.HeadAsGet)
     app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.MONITORING_PATHS | POLLED_PATHS)
     app.add_middleware(EarlyResponse)
+    if context.settings.root_path:
+        app.add_middleware(PathPrefix, prefix=context.settings.root_path)
 
 
 def __getattr__(name: str) -> Any:

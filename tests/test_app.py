@@ -224,7 +224,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
             assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
     said = [line for line in lines if "ompil" in line["event"] and "further" not in line["event"]]
     assert [line["event"] for line in said] == [
-        "Compiling the rendering kernels into the cache, once ...",
+        "Compiling the rendering kernels into the cache, once: 15 seconds on two idle cores ...",
         "Compiling the rendering kernels",
         "The rendering kernels are compiled",
     ]

@@ -6,6 +6,7 @@ import asyncio
 import inspect
 import signal
 import socket
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -13,6 +14,7 @@ import typer
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
+from gateway.cli import first_line
 from gateway.settings import Settings, SettingsError, load, unknown_environment
 from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
 
@@ -97,17 +99,21 @@ def run(settings: Settings) -> int:
         reason = process_tuning.listen_error(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
-    port = listener.getsockname()[1]
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "http" if tls is None else "https"
+    url = _url(settings.host, listener.getsockname()[1], tls is not None)
     pages = "/view, / and /docs" if settings.is_enabled("view") else "/ and /docs"
     workers = {"workers": settings.workers} if settings.workers > 1 else {}
-    log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}", **workers)
+    log.info(f"Scenegate listens; look at {pages}", url=url, **workers)
     if settings.workers > 1:
         from gateway.cli.serve_workers import serve_workers
 
         return serve_workers(settings, listener, tls)
-    return _serve(settings, listener, state, tls)
+    return _serve(settings, listener, state, tls, url)
+
+
+def _url(host: str, port: int, tls: bool) -> str:
+    """Return the address of the server for a browser on this machine."""
+    shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)  # noqa: S104
+    return f"{'https' if tls else 'http'}://{shown}:{port}"
 
 
 def _exit(*_: object) -> NoReturn:
@@ -115,7 +121,7 @@ def _exit(*_: object) -> NoReturn:
 
 
 def _serve(
-    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None
+    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None, url: str
 ) -> int:
     import structlog
     import uvloop
@@ -125,8 +131,10 @@ def _serve(
     from gateway.server import http_server
 
     log = structlog.get_logger("gateway")
+    log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
     app = create_app(settings, state)
     context: Context = app.state.context
+    context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
 
     def begin_shutdown() -> None:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
 import json
 import os
 import signal
@@ -19,6 +18,7 @@ from contextlib import AbstractContextManager, asynccontextmanager, contextmanag
 from pathlib import Path
 from typing import Any
 
+from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
@@ -113,13 +113,10 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
             "written: NUMBA_CACHE_DIR chooses another one"
         )
     with (folder / "lock").open("wb") as lock:
-        while True:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                progress.set_waiting(True)
-                await asyncio.sleep(_LOCK_SECONDS)
+        # On a file system without locks, two processes compile the same kernels at the same time.
+        while try_lock(lock.fileno()) is Lock.TAKEN:
+            progress.set_waiting(True)
+            await asyncio.sleep(_LOCK_SECONDS)
         progress.set_waiting(False)
         yield
 

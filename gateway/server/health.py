@@ -58,7 +58,7 @@ def router(
             described["status"], described["workers"] = await asyncio.to_thread(reports.describe, own_readiness())
         return described
 
-    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
+    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": "1.2.3", **_EXAMPLE}))
     async def healthz(request: Request) -> JSONResponse:
         """200 while the event loop runs. The body has the state of each interface, its figures and its problems; if the
         gateway has a token, figures and problems need it. With --workers, the body has the state of each process, too,

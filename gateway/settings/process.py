@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Names
+from gateway.settings.types import FrameOrigins, Names, RootPath
 
 
 class ProcessSettings(BaseSettings):
@@ -48,6 +48,18 @@ class ProcessSettings(BaseSettings):
         "Access",
         "Web origins (https://example.org) whose pages may use the HTTP interface, separated by commas; '*' allows "
         "all. Pages of other origins can neither read responses nor change anything, nor show /view in a frame.",
+    )
+    frame_origins: FrameOrigins = option(
+        (),
+        "Access",
+        "Web origins whose pages may show /view in a frame, separated by commas, such as a notebook's "
+        "http://localhost:8888; '*' allows all. Unlike pages of --cors-origins, they can read nothing else.",
+    )
+    root_path: RootPath = option(
+        "",
+        "Access",
+        "Path prefix that a proxy serves the gateway below and keeps in its requests, such as /user/ann/proxy/8000. A "
+        "proxy that removes the prefix needs no setting.",
     )
 
     # --- State

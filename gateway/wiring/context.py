@@ -82,6 +82,8 @@ class Context:
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
     startup: asyncio.Task[None] | None = None
+    page_url: str = ""
+    """Address of the page to open first, for the log; empty where it is not known."""
     on_started: Callable[[], None] = lambda: None
     """Called once, when every interface is ready or has failed."""
     on_fatal: Callable[[], None] = lambda: None

@@ -54,7 +54,9 @@ async def _load_kernels(context: Context) -> None:
     if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
         await _compile_kernels(context)
     context.exit_stack.enter_context(pending.announced(tuple(warmup.BACKGROUND)))
+    begin = time.perf_counter()
     await asyncio.to_thread(warmup.load_needed)
+    _log.info("The rendering kernels are loaded", seconds=round(time.perf_counter() - begin, 1))
     context.exit_stack.enter_context(kernel_cache.report_compiled_kernels(_log_compiled_kernel))
     context.registry.ready(KERNELS)
 
@@ -65,7 +67,10 @@ async def _compile_kernels(context: Context) -> None:
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
     context.compiling = progress
-    _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernel_cache.configure()))
+    _log.info(
+        "Compiling the rendering kernels into the cache, once: 15 seconds on two idle cores ...",
+        folder=str(kernel_cache.configure()),
+    )
     with show_progress(progress, _log.info, bar=context.reports is None):
         await kernel_cache.compile_missing(warmup.NEEDED, progress)
     context.compiling = None
@@ -115,5 +120,10 @@ async def _log_started(context: Context, begin: float) -> None:
     while context.registry.verdict() == "starting" and time.perf_counter() < deadline:  # noqa: ASYNC110 - no event
         await asyncio.sleep(0.02)
     context.on_started()
-    seconds = round(time.perf_counter() - begin, 2)
-    _log.info("Scenegate has started", status=context.registry.verdict(), version=__version__, seconds=seconds)
+    _log.info(
+        "Scenegate has started",
+        **({"url": context.page_url} if context.page_url else {}),
+        status=context.registry.verdict(),
+        version=__version__,
+        seconds=round(time.perf_counter() - begin, 2),
+    )

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.cli.publish import _read_request
 from gateway.client.tree.geometry import Mesh as Triangles
 from gateway.client.tree.geometry import PointCloud, Transform

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.cli.render import _parse_color, _parse_types
 from gateway.runtime import kernel_cache
 

@@ -15,7 +15,7 @@ from structlog.testing import capture_logs
 from typer.testing import CliRunner
 
 from gateway.cli import serve
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.runtime import logs, process_tuning
 from gateway.server import http_server
 from gateway.settings import Settings
@@ -115,6 +115,7 @@ def test_exit_codes(server: type[FakeServer], started: bool, fails: bool, code: 
         ({"only": ("render",)}, "/ and /docs", "http://127.0.0.1:"),
         ({"only": ("render", "view")}, "/view, / and /docs", "http://127.0.0.1:"),
         ({"host": "::1"}, "/view, / and /docs", "http://[::1]:"),
+        ({"host": "0.0.0.0"}, "/view, / and /docs", "http://localhost:"),
     ],
 )
 def test_the_address_is_logged(server: type[FakeServer], settings: dict[str, Any], pages: str, url: str) -> None:
@@ -148,7 +149,7 @@ def test_unknown_variables_are_warnings(server: type[FakeServer], monkeypatch: p
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     with capture_logs() as entries:
         serve.run(Settings(http_port=0))
-    assert "SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
+    assert "SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
 
 
 def test_a_signal_before_the_server_runs_exits() -> None:

@@ -16,7 +16,7 @@ import tifffile
 from typer.testing import CliRunner, Result
 
 from gateway import __version__
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.runtime import instance_probe
 from gateway.settings import Settings
 from gateway.settings.option import flag_of

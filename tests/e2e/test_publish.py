@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
 from tests.support.liblcm import liblcm

@@ -187,7 +187,7 @@ def test_processes_end_with_a_killed_supervisor() -> None:
 
 PATIENT_SUPERVISOR = """
 import sys
-from gateway.cli.main import main
+from gateway.cli import main
 from uvicorn.supervisors.multiprocess import Process
 
 ping_once = Process.ping

@@ -295,15 +295,17 @@ def test_lost_messages_of_lcm() -> None:
 async def test_the_status_bar(contexts: Any) -> None:
     context = contexts()
     context.registry.fail("treeviewer", "no route")
-    context.registry.ready("stereo", figures=lambda: {"clients": 2, "warning": "no node"})
+    context.registry.ready("stereo 1", figures=lambda: {"warning": "no node"})
     context.registry.ready("render")
     status = view.gateway_status(context)
     assert status["interfaces"] == {
-        "treeviewer": {"state": "failed", "problem": "no route"},
-        "stereo": {"state": "ready", "problem": "no node"},
-        "render": {"state": "ready"},
+        "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
+        "stereo 1": {"state": "ready", "problem": "no node", "title": "Stereo camera 1", "documentation": ""},
+        "render": {"state": "ready", "title": "Render server", "documentation": ""},
     }
-    assert status["facts"] == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
+    context.registry.ready("stereo", figures=lambda: {"clients": 2})
+    facts = view.gateway_status(context)["facts"]
+    assert facts == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
     context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
     assert view.gateway_status(context)["facts"][0] == {"name": "simulation", "value": "1.50 s"}
     for lost, warn in ((0, False), (1, True)):
