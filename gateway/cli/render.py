@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from gateway.cli.robot_options import Joints, Roots
+from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes of OUT that mean one image."""
@@ -94,6 +94,9 @@ def render(
     ] = "auto",
     joint: Joints = None,
     root: Roots = None,
+    keyframe: Keyframe = "",
+    robot_gltf_up: GltfUp = "y",
+    strict: Strict = False,
     threads: Annotated[int, typer.Option(min=0, help="Number of cores to use; 0: all.")] = 0,
     timeout: Annotated[
         float,
@@ -157,6 +160,9 @@ def render(
         rig_sha256=None if rig is None else rig_digest(rig),
         joints=joints,
         roots=tuple(str(folder.absolute()) for folder in root or ()),
+        keyframe=keyframe,
+        robot_gltf_up=robot_gltf_up,
+        strict=strict,
     )
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),

@@ -57,9 +57,8 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     kinematics = _Kinematics(
         mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
     )
-    return Robot(
-        name, links, joints, parts, kinematics, (*warnings, *converter.warnings, *compiler_warnings), files.digests
-    )
+    warnings = (*warnings, *converter.warnings, *compiler_warnings)
+    return Robot(name, links, joints, parts, kinematics, warnings, digests=files.digests)
 
 
 def _mujoco() -> Any:

@@ -94,6 +94,8 @@ class Robot:
     kinematics: Kinematics
     warnings: tuple[str, ...] = ()
     """Sentences about content of the file that is not shown."""
+    notes: tuple[str, ...] = ()
+    """Sentences about choices that the reader made."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the robot file's folder. The robot file
     is first."""

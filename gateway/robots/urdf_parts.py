@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
@@ -16,11 +16,12 @@ from gateway.assets.mesh_formats import (
     diffuse_material,
     parse_mesh,
 )
+from gateway.assets.scene_file import Up
 from gateway.gltf import GltfError
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh
+from gateway.robots.urdf_model import UrdfGeometry, UrdfLink, UrdfMaterial, UrdfMesh
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling
@@ -35,11 +36,13 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 class UrdfParts:
     """Converts geometry to parts. A mesh file that several geometries use is read once."""
 
-    def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str]) -> None:
+    def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
         Args:
-            warnings: Warnings are appended to this list.
+            warnings: Warnings are appended to this list. A mesh that cannot be read is left out.
+            gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
         """
+        self._gltf_up: Up = "auto" if gltf_up == "y" else "z"
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
@@ -47,9 +50,11 @@ class UrdfParts:
         """Image and mean colour of each texture, or the reason why it cannot be read, by file name or URL."""
         self._warnings = warnings
 
-    def parts_of(self, link: str, geometries: tuple[UrdfGeometry, ...]) -> tuple[Part, ...]:
-        """Return the parts of a link, in the link's frame. A mesh that cannot be read is left out with a warning."""
-        return tuple(part for geometry in geometries for part in self._parts(link, geometry))
+    def parts_of_links(self, links: tuple[UrdfLink, ...]) -> tuple[tuple[Part, ...], ...]:
+        """Return the parts of each link, in the link's frame."""
+        return tuple(
+            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
+        )
 
     def _parts(self, link: str, geometry: UrdfGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
@@ -124,6 +129,7 @@ class UrdfParts:
                 self._limits.mesh,
                 warnings,
                 collada_up_axis=False,
+                gltf_up=self._gltf_up,
             )
             self._warnings += [f"link {link!r}, {name}: {text}" for text in warnings]
         return self._meshes[path]

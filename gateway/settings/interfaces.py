@@ -64,6 +64,17 @@ class InterfaceSettings(BaseSettings):
         "Up axis of glTF files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, "
         "else Y.",
     )
+    robot_gltf_up: Literal["y", "z", "auto"] = option(
+        "y",
+        "Render endpoint",
+        "Up axis of the glTF meshes of a robot in --backdrop and --stereo-scene; 'auto': what fits the collision "
+        "geometry.",
+    )
+    strict: bool = option(
+        False,
+        "Render endpoint",
+        "Refuse a file of --backdrop or --stereo-scene of which something cannot be drawn, instead of a warning.",
+    )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder in which rejected render requests are stored for replay."
     )

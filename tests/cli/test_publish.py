@@ -199,6 +199,7 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
             )
     mesh = write(tmp_path, TRIANGLE, "m.obj")
     with pytest.raises(
-        ValueError, match=r"--joint, --root and --collision are for robot files \(\.urdf, \.xml, \.mjcf\)"
+        ValueError,
+        match=r"--collision and --reload are for robot files \(\.urdf, \.sdf, \.world, \.xml, \.mjcf, \.xacro\)",
     ):
         CliRunner().invoke(app, ["publish", str(mesh), "--collision"], catch_exceptions=False)
