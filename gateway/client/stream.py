@@ -198,7 +198,7 @@ def _connection_problem(target: str) -> str:
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
     except (ValueError, OverflowError):
-        return f"{target} is no HOST:PORT: {port!r} is no port"
+        return f"{target} is not HOST:PORT: {port!r} is not a port"
     except OSError:
         return f"no answer from {target}"
     return (

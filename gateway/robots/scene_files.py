@@ -39,7 +39,7 @@ def read_scene(
         return _read_robot(path, joints, roots)
     if suffix in SCENE_SUFFIXES:
         return _read_mesh(path, suffix)
-    raise SceneFileError(f"{path}: its suffix is none of {', '.join(SCENE_SUFFIXES)}")
+    raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
 
 
 def _read_robot(path: Path, joints: Iterable[str], roots: Iterable[str | Path]) -> SceneFile:

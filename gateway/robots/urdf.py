@@ -133,7 +133,7 @@ def _shape(element: Element, where: str) -> Box | Sphere | Cylinder | Capsule | 
             x, y, z = numbers(element, "scale", (1.0, 1.0, 1.0), where)
             scale = (x, y, z)
         return UrdfMesh(required(element, "filename", where), scale)
-    raise RobotFileError(f"{where}: the shape <{element.tag}> is none of box, sphere, cylinder, capsule, mesh")
+    raise RobotFileError(f"{where}: the shape <{element.tag}> is not one of box, sphere, cylinder, capsule, mesh")
 
 
 def _joint(element: Element) -> UrdfJoint:
@@ -141,7 +141,7 @@ def _joint(element: Element) -> UrdfJoint:
     where = f"joint {name!r}"
     urdf_type = required(element, "type", where)
     if urdf_type not in _KINDS:
-        raise RobotFileError(f"{where}: its type {urdf_type!r} is none of {', '.join(_KINDS)}")
+        raise RobotFileError(f"{where}: its type {urdf_type!r} is not one of {', '.join(_KINDS)}")
     ends = []
     for end in ("parent", "child"):
         child = element.find(end)

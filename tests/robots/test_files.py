@@ -111,7 +111,7 @@ def test_the_home_folder_is_no_package(tmp_path: Path, monkeypatch: pytest.Monke
     ("name", "message"),
     [
         ("http://example.com/m.obj", "only package:// and file:// can be read, nothing is fetched"),
-        ("m.step", "m.step is none of the formats dae, glb, gltf, obj, ply, stl"),
+        ("m.step", "m.step is not one of the formats dae, glb, gltf, obj, ply, stl"),
         ("package://../m.obj", "the package '..', which is not around the robot file"),
         ("package:///m.obj", "the package 'm.obj', which is not around the robot file"),
         ("a&#10;b.obj", "does not exist"),

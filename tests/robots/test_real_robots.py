@@ -23,7 +23,7 @@ TOLERANCE = 1e-9
 URDF_FOLDER = "cmeel.prefix/share/example-robot-data"
 BROKEN_URDF = {
     "alex_psyonic_hands.urdf": "joint 'Left_index_q2' mimics 'index_q1', which is not a joint that moves",
-    "romeo_laas_small.urdf": "Torso.mesh is none of the formats",
+    "romeo_laas_small.urdf": "Torso.mesh is not one of the formats",
     "ur3.urdf": "it has no links",
 }
 """Files of the package that no program can use, and why."""

@@ -70,7 +70,7 @@ def test_types() -> None:
         (fps, float("nan"), "fps: nan is not a finite number"),
         (fps, float("-inf"), "fps: -inf is not a finite number"),
         (NODES["rc_camera"]["exp_control"], 1, "exp_control: 1 is not a string"),
-        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is none of Auto, Manual, HDR"),
+        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is not one of Auto, Manual, HDR"),
     ):
         with pytest.raises(ParameterError) as refusal:
             check_value(spec, value)
