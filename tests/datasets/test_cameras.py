@@ -100,7 +100,7 @@ def test_views_and_scenes_that_cannot_be_meant(scenes: Path, tmp_path: Path) -> 
     (tmp_path / "none").mkdir()
     with pytest.raises(SourceError, match="holds no scene"):
         find_sources([tmp_path / "none"])
-    with pytest.raises(SourceError, match="is no scene"):
+    with pytest.raises(SourceError, match="is not a scene"):
         find_sources([scenes / "notes.txt"])
 
 

@@ -82,7 +82,7 @@ def test_long_values_are_cut_in_messages() -> None:
     for length, shown in ((78, repr("a" * 78)), (79, repr("a" * 79)[:80] + "…")):
         with pytest.raises(ParameterError) as refusal:
             check_value(control, "a" * length)
-        assert f"exp_control: {shown} is none" in str(refusal.value)
+        assert f"exp_control: {shown} is not one" in str(refusal.value)
 
 
 def test_changes_are_counted_and_reset() -> None:
