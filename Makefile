@@ -32,7 +32,7 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
+.PHONY: help run test test-all test-lowest lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
@@ -45,6 +45,12 @@ test: $(VENV)/.installed-dev ## set up and run the tests that take seconds, all 
 
 test-all: $(VENV)/.installed-dev ## set up and run all tests
 	$(BIN)/python -m pytest $(ARGS)
+
+test-lowest: $(VENV)/.tools ## run the fast tests with the lowest versions of libraries that pyproject.toml allows
+	$(UV) venv --quiet --clear --python $(BIN)/python .venv-lowest
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable '.[robots]'
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --group test ruamel.yaml
+	.venv-lowest/bin/python -m pytest -m "not slow" -W ignore::DeprecationWarning $(ARGS)
 
 lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .
@@ -132,7 +138,7 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
-	rm -rf $(VENV) $(SITE_VENV) out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(SITE_VENV) .venv-lowest out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:

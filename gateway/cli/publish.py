@@ -104,7 +104,7 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
     except ValueError as error:
         raise ValueError(f"{source} is not JSON: {error}") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
-        raise ValueError(f"{source} is no request of the protocol: it has no delete, setgeometry or settransform")
+        raise ValueError(f"{source} is not a request of the protocol: it has no delete, setgeometry or settransform")
     for path, _ in _commands(request, "delete", source):
         changes.delete(root + path)
     for path, command in _commands(request, "setgeometry", source):

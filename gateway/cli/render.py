@@ -117,7 +117,7 @@ def render(
     """
     image_types, color = _parse_types(types), _parse_color(background)
     if samples not in SAMPLES:
-        raise ValueError(f"--samples {samples} is none of 0, 1, 4, 8")
+        raise ValueError(f"--samples {samples} is not one of 0, 1, 4, 8")
     single = out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
     if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
         raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")

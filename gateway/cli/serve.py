@@ -25,14 +25,24 @@ if TYPE_CHECKING:
 HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
 Each flag is also an environment variable (SCENEGATE_HTTP_PORT=9000) and a key of the TOML file (http_port = 9000).
-Flags override the environment, which overrides the file.
+Flags override the environment, which overrides the file. --help-all lists all flags, --help the common ones.
 """
+COMMON = frozenset(
+    {
+        *("host", "http_port", "only", "demo"),
+        *("look", "samples", "backdrop", "keep_failures"),
+        *("lcm_url", "tcpq_port", "mesh_root"),
+        *("grpc_port", "stereo_scene", "stereo_pose", "stereo_profile"),
+        *("http_token_file", "state", "workers", "threads", "log_format"),
+    }
+)
+"""Settings that ``--help`` lists."""
 
 
 def add_serve(app: typer.Typer) -> None:
     """Add the command. Typer reads its flags from a signature that is made from the settings."""
 
-    def serve(config: Path | None, **flags: Any) -> None:
+    def serve(config: Path | None, help_all: bool | None, **flags: Any) -> None:
         given = {name: value for name, value in flags.items() if value is not None}
         try:
             settings = load(given, config)
@@ -42,13 +52,24 @@ def add_serve(app: typer.Typer) -> None:
         raise typer.Exit(run(settings))
 
     info = typer.Option("--config", help="TOML file with settings (also SCENEGATE_CONFIG).", dir_okay=False)
+    help_all = typer.Option("--help-all", help="Show all flags and exit.", is_eager=True, callback=_print_all_flags)
     parameters = [
         _parameter("config", Annotated[Path | None, info]),
+        _parameter("help_all", Annotated[bool | None, help_all]),
         *(_parameter(name, _flag(name, field)) for name, field in Settings.model_fields.items()),
     ]
     serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app.command("serve", help=HELP)(serve)
+
+
+def _print_all_flags(context: typer.Context, wanted: bool) -> None:
+    if not wanted:
+        return
+    for parameter in context.command.params:
+        parameter.hidden = False  # type: ignore[attr-defined]  # all are options
+    typer.echo(context.get_help())
+    raise typer.Exit
 
 
 def _parameter(name: str, annotation: Any) -> inspect.Parameter:
@@ -66,6 +87,7 @@ def _flag(name: str, field: FieldInfo) -> Any:
         rich_help_panel=group_of(field),
         metavar=None if switch else metavar_of(field),
         show_default=False,
+        hidden=name not in COMMON,
     )
     return Annotated[bool | None if switch else str | None, info]
 

@@ -58,7 +58,7 @@ def parse_url(url: str) -> UdpmUrl:
     except OSError:
         is_multicast = False
     if not is_multicast:
-        reason = f"{address} is no multicast address (224.0.0.0 to 239.255.255.255)"
+        reason = f"{address} is not a multicast address (224.0.0.0 to 239.255.255.255)"
         raise LcmUnavailableError(f"LCM cannot join {url}: {reason}")
     numbers = {"ttl": 0, "recv_buf_size": 0}
     for name, text in parse_qsl(parts.query):

@@ -62,7 +62,7 @@ def _read(path: Path, options: SceneOptions) -> SceneFile:
         return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:
         return _read_mesh(path, suffix)
-    raise SceneFileError(f"{path}: its suffix is none of {', '.join(SCENE_SUFFIXES)}")
+    raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
 
 
 def _read_robot(path: Path, options: SceneOptions) -> SceneFile:

@@ -273,7 +273,7 @@ class _SdfReader:
         kind = _KINDS.get(sdf_type)
         if sdf_type not in _KINDS:
             known = ", ".join(_KINDS)
-            self._warnings.append(f"{where}: type={sdf_type[:60]!r} is none of {known}; the joint stays at rest")
+            self._warnings.append(f"{where}: type={sdf_type[:60]!r} is not one of {known}; the joint stays at rest")
         axis = element.find("axis")
         direction = np.array((0.0, 0.0, 1.0))
         if axis is not None:

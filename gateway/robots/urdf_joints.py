@@ -66,7 +66,7 @@ class UrdfJointReader:
         kind = _KINDS.get(urdf_type)
         if urdf_type not in _KINDS:
             known = ", ".join(_KINDS)
-            self._warnings.append(f"{where}: type={urdf_type[:60]!r} is none of {known}; the joint stays at rest")
+            self._warnings.append(f"{where}: type={urdf_type[:60]!r} is not one of {known}; the joint stays at rest")
         x, y, z = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where, self._warnings)
         norm = math.hypot(x, y, z)
         if kind not in (None, "floating") and not 0.0 < norm < math.inf:

@@ -115,7 +115,7 @@ class UrdfParts:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
         extension = Path(name).suffix[1:].lower()
         if extension not in FORMATS:
-            raise RobotFileError(f"it is none of the formats {', '.join(sorted(FORMATS))}")
+            raise RobotFileError(f"it is not one of the formats {', '.join(sorted(FORMATS))}")
         path = self._files.find(name)
         if path not in self._meshes:
             data = self._files.read(path)

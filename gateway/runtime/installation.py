@@ -177,9 +177,9 @@ def _library(requirement: str) -> Iterator[Finding]:
         detail = f"{installed} cannot be used: {fault}{also}"
         yield Finding(name, Verdict.ERROR, detail, _NONE_WORKS, f"{again}{_REINSTALL} --no-deps '{name}{limits}'")
     elif not installed:
-        twins = " and ".join(_twins(name)) or "a package that is not known"
+        others = " and ".join(_twins(name)) or "files of no distribution"
         meaning = "It works; its version is not checked."
-        yield Finding(name, Verdict.NOTE, f"provided by {twins}", meaning, remedy)
+        yield Finding(name, Verdict.NOTE, f"provided by {others}", meaning, remedy)
     elif not _is_within(installed, limits):
         detail = f"{installed}, but Scenegate needs {limits}"
         yield Finding(name, Verdict.ERROR, detail, _NONE_WORKS, remedy)

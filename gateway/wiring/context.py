@@ -23,6 +23,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
 from gateway.settings import Settings
+from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
@@ -161,7 +162,7 @@ class Context:
         problem = one_line(error)
         self.registry.fail(name, problem)
         expected = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
-        _log.error(f"{name} does not run: {problem}", exc_info=None if expected else error)
+        _log.error(f"{title_of(name)} cannot be used: {problem}", exc_info=None if expected else error)
 
     def begin_shutdown(self) -> None:
         """End all streams and services now, and let accepted requests finish until ``--shutdown-seconds``.
@@ -179,7 +180,7 @@ class Context:
         if not self.started.is_set():
             if self.startup is not None:
                 self.startup.cancel()
-            self.registry.fail(KERNELS, "it was told to stop")
+            self.registry.fail(KERNELS, "it is stopping")
             self.started.set()
 
     async def _close_queue(self, seconds: float) -> None:

@@ -13,7 +13,7 @@ from gateway.cli import commands, main
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (ValueError("--samples 2 is none of 0, 1, 4, 8"), "--samples 2 is none of 0, 1, 4, 8"),
+        (ValueError("--samples 2 is not one of 0, 1, 4, 8"), "--samples 2 is not one of 0, 1, 4, 8"),
         (RuntimeError("no kernels"), "no kernels"),
         (ImportError("no lcm"), "no lcm"),
         (OSError("out.png: it took longer than 3 s"), "out.png: it took longer than 3 s"),

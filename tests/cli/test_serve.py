@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import signal
 import socket
 from collections.abc import Iterator
@@ -64,6 +65,23 @@ def test_invalid_flags_are_a_sentence_on_standard_error(monkeypatch: pytest.Monk
     code, used, error = flags(monkeypatch, "--http-port", "x")
     assert (code, used) == (2, [])
     assert error.startswith("scenegate: --http-port: input should be a valid integer")
+
+
+def help_text(*arguments: str) -> str:
+    result = CliRunner().invoke(app, ["serve", *arguments], env={"COLUMNS": "100", "TERM": "dumb"})
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def test_help_has_the_common_flags_and_help_all_has_all() -> None:
+    short, full = help_text("--help"), help_text("--help-all")
+    flags = {name: "--" + name.replace("_", "-") for name in Settings.model_fields}
+    assert set(flags) >= serve.COMMON
+    shown = {name for name, flag in flags.items() if re.search(rf"{flag}[ ,/]", short)}
+    assert shown == serve.COMMON
+    assert [flag for flag in flags.values() if flag not in full] == []
+    assert "--help-all" in short
+    assert help_text("--help") == short  # asking for all flags changes nothing for later calls
 
 
 class FakeServer:

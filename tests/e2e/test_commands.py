@@ -40,7 +40,7 @@ def test_version() -> None:
 
 
 def test_help_of_serve_lists_every_setting_once() -> None:
-    text = scenegate("serve", "--help").stdout
+    text = scenegate("serve", "--help-all").stdout
     for name in Settings.model_fields:
         assert f"{flag_of(name)} " in text or f"{flag_of(name)}," in text, name
 

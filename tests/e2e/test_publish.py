@@ -129,7 +129,7 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     ("name", "text", "reason"),
     [
         ("x.json", "{", "is not JSON"),
-        ("x.json", "[1]", "is no request of the protocol"),
+        ("x.json", "[1]", "is not a request of the protocol"),
         ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
         ("x.obj", "v 1\n", "x.obj"),
         ("x.txt", "", "x.txt"),

@@ -77,7 +77,9 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
 
 def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[GatewayProcess, str]) -> None:
     process, url = render_only
-    assert "/view" not in process.log[0]["event"]
+    listens, started = (process.log[index] for index in (1, -1))
+    assert listens["event"] == "Scenegate listens; look at / and /docs"
+    assert started["url"] == f"{url}/"
     links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
     assert links
     assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)

@@ -125,7 +125,7 @@ def test_a_name_that_differs_in_case_is_not_read_but_named(tmp_path: Path) -> No
     ("name", "message"),
     [
         ("http://example.com/m.obj", "only files, package:// and file:// can be read, nothing is fetched"),
-        ("m.step", "it is none of the formats dae, glb, gltf, obj, ply, stl"),
+        ("m.step", "it is not one of the formats dae, glb, gltf, obj, ply, stl"),
         ("package://../m.obj", "the package '..' is not above or beside the robot file"),
         ("package:///m.obj", "the package 'm.obj' is not above or beside the robot file"),
         ("a&#10;b.obj", "there is no such file"),

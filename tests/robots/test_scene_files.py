@@ -50,7 +50,7 @@ def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("a.txt", "", "its suffix is none of .gltf, .glb, .dae, "),
+        ("a.txt", "", "its suffix is not one of .gltf, .glb, .dae, "),
         ("a.urdf", "<robot>", "no element found|invalid|unclosed|XML"),
         ("a.obj", "", "no triangles or points|cannot be read as OBJ"),
         ("a.gltf", "{", "JSON"),

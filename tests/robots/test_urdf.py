@@ -179,8 +179,8 @@ def test_colours_that_are_mended_have_a_warning(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (joint("screw"), "joint 'j': type='screw' is none of revolute, continuous, prismatic, planar, floating, fixed"),
-        (joint("ball").replace("joint", "drake:joint"), "joint 'j': type='ball' is none of "),
+        (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating, fixed"),
+        (joint("ball").replace("joint", "drake:joint"), "joint 'j': type='ball' is not one of "),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero; the joint stays at rest"),
         (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
         (joint("fixed", ends='<parent link="a"/>'), "joint 'j': it has no <child link>; the joint is left out"),

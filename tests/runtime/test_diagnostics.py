@@ -112,7 +112,7 @@ def test_a_free_port_is_ok_and_one_that_is_not_allowed_an_error(monkeypatch: pyt
 
     monkeypatch.setattr(process_tuning, "listen", refuse)
     monkeypatch.setattr(diagnostics, "probe_instance", lambda host, port: pytest.fail("nothing listens there"))
-    detail = "HTTP: not allowed to (127.0.0.1 port 80)"
+    detail = "HTTP: permission denied (127.0.0.1 port 80)"
     is_note(finding("port 80", 80), detail, "stop that program, or --http-port PORT", Verdict.ERROR)
 
 

@@ -154,7 +154,7 @@ class TreeViewer:
 
         Raises:
             TreeViewerError: the viewer sends no clicks, or a limit is reached.
-            TypeError: the callback is no function, or a coroutine.
+            TypeError: the callback is not a function, or is a coroutine.
         """
         remove = self._clicks.add(path_of(path), callback)
         try:
