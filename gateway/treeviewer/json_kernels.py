@@ -72,8 +72,8 @@ def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> N
 def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> tuple[NDArray[np.float64], int]:
     """Parse the numbers of one array in JSON text.
 
-    ``null`` is NaN. Numbers of up to 15 digits, the last between 10^-22 and 10^22, are exact. Other numbers are off by at most a few
-    units in the last place of float64.
+    ``null`` is NaN. Numbers of up to 15 digits, the last between 10^-22 and 10^22, are exact. Other numbers are off by
+    at most a few units in the last place of float64.
 
     Args:
         text: (N,) uint8.
