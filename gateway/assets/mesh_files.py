@@ -260,8 +260,10 @@ class _FileReader:
         try:
             data = read_regular(path, limit, follow_links=False)
         except OSError as error:
-            if error.errno in (errno.EINVAL, errno.EFBIG):
-                raise _NotAllowedError(f"{quoted(path.name)} cannot be read: {error.strerror}") from None
+            if error.errno == errno.EFBIG:
+                raise _NotAllowedError(
+                    f"{quoted(path.name)} is larger than the {limit} bytes that are left to it"
+                ) from None
             raise
         self._remaining_bytes -= len(data)
         if stamp is not None:

@@ -158,11 +158,14 @@ class RobotFiles:
         return any(path.is_relative_to(folder) for folder in self._allowed)
 
     def _read(self, path: Path, limit: int) -> bytes:
+        remaining = min(limit, self._remaining_bytes)
         try:
-            data = read_regular(path, min(limit, self._remaining_bytes))
+            data = read_regular(path, remaining)
         except OSError as error:
-            if error.errno in (errno.EINVAL, errno.EFBIG):
-                raise RobotFileError(f"{path.name}: {error.strerror}") from None
+            if error.errno == errno.EFBIG:
+                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
+            if error.errno == errno.EINVAL:
+                raise RobotFileError(f"{path.name} is not a regular file") from None
             raise
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()

@@ -143,7 +143,7 @@ def test_total_size_is_limited(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "m.obj")
     robot_file = write(tmp_path, mesh("m.obj"))
     size = robot_file.stat().st_size
-    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes, the remaining limit is 1$"):
+    with pytest.raises(RobotFileError, match=r"m.obj has more than 1 bytes, the remaining limit$"):
         read_robot(robot_file, limits=RobotLimits(max_total_bytes=size + 1))
-    with pytest.raises(RobotFileError, match=r"m.obj has \d+ bytes, the remaining limit is 2$"):
+    with pytest.raises(RobotFileError, match=r"m.obj has more than 2 bytes, the remaining limit$"):
         read_robot(robot_file, limits=RobotLimits(max_mesh_bytes=2))
