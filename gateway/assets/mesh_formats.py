@@ -46,7 +46,7 @@ class ParserLimits:
     max_parser_bytes: int = 4 << 30
     """Memory for the largest files."""
     min_parser_seconds: int = 15
-    """Elapsed time, and CPU time, for a small file."""
+    """CPU time for a small file. Elapsed time may be four times as long."""
     parser_bytes_per_second: int = 4 << 20
     """Bytes of the file for each further second. On a quiet core OBJ is read at 22 MB/s, the other formats faster."""
 

@@ -12,6 +12,7 @@ import typer
 
 from gateway.cli.lcm_log import LcmUrl
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
+from gateway.runtime.regular_files import read_file_or_pipe
 
 if TYPE_CHECKING:
     from gateway.client.tree.answer import Answer
@@ -33,7 +34,7 @@ def publish(
             exists=True,
             dir_okay=False,
             help="A request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: "
-            "urdf, sdf, xacro, xml (MJCF).",
+            "urdf, sdf, xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro).",
         ),
     ],
     path: Annotated[str, typer.Option(help="Path in the tree: robot/base.")] = "",
@@ -60,12 +61,14 @@ def publish(
     from gateway.robots.joint_text import parse_joints
     from gateway.robots.reader import SUFFIXES
 
-    top = path_of(path)
-    if source.suffix.lower() in SUFFIXES:
+    top, name = path_of(path), source.stem if source.is_file() else "robot"
+    if source.suffix.lower() in SUFFIXES or not (source.suffix or source.is_file()):
+        if reload and not source.is_file():
+            raise ValueError(f"{source}: --reload needs a file, not a pipe")
 
         def publish_robot(viewer: TreeViewer) -> PublishedRobot:
             return viewer.robot(
-                top or (source.stem,),
+                top or (name,),
                 source,
                 joints=parse_joints(joint or ()),
                 roots=root or (),
@@ -100,7 +103,7 @@ def publish(
 def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
     """Add the commands of a request in JSON, with ``root`` before their paths."""
     try:
-        request = json.loads(source.read_text())
+        request = json.loads(read_file_or_pipe(source))
     except ValueError as error:
         raise ValueError(f"{source} is not JSON: {error}") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():

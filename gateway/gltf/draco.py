@@ -21,7 +21,7 @@ from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_l
 
 EXTENSION: Final = "KHR_draco_mesh_compression"
 _DECODER_SECONDS: Final = 60
-"""Maximum time of the decoder for the meshes of a document: 10 million vertices take some seconds."""
+"""Maximum CPU time of the decoder for the meshes of a document: 10 million vertices take some seconds."""
 
 _output_decoder: Final = msgspec.msgpack.Decoder(list[DecodedMesh | str])
 

@@ -5,10 +5,10 @@ Robot files are named by the user, so they may name any file that the user can r
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
-import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
@@ -17,14 +17,17 @@ from urllib.parse import unquote
 from gateway.assets.ros_packages import Packages, package_name
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
+from gateway.runtime.regular_files import read_file_or_pipe, read_regular
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
 PATH_VARIABLES: Final = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Environment variables of ROS and Gazebo with folders of packages and models."""
 _NO_PACKAGES: Final = ("", ".", "..")
-_MAX_CONFIG_CHARS: Final = 1 << 16
-"""Length of a ``model.config`` that is searched for file names."""
+_MAX_CONFIG_BYTES: Final = 1 << 16
+"""Maximum size of a ``model.config``: they have less than 2 kB."""
+_CONFIG_FILE: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
+"""Name of an SDF file in a ``model.config``."""
 
 
 class RobotFiles:
@@ -33,10 +36,13 @@ class RobotFiles:
     def __init__(self, path: Path, roots: Iterable[Path], limits: RobotLimits) -> None:
         """
         Args:
-            path: The robot file.
+            path: The robot file, which may be a pipe.
             roots: Folders to search for packages, and for relative file names.
         """
-        self.path = Path(os.path.realpath(path))
+        self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        """True for a pipe, as in ``publish <(xacro …)``. Its relative names start at the working directory."""
+        self._source = path
+        self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
         self._folder = self.path.parent
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._package_roots = (*self._roots, *(folder for name in PATH_VARIABLES for folder in _folders_of(name)))
@@ -49,7 +55,11 @@ class RobotFiles:
 
     def read_robot_file(self) -> bytes:
         """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
-        return self._read(self.path, self._limits.max_file_bytes)
+        if not self.is_pipe:
+            return self._read(self.path, self._limits.max_file_bytes)
+        data = read_file_or_pipe(self._source, self._limits.max_file_bytes)
+        self.digests[self.path.name] = hashlib.sha256(data).hexdigest()
+        return data
 
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
@@ -161,15 +171,15 @@ class RobotFiles:
         )
 
     def _read(self, path: Path, limit: int) -> bytes:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise RobotFileError(f"{path.name} is not a regular file")
-        size = status.st_size
-        if size > min(limit, self._remaining_bytes):
-            raise RobotFileError(
-                f"{path.name} has {size} bytes, the remaining limit is {min(limit, self._remaining_bytes)}"
-            )
-        data = path.read_bytes()
+        remaining = min(limit, self._remaining_bytes)
+        try:
+            data = read_regular(path, remaining)
+        except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
+            if error.errno == errno.EINVAL:
+                raise RobotFileError(f"{path.name} is not a regular file") from None
+            raise
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
         return data
@@ -182,12 +192,12 @@ def _folders_of(variable: str) -> list[Path]:
 
 
 def _files_of_config(config: Path) -> list[str]:
-    """Return the SDF files that a ``model.config`` names, the newest version last in the file first."""
+    """Return the SDF files that a ``model.config`` names, the last one first: that is the newest version."""
     try:
-        text = config.read_text("utf-8", "replace")[:_MAX_CONFIG_CHARS]
+        text = read_regular(config, _MAX_CONFIG_BYTES).decode("utf-8", "replace")
     except OSError:
         return []
-    return re.findall(r"<sdf[^<>]*>\s*([^<>\s]+)\s*</sdf>", text)[::-1]
+    return [name.strip() for name in _CONFIG_FILE.findall(text)[::-1]]
 
 
 def _spellings(name: str) -> list[str]:

@@ -76,6 +76,8 @@ class _Reader:
 
     def read(self, use: GeometryUse, keyframe: str, gltf_up: RobotGltfUp) -> Robot:
         if self._root.tag == "mujoco":
+            if self._files.is_pipe:
+                raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
             from gateway.robots.mjcf import read_mjcf
 
             return read_mjcf(self._root, self._files, use, keyframe, self._limits)

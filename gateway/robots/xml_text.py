@@ -19,8 +19,8 @@ from gateway.robots.errors import RobotFileError
 
 Element = ElementTree.Element
 
-MAX_DEPTH: Final = 1000
-"""Maximum depth of XML elements: robot files have fewer than 100 levels."""
+MAX_DEPTH: Final = 10_000
+"""Maximum depth of XML elements. Bodies of MJCF files contain each other: a chain of 1000 links has as many levels."""
 
 
 def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
@@ -67,7 +67,7 @@ def _parse(data: bytes, max_elements: int, encoding: str | None = None) -> Eleme
         if count > max_elements:
             raise RobotFileError(f"it has more than {max_elements} XML elements, which is the limit")
         if depth > MAX_DEPTH:
-            raise RobotFileError(f"its XML elements are nested more than {MAX_DEPTH} deep, which is the limit")
+            raise RobotFileError(f"its XML has more than {MAX_DEPTH} levels, which is the limit")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:

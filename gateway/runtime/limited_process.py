@@ -31,6 +31,8 @@ from renderers.stop import check_stop
 
 _PROGRAM: Final = Path(__file__).with_name("limited_process_child.py")
 _SECONDS_BETWEEN_STOP_CHECKS: Final = 0.05
+ELAPSED_FACTOR: Final = 4
+"""Maximum elapsed time of a call, divided by its CPU time: child processes give way to the server's other threads."""
 _HELPER_SECONDS: Final = 60.0
 """Maximum time of the helper process to import a parser, on a loaded machine. Imports take 0.2 to 0.7 s."""
 _PIECE_BYTES: Final = 1 << 20
@@ -44,7 +46,7 @@ class ProcessLimits:
     memory_bytes: int
     """Address space of the child process, without that of the helper process. macOS does not limit it."""
     seconds: int
-    """Elapsed time, and CPU time, after which the child process is killed."""
+    """CPU time after which the child process is killed. Elapsed time may be ``ELAPSED_FACTOR`` times as long."""
 
 
 class ProcessFailed(Exception):  # noqa: N818 - expected for damaged files
@@ -107,7 +109,7 @@ def _call(messages: _Messages, name: str, arguments: tuple[Any, ...], read_file:
 
 
 def _late(limits: ProcessLimits) -> ProcessFailed:
-    return ProcessFailed(f"it took longer than {limits.seconds} s", timed_out=True)
+    return ProcessFailed(f"it took longer than {limits.seconds} s of CPU time", timed_out=True)
 
 
 class _Messages:
@@ -116,7 +118,7 @@ class _Messages:
     def __init__(self, connection: socket.socket, limits: ProcessLimits) -> None:
         self._connection = connection
         self._limits = limits
-        self._end = time.monotonic() + limits.seconds
+        self._end = time.monotonic() + ELAPSED_FACTOR * limits.seconds
         connection.settimeout(_SECONDS_BETWEEN_STOP_CHECKS)
 
     def send(self, kind: bytes, body: bytes) -> None:

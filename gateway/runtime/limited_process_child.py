@@ -131,6 +131,6 @@ def serve(control: socket.socket) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the program that started this one ends it
-    os.nice(NICENESS)
+    os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     sys.path.append(str(Path(__file__).parents[2]))
     serve(socket.socket(fileno=int(sys.argv[1])))

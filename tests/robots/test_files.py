@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ import pytest
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
+from tests.parsers.test_mesh import nested
 from tests.robots.files import TRIANGLE, visual, write
+from tests.support.waiting import SECONDS
 
 
 def mesh(name: str) -> str:
@@ -156,4 +159,37 @@ def test_total_size_is_limited(tmp_path: Path) -> None:
     for limits, remaining in ((RobotLimits(max_total_bytes=size + 1), 1), (RobotLimits(max_mesh_bytes=2), 2)):
         robot = read_robot(robot_file, limits=limits)
         assert not robot.parts[0]
-        assert f"m.obj has {len(TRIANGLE)} bytes, the remaining limit is {remaining}" in robot.warnings[0]
+        assert f"m.obj has more than {remaining} bytes, the remaining limit" in robot.warnings[0]
+
+
+def test_other_files_than_regular_ones_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "m.obj")
+    assert "m.obj" in warning(write(tmp_path, mesh("m.obj")))
+    with pytest.raises(RobotFileError, match="it has more than 67108864 bytes"):
+        read_robot("/dev/zero")
+
+
+def test_a_robot_file_may_be_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its relative names start at the working directory."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, TRIANGLE, "m.obj")
+    os.mkfifo(tmp_path / "pipe")
+    for content, expected in ((mesh("m.obj"), ""), ("<mujoco/>", "MuJoCo reads files only, not pipes")):
+        writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=(content,))
+        writer.start()
+        if expected:
+            with pytest.raises(RobotFileError, match=expected):
+                read_robot(tmp_path / "pipe")
+        else:
+            assert len(read_robot(tmp_path / "pipe").parts[0]) == 1
+        writer.join(SECONDS)
+
+
+def test_deep_xml_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="its XML has more than 10000 levels, which is the limit"):
+        read_robot(write(tmp_path, "<robot>" + "<a>" * 3_000_000))
+
+
+def test_a_mesh_that_unfolds_is_named(tmp_path: Path) -> None:
+    write(tmp_path, nested(40, 2), "m.dae")
+    assert "the mesh m.dae is not shown: it has more than 10^12 parts" in warning(write(tmp_path, mesh("m.dae")))

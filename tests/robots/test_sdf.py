@@ -227,7 +227,7 @@ LOOP = "".join(
         ('<joint name="j" type="fixed"><parent>a</parent><child>x</child></joint>', "joint 'j': there is no link 'x'"),
         (
             '<link name="b"/><joint name="j" type="screw"><parent>a</parent><child>b</child></joint>',
-            "joint 'j': type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
+            "type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
         ),
     ],
 )

@@ -88,7 +88,7 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
     [
         ("<robot", "it is not XML: "),
         ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', "it declares the XML entity 'b'"),
-        ("<a>" * 1001, "nested more than 1000 deep"),
+        ("<a>" * 10_001, "its XML has more than 10000 levels"),
         ("<a/>", "its first element is <a>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
         ('<robot><link name="a"/><link name="a"/></robot>', "two links are called 'a'"),
@@ -179,7 +179,7 @@ def test_colours_that_are_mended_have_a_warning(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating, fixed"),
+        (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating,"),
         (joint("ball").replace("joint", "drake:joint"), "joint 'j': type='ball' is not one of "),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero; the joint stays at rest"),
         (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
@@ -283,7 +283,7 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
         (RobotLimits(max_elements=5), "it has more than 5 XML elements, which is the limit"),
         (RobotLimits(max_attribute_chars=10), r"size='0.4 0.4 0.1'\.\.\. of <box> has 11 characters, the limit is 10"),
         (RobotLimits(max_geometries=1), "it has 2 geometries, the limit is 1"),
-        (RobotLimits(max_file_bytes=10), r"robot.urdf has \d+ bytes, the remaining limit is 10"),
+        (RobotLimits(max_file_bytes=10), r"robot.urdf has more than 10 bytes, the remaining limit"),
     ],
 )
 def test_limits(tmp_path: Path, limits: RobotLimits, message: str) -> None:

@@ -81,7 +81,7 @@ def test_memory_is_limited_and_counted_anew() -> None:
 
 @pytest.mark.parametrize("name", ["compute", "sleep"])
 def test_time_is_limited(name: str) -> None:
-    with pytest.raises(ProcessFailed, match="it took longer than 1 s") as caught:
+    with pytest.raises(ProcessFailed, match="it took longer than 1 s of CPU time") as caught:
         call(name, limits=ProcessLimits(1 << 30, 1))
     assert caught.value.timed_out
 

@@ -8,6 +8,7 @@ import pytest
 from gateway.scene.crease_normals import MAX_FACES_PER_VERTEX, smooth_mesh, with_creases
 from renderers import primitives
 from renderers.drawlist import Mesh
+from renderers.stop import StopFlag
 
 
 def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -119,6 +120,26 @@ def test_a_small_face_beside_a_large_one_keeps_its_own_normal(faces: tuple[tuple
     assert len(out_positions) == 6
     small = out_faces[faces.index((0, 1, 2))]
     np.testing.assert_allclose(normals[small], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
+
+
+def test_a_vertex_with_many_faces_takes_linear_time() -> None:
+    """All normals differ. The comparison of each face with each other one would take minutes."""
+    count = 1_000_000
+    chance = np.random.default_rng(3)
+    rim = chance.normal(size=(count + 1, 3)).astype(np.float32)
+    positions = np.concatenate((np.zeros((1, 3), np.float32), rim))
+    index = np.arange(1, count + 1, dtype=np.uint32)
+    faces = np.stack((np.zeros_like(index), index, index + 1), axis=1)
+    placed, elements, normals = smooth_mesh(positions, faces)
+    assert len(normals) > 2 * count
+    np.testing.assert_array_equal(placed[elements[::1000]], positions[faces[::1000]])
+
+
+def test_the_stop_flag_ends_the_kernel() -> None:
+    flag = StopFlag()
+    flag.set(TimeoutError("late"))
+    with pytest.raises(TimeoutError, match="late"):
+        flag.run(lambda: smooth_mesh(np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.uint32)))
 
 
 def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
