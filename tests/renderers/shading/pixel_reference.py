@@ -6,20 +6,18 @@ in float32, may differ from it by one level of 255.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.color import srgb_colors_from_linear
-from renderers.drawlist import DrawList, Instance, Material, Texture, Wrap
-from renderers.interface import VTK_LOOKS, Look, LookName
-from renderers.shading.materials import look_material
+from renderers.color import srgb_colors_from_linear, srgb_values_from_linear
+from renderers.drawlist import DrawList, Instance, Material, Sampler, Texture, Wrap
+from renderers.interface import VTK_LOOKS, Look
 from renderers.shading.mikktspace import with_tangents
 from renderers.visibility_buffer import Visibility
-from tests.renderers.shading.reference import srgb_to_linear
 
 Array = NDArray[np.float64]
 TEXELS: dict[Any, Array] = {}
@@ -36,21 +34,60 @@ def shaded(scene: DrawList, visible: Visibility, camera: Camera, look: Look) -> 
         if len(y):
             rays = np.stack(((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, np.ones(len(x))), -1)
             with np.errstate(all="ignore"):
-                linear = colors_of(instance, visible.ids[y, x] - first, visible.X_camera_mesh[i], rays, look.name)
-                encoded = np.clip(np.nan_to_num(linear, posinf=1.0), 0.0, 1.0)
-                color[y, x] = 255.0 * (encoded ** (1 / 2.2) if look.name in ("pbr", "gltf") else encoded) + 0.5
+                seen = surface_colors(instance, visible.ids[y, x] - first, visible.X_camera_mesh[i], rays, look.name)
+            color[y, x] = 255.0 * np.nan_to_num(seen[:, :3]) + 0.5
     return color
 
 
-def colors_of(instance: Instance, primitives: NDArray[np.int64], X: Array, rays: Array, look: LookName) -> Array:
-    """Return the linear colours that pixels see of one instance, (n, 3).
+def reference_material(material: Material, look: str) -> Material:
+    """Return the material as glTF says, or as RenderEngineVtk shades it in the looks that stand for it."""
+
+    def as_in_vtk(texture: Texture | None) -> Texture | None:
+        if texture is None:
+            return None
+        given = texture.sampler
+        wrap = Wrap.CLAMP_TO_EDGE if Wrap.CLAMP_TO_EDGE in (given.wrap_s, given.wrap_t) else Wrap.REPEAT
+        return replace(texture, sampler=Sampler(wrap, wrap, given.mag_linear, given.min_linear, mipmaps=False))
+
+    if look in ("pbr", "gltf") and material.vtk_export:
+        material = replace(material, roughness=0.5, metallic=0.0, metallic_roughness_texture=None)
+    if look in VTK_LOOKS:
+        material = replace(
+            material,
+            base_color_texture=as_in_vtk(material.base_color_texture),
+            metallic_roughness_texture=as_in_vtk(material.metallic_roughness_texture),
+            normal_texture=as_in_vtk(material.normal_texture),
+            occlusion_texture=as_in_vtk(material.metallic_roughness_texture and material.occlusion_texture),
+            emissive_texture=as_in_vtk(material.emissive_texture),
+            emissive=material.emissive if material.emissive_texture else (0.0, 0.0, 0.0),
+        )
+    if look == "plain":
+        encoded = srgb_values_from_linear(np.array(material.base_color[:3]))
+        material = replace(material, base_color=(*map(float, encoded), material.base_color[3]))
+    if look in ("phong", "plain"):
+        material = replace(material, normal_texture=None)
+    return material
+
+
+def surface_colors(instance: Instance, primitives: NDArray[np.int64], X: Array, rays: Array, look: str) -> Array:
+    """Return the encoded colour and the alpha that pixels see of one instance, (n, 4) of 0 .. 1.
 
     Args:
         primitives: (n,) index of the primitive that each pixel sees.
         X: (4, 4), mesh to optical frame.
         rays: (n, 3) direction of each pixel, z = 1.
     """
-    mesh, material = instance.mesh, look_material(instance.material, look)
+    linear = linear_colors(instance, primitives, X, rays, look)
+    encoded = np.clip(linear, 0.0, 1.0)
+    if look in ("pbr", "gltf"):
+        encoded[:, :3] **= 1 / 2.2
+    encoded[:, 3] = linear[:, 3]
+    return encoded
+
+
+def linear_colors(instance: Instance, primitives: NDArray[np.int64], X: Array, rays: Array, look: str) -> Array:
+    """Return colours and alpha as ``surface_colors`` does, before they are limited and encoded."""
+    mesh, material = instance.mesh, reference_material(instance.material, look)
     lit = not material.unlit and mesh.elements.shape[1] == 3
     if lit and material.normal_texture is not None:
         mesh = with_tangents(mesh, material.normal_texture.uv_set)
@@ -76,14 +113,14 @@ def colors_of(instance: Instance, primitives: NDArray[np.int64], X: Array, rays:
     if material.base_color_texture is not None:
         base *= sampled(material.base_color_texture, look in ("pbr", "gltf"))
     if not lit:
-        return base[:, :3]
+        return base
     normals = Normals(ends, X, look in VTK_LOOKS)
     n = normals.of_mesh(interpolated(mesh.normals)) if mesh.normals is not None else normals.flat()
     if material.normal_texture is not None and mesh.tangents is not None:
         texels = sampled(material.normal_texture)[:, :3] * 2.0 - 1.0
         n = normals.mapped(n, interpolated(mesh.tangents), texels * (*(material.normal_scale,) * 2, 1.0))
     if look in ("phong", "plain"):
-        return base[:, :3] * np.maximum(-n[:, 2:], 0.0)
+        return np.append(base[:, :3] * np.maximum(-n[:, 2:], 0.0), base[:, 3:], axis=1)
     metallic, roughness = np.full(len(rays), material.metallic), np.full(len(rays), material.roughness)
     if material.metallic_roughness_texture is not None:
         texels = sampled(material.metallic_roughness_texture)
@@ -94,7 +131,7 @@ def colors_of(instance: Instance, primitives: NDArray[np.int64], X: Array, rays:
     emitted = np.array(material.emissive)
     if material.emissive_texture is not None:
         emitted = emitted * sampled(material.emissive_texture, True)[:, :3]
-    return radiance + emitted
+    return np.append(radiance + emitted, base[:, 3:], axis=1)
 
 
 def unit(v: Array) -> Array:
@@ -205,7 +242,7 @@ def sample(texture: Texture, uv: Array, srgb: bool) -> Array:
         matrix = np.array(texture.uv_transform, np.float64).reshape(2, 3)
         uv = uv @ matrix[:, :2].T + matrix[:, 2]
     wraps = texture.sampler.wrap_s, texture.sampler.wrap_t
-    x, y = (near_origin(uv[:, k], wrap) * size for k, (wrap, size) in enumerate(zip(wraps, (width, height), strict=True)))
+    x, y = near_origin(uv[:, 0], wraps[0]) * width, near_origin(uv[:, 1], wraps[1]) * height
 
     def texel(column: Array, row: Array) -> Array:
         found: Array = texels[wrapped(row, height, wraps[1]), wrapped(column, width, wraps[0])]
@@ -218,6 +255,10 @@ def sample(texture: Texture, uv: Array, srgb: bool) -> Array:
     above = texel(left, upper) * (1.0 - s) + texel(left + 1, upper) * s
     below = texel(left, upper + 1) * (1.0 - s) + texel(left + 1, upper + 1) * s
     return above * (1.0 - t) + below * t
+
+
+def srgb_to_linear(c: Array) -> Array:
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def texels_of(texture: Texture, srgb: bool) -> Array:

@@ -13,8 +13,8 @@ from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
 from renderers.shading.mesh_buffers import buffers_of
-from tests.renderers.shading.reference import ball, image_of, placed, quad
 from tests.renderers.shading.pixel_reference import shaded
+from tests.renderers.shading.reference import ball, image_of, placed, quad
 
 RENDERER = CpuRenderer(threads=1)
 
