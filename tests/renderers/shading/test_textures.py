@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
+from renderers.color import srgb_values_from_linear
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
@@ -145,6 +146,8 @@ def test_encoded_bytes_are_exact(end: float) -> None:
     assert (np.abs(color - 255 * linear ** (1 / 2.2)) <= 0.5 + 2e-3).all()
     color = drawn(replace(mesh, colors=colors), Material(), view, "phong")
     assert (np.abs(color - 255 * linear) <= 0.5 + 1e-3).all()
+    color = drawn(replace(mesh, colors=colors), Material(), view, "studio")
+    assert (np.abs(color - 255 * srgb_values_from_linear(linear)) <= 0.5 + 2e-3).all()
 
 
 def test_vertex_colors_decoded_as_by_vtk_are_exact() -> None:
@@ -156,7 +159,7 @@ def test_vertex_colors_decoded_as_by_vtk_are_exact() -> None:
     assert (color[..., 1:] == (255, 0)).all()
 
 
-@pytest.mark.parametrize("look", ["phong", "gltf"])
+@pytest.mark.parametrize("look", ["phong", "gltf", "studio"])
 @pytest.mark.parametrize(
     ("value", "byte"),
     [(0.0, 0), (-0.0, 0), (1.0, 255), (np.nan, 0), (-1.0, 0), (-np.inf, 0), (7.0, 255), (np.inf, 255), (1e-40, 0)],
