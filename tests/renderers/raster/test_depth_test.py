@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from renderers.drawlist import DrawList, Instance, Material
+from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.visibility_buffer import Visibility
 from tests.renderers.scenes import camera, grid
@@ -66,3 +69,22 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
         assert layer_ids.any()
     for layer in layers:
         layer.close()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_coplanar_fronts_and_backs(seed: int) -> None:
+    """Colour culls back faces, labels do not: drawn together, fronts come before backs, and still the first wins."""
+    rng = np.random.default_rng(seed)
+    instances = tuple(
+        replace(instance, mesh=replace(instance.mesh, elements=instance.mesh.elements[:, ::-1].copy()))
+        if rng.random() < 0.5
+        else instance
+        for instance in plates(rng).instances
+    )
+    scene = DrawList(instances)
+    with (
+        RENDERER.visibility(scene, VIEW) as seen,
+        RENDERER.render(scene, VIEW, Output.COLOR | Output.INSTANCE, Look()) as frame,
+    ):
+        first = np.searchsorted(seen.first_ids, seen.ids, side="right") - 1
+        np.testing.assert_array_equal(frame.instance, np.where(seen.ids >= 0, first, -1))
