@@ -1,9 +1,13 @@
-"""Settings of hypothesis, and the gateway that tests of several rooms share."""
+"""Settings of hypothesis, kernels and the summary of a run, and the gateway that tests of several rooms share."""
 
 from __future__ import annotations
 
+import gc
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -14,6 +18,49 @@ from tests.support.gateway_process import gateway_process
 # A busy machine is no fault of what is tested: hypothesis' own limits are 200 ms an example and a minute to make them.
 settings.register_profile("scenegate", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("scenegate")
+
+HOW_TO_GET = {
+    "SCENEGATE_CORPUS": "a folder of recorded requests of real clients",
+    "SCENEGATE_DRAKE_PYTHON": "an interpreter with Drake 1.51.1; .ci/run makes one",
+    "SCENEGATE_NEW_DRAKE_PYTHON": "an interpreter with Drake 1.58.0; .ci/run makes one",
+    "SCENEGATE_RAY_PYTHON": "an interpreter with scenegate[ray]; .ci/run makes one",
+    "SCENEGATE_ROBOTS": "a folder with packages of robot files; .ci/run makes one",
+    "SCENEGATE_SCHEMATHESIS": "the command `st` of Schemathesis; .ci/run installs it",
+    "SCENEGATE_FIDELITY": "a checkout of KhronosGroup/glTF-Render-Fidelity",
+    "SCENEGATE_ASSET_GENERATOR": "a checkout of bghgary/glTF-Asset-Generator",
+    "SCENEGATE_DIRECTOR": "a checkout of Director",
+}
+"""Environment variables that the reasons of skipped tests name, and what each has to name."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the kernels before processes that share the tests start: each would compile those that it needs."""
+    if getattr(config.option, "numprocesses", None):  # None in those processes themselves
+        from gateway.runtime import kernel_cache
+        from gateway.wiring.warmup import FUNCTION_COUNTS
+
+        if not kernel_cache.are_cached(FUNCTION_COUNTS):
+            print("Compiling the kernels, once for all processes: a minute ...", flush=True)
+            kernel_cache.ensure_cached(FUNCTION_COUNTS)
+
+
+def pytest_collection_finish() -> None:
+    """Exempt modules and tests from garbage collection, which many tests ask for: their million objects stay anyway."""
+    gc.freeze()
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say what was left out and how to get it, one line for each kind."""
+    reasons = [report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.stats.get("skipped", ())]
+    kinds: Counter[str] = Counter()
+    for reason in reasons:
+        named = re.search(r"SCENEGATE_\w+", reason)
+        variable = named.group() if named else ""
+        kinds[f"{variable}: {HOW_TO_GET[variable]}" if variable in HOW_TO_GET else reason] += 1
+    if config.option.markexpr == "not slow":
+        terminalreporter.write_line("left out: the slow tests (make test-all)")
+    for kind, count in sorted(kinds.items()):
+        terminalreporter.write_line(f"skipped: {count} ({kind})")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from gateway.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
 
@@ -126,11 +127,15 @@ def test_an_invalid_setting_is_exit_code_2() -> None:
     assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
+def test_one_scene_is_one_process() -> None:
+    code, (line,) = refused("--workers", "2")
+    assert code == 2
+    assert line["event"].startswith("scenegate: --workers 2 needs --only render: the live scene, ")
+
+
 @pytest.mark.slow
 def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    (port,) = free_ports(1)
     command = [sys.executable, "-m", "uvicorn", "gateway.app:app", "--port", str(port)]
     environment = {**os.environ, "SCENEGATE_ONLY": "render", "SCENEGATE_LOG_FORMAT": "json"}
     process = subprocess.Popen(

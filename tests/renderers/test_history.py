@@ -13,7 +13,7 @@ from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, M
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.shading.test_scalar import random_scene
+from tests.renderers.shading.test_pixels import random_scene
 
 SIZES = ((203, 151), (97, 71), (320, 40))
 

@@ -16,7 +16,7 @@ from renderers.drawlist import DrawList, Instance, Material
 from renderers.interface import Frame, Look, Output
 from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.shading.test_scalar import random_scene
+from tests.renderers.shading.test_pixels import random_scene
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
 CAMERA = Camera(160, 100, 140.0, 140.0, 80.3, 50.0, 0.05, 50.0, np.eye(4))

@@ -1,80 +1,90 @@
-"""Depth test of eight pixels and of one, against its definition in NumPy."""
+"""Which of several surfaces at a pixel is seen, against the definition: the nearest, of equally near ones the first."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.typing import NDArray
 
-from renderers.compiler import simd as vec
-from renderers.compiler.pointers import f32_at, i32_at
-from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
-from renderers.raster.layout import FRAME, LAYER
+from renderers.drawlist import DrawList, Instance, Material
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
+from renderers.visibility_buffer import Visibility
+from tests.renderers.scenes import camera, grid
 
-PIXELS = 64
-frame_at, layer_at = FRAME.at, LAYER.at
-
-
-@njit(error_model="numpy")
-def _test_vectors(frame, layer, rule, inv_z, covered, ids):  # type: ignore[no-untyped-def]
-    for pixel in range(0, PIXELS, 8):
-        mask = vec.load(i32_at(covered), pixel) != vec.i32(0)
-        w, own = vec.load(f32_at(inv_z), pixel), vec.load(i32_at(ids), pixel)
-        depth_test(frame_at(frame), layer_at(layer), rule, pixel, w, mask, own)
+RENDERER = CpuRenderer(1)
+VIEW = camera(61, 47)
+DEPTHS = (2.0, 2.5, 4.0)
 
 
-@njit(error_model="numpy")
-def _test_pixels(frame, layer, rule, inv_z, covered, ids):  # type: ignore[no-untyped-def]
-    for pixel in range(PIXELS):
-        if i32_at(covered)[pixel] != 0:
-            depth_test_pixel(frame_at(frame), layer_at(layer), rule, pixel, f32_at(inv_z)[pixel], i32_at(ids)[pixel])
+def plates(rng: np.random.Generator) -> DrawList:
+    """Overlapping plates in few planes, so that ties are frequent: of large triangles, and of some below a pixel."""
+    instances = []
+    for k in range(10):
+        cells = (1, 1, 3, 90)[k % 4]
+        z = DEPTHS[rng.integers(0, 3)]
+        x, y, width, height = rng.uniform((-1.0, -1.0, 0.5, 0.5), (0.3, 0.3, 1.5, 1.5)) * z / 2.0
+        corners = ((x, y, z), (x + width, y, z), (x + width, y + height, z), (x, y + height, z))
+        instances.append(Instance(grid(cells, cells, corners), Material(), np.eye(4), k, k))
+    return DrawList(tuple(instances))
 
 
-def layer_of(rng: np.random.Generator) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """A layer with few different values, so that ties are frequent; some pixels are empty."""
-    return rng.integers(-1, 4, PIXELS).astype(np.int32), rng.integers(1, 5, PIXELS).astype(np.float32)
+def values(layer: Visibility) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    return layer.ids.copy(), layer.inv_z.copy()
 
 
-def run_test(
-    kernel: Any, seed: int, rule: int, beyond: bool, before: bool
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[Any, ...]]:
-    """Return which pixels were written and the layer's, the primitive's and the limiting layers' values."""
+@pytest.mark.parametrize("seed", range(8))
+def test_layers_of_coplanar_surfaces(seed: int) -> None:
+    """Each layer is the first one beyond the previous one; the layers before another are the same from the front."""
+    scene = plates(np.random.default_rng(seed))
+    seen = []
+    for k in range(len(scene.instances)):
+        with RENDERER.visibility(scene, VIEW, select=np.arange(len(scene.instances)) == k) as alone:
+            seen.append(values(alone))
+    ids, inv_z = (np.stack(arrays) for arrays in zip(*seen, strict=True))
+    inv_z = np.where(ids >= 0, inv_z, 0.0)
+    order = np.lexsort((ids, -inv_z), axis=0)
+    ids, inv_z = np.take_along_axis(ids, order, 0), np.take_along_axis(inv_z, order, 0)
+    layers: list[Visibility] = []
+    for number in range(6):
+        layer = RENDERER.visibility(scene, VIEW, beyond=layers[-1] if layers else None)
+        np.testing.assert_array_equal(layer.ids, ids[number])
+        np.testing.assert_array_equal(layer.inv_z[layer.ids >= 0], inv_z[number][layer.ids >= 0])
+        layers.append(layer)
+    assert (ids[4] >= 0).any()
+    assert (inv_z[0] == inv_z[1])[ids[1] >= 0].mean() > 0.1, "ties are frequent"
+    for number, layer in enumerate(layers):
+        with RENDERER.visibility(scene, VIEW, before=layer) as front:
+            # Where nothing is seen, everything is before it.
+            nothing = layer.ids < 0
+            np.testing.assert_array_equal(front.ids[nothing], ids[0][nothing])
+            np.testing.assert_array_equal(front.ids[~nothing], ids[0][~nothing] if number else -1)
+        for later in layers[number + 2 :]:
+            with RENDERER.visibility(scene, VIEW, beyond=layer, before=later) as between:
+                inside = later.ids >= 0
+                np.testing.assert_array_equal(between.ids[inside], ids[number + 1][inside])
+        layer_ids = layer.ids >= 0
+        assert layer_ids.any()
+    for layer in layers:
+        layer.close()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_coplanar_fronts_and_backs(seed: int) -> None:
+    """Colour culls back faces, labels do not: drawn together, fronts come before backs, and still the first wins."""
     rng = np.random.default_rng(seed)
-    frame, layer = np.zeros(1, FRAME.dtype), np.zeros(1, LAYER.dtype)
-    old_ids, old_inv_z = layer_of(rng)
-    ids, inv_z = layer_of(rng)
-    inv_z[rng.random(PIXELS) < 0.1] = np.nan
-    covered = rng.integers(0, 2, PIXELS).astype(np.int32)
-    limits = layer_of(rng), layer_of(rng)
-    new_ids, new_inv_z = old_ids.copy(), old_inv_z.copy()
-    layer["ids"], layer["inv_z"] = new_ids.ctypes.data, new_inv_z.ctypes.data
-    for name, wanted, (limit_ids, limit_inv_z) in zip(("beyond", "before"), (beyond, before), limits, strict=True):
-        if wanted:
-            frame[f"{name}_ids"], frame[f"{name}_inv_z"] = limit_ids.ctypes.data, limit_inv_z.ctypes.data
-    kernel(frame.ctypes.data, layer.ctypes.data, rule, *(a.ctypes.data for a in (inv_z, covered, ids)))
-    written = (new_ids != old_ids) | (new_inv_z != old_inv_z)
-    assert (new_ids[written] == ids[written]).all()
-    assert (new_inv_z[written] == inv_z[written]).all()
-    same = (ids == old_ids) & (inv_z == old_inv_z)  # writing these cannot be seen
-    return written, same, (old_ids, old_inv_z, ids, inv_z, covered != 0, limits)
-
-
-@pytest.mark.parametrize(("beyond", "before"), [(False, False), (True, False), (False, True), (True, True)])
-@pytest.mark.parametrize("rule", [IN_ORDER, ANY_ORDER, PEELED])
-@pytest.mark.parametrize("kernel", [_test_vectors, _test_pixels])
-def test_against_the_definition(kernel: Any, rule: int, beyond: bool, before: bool) -> None:
-    for seed in range(20):
-        written, same, (old_ids, old_inv_z, ids, inv_z, covered, limits) = run_test(kernel, seed, rule, beyond, before)
-        expected = inv_z > old_inv_z
-        if rule == ANY_ORDER or kernel is _test_pixels:  # single pixels come in any order
-            expected |= (inv_z == old_inv_z) & (ids < old_ids)
-        if rule == PEELED and beyond:
-            limit_ids, limit = limits[0]
-            expected &= (limit_ids >= 0) & ((inv_z < limit) | ((inv_z == limit) & (ids > limit_ids)))
-        if rule == PEELED and before:
-            limit_ids, limit = limits[1]
-            expected &= (limit_ids < 0) | (inv_z > limit) | ((inv_z == limit) & (ids < limit_ids))
-        np.testing.assert_array_equal(written[~same], (expected & covered)[~same])
+    instances = tuple(
+        replace(instance, mesh=replace(instance.mesh, elements=instance.mesh.elements[:, ::-1].copy()))
+        if rng.random() < 0.5
+        else instance
+        for instance in plates(rng).instances
+    )
+    scene = DrawList(instances)
+    with (
+        RENDERER.visibility(scene, VIEW) as seen,
+        RENDERER.render(scene, VIEW, Output.COLOR | Output.INSTANCE, Look()) as frame,
+    ):
+        first = np.searchsorted(seen.first_ids, seen.ids, side="right") - 1
+        np.testing.assert_array_equal(frame.instance, np.where(seen.ids >= 0, first, -1))

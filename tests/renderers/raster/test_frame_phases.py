@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from numba import njit
 
 from renderers.raster.frame_phases import unit_rows
-from renderers.raster.layout import SMALL_TRIANGLE
 from renderers.raster.resolve import row_stride
-from renderers.raster.small_triangles import box_of
 from renderers.visibility_buffer import BAND_ROWS, band_count
-
-triangle_at = SMALL_TRIANGLE.at
 
 
 @njit
 def _unit_rows(unit, bands, halved, height):  # type: ignore[no-untyped-def]
     return unit_rows(unit, bands, halved, height)
-
-
-@njit
-def _box_of(address):  # type: ignore[no-untyped-def]
-    return box_of(triangle_at(address))
 
 
 @pytest.mark.parametrize("halved", [0, 1, 2])
@@ -51,11 +41,3 @@ def test_rows_of_a_band_are_an_odd_number_of_cache_lines() -> None:
         stride = row_stride(width)
         assert width <= stride < width + 32
         assert stride % 32 == 16
-
-
-@pytest.mark.parametrize("box", [(0, 0, 1, 1), (-3, -7, 64, 128), (16383, 16383, 5, 9), (-32768, 5, 64, 1)])
-def test_box_of_a_small_triangle(box: tuple[int, int, int, int]) -> None:
-    x, y, columns, rows = box
-    triangle = np.zeros(1, SMALL_TRIANGLE.dtype)
-    triangle["box_corner"], triangle["box_size"] = (y << 16) | (x & 0xFFFF), (rows << 16) | columns
-    assert _box_of(triangle.ctypes.data) == box

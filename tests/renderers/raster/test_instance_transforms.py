@@ -1,118 +1,84 @@
-"""Instance transforms in the camera frame, and the list of draws."""
+"""Instance transforms in the camera frame, and the instances that are drawn."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
-from numpy.typing import NDArray
 
 from renderers.camera import Camera
+from renderers.drawlist import DrawList, Instance, Material
 from renderers.interface import Output
-from renderers.raster import CpuRenderer, instance_transforms
-from renderers.raster.layout import DRAW, FRAME, INSTANCE, frame_at
-from renderers.raster.scene import NOT_CONVEX
-from tests.renderers.scenes import camera, draw_list, mesh
+from renderers.raster import CpuRenderer
+from tests.renderers.scenes import camera, draw_list, mesh, pose, sphere
+
+RENDERER = CpuRenderer(1)
 
 
-@njit(error_model="numpy")
-def compute_camera_poses(frame_address):
-    return instance_transforms.compute_camera_poses(frame_at(frame_address))
+def overlapping() -> DrawList:
+    """Balls that hide parts of each other, one of them mirrored, and of which the camera is inside one."""
+    rng = np.random.default_rng(8)
+    instances = []
+    for k, (x, z, radius) in enumerate(((-0.4, 3.0, 0.9), (0.1, 2.6, 0.7), (0.5, 3.2, 0.9), (0.0, 0.0, 5.0))):
+        X = pose(rng, z=z)
+        X[0, 3] = x
+        if k == 1:
+            X[:, 0] *= -1.0
+        instances.append(Instance(sphere(9 + k, 7, radius), Material(), X, k, k))
+    return DrawList(tuple(instances))
 
 
-@njit(error_model="numpy")
-def collect_draws(frame_address):
-    return instance_transforms.collect_draws(frame_at(frame_address))
+@pytest.mark.parametrize("select", [(True,) * 4, (False, True, True, False), (True, False, False, True), (False,) * 4])
+@pytest.mark.parametrize("cull", [None, (True, False, True, False), (True, True, True, True)])
+def test_selected_instances_keep_their_primitive_ids(select: tuple[bool, ...], cull: tuple[bool, ...] | None) -> None:
+    """The others are as if they were not in the scene."""
+    scene, view = overlapping(), camera()
+    first = np.cumsum([0, *(len(instance.mesh.elements) for instance in scene.instances)])
+    alone = DrawList(tuple(instance for instance, shown in zip(scene.instances, select, strict=True) if shown))
+    masks = [None if mask is None else np.array(mask) for mask in (select, cull)]
+    own_cull = None if masks[1] is None else masks[1][np.array(select)]
+    with (
+        RENDERER.visibility(scene, view, select=masks[0], cull_back=masks[1]) as seen,
+        RENDERER.visibility(alone, view, cull_back=own_cull) as expected,
+    ):
+        np.testing.assert_array_equal(seen.first_ids, first)
+        np.testing.assert_array_equal(seen.ids >= 0, expected.ids >= 0)
+        numbers = np.flatnonzero(np.repeat(select, np.diff(first)))
+        np.testing.assert_array_equal(seen.ids[seen.ids >= 0], numbers[expected.ids[seen.ids >= 0]])
+        np.testing.assert_array_equal(seen.inv_z[seen.ids >= 0], expected.inv_z[seen.ids >= 0])
 
 
-POSES = np.stack((np.eye(4), np.diag((-1.0, 1.0, 1.0, 1.0)), np.eye(4)))
-POSES[:, 2, 3] = 3.0
-SIZES = (1.0, 2.0, 3.0)
-BOXES = np.array(((0.0, 0.0, 0.0, 1.0, 1.0, 3.0), NOT_CONVEX, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)))
-CAMERA = {"fx": 100.0, "fy": 100.0, "cx": 50.0, "cy": 50.0, "near": 0.1, "far": 10.0}
-FIRST_VERTEX, FIRST_PRIMITIVE, POSITIONS = (0, 3, 7, 12), (0, 2, 5, 9), (100, 200, 300, 0)
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_culled_balls_show_their_fronts(mirrored: bool) -> None:
+    """From outside, culling changes nothing; from inside, nothing is left."""
+    X = np.diag((-1.0 if mirrored else 1.0, 1.0, 1.0, 1.0))
+    for z, shown in ((3.0, True), (0.0, False)):
+        X[2, 3] = z
+        scene, cull = DrawList((Instance(sphere(12, 9), Material(), X.copy(), 1, 1),)), np.array([True])
+        with (
+            RENDERER.visibility(scene, camera()) as both,
+            RENDERER.visibility(scene, camera(), cull_back=cull) as fronts,
+        ):
+            assert (both.ids >= 0).any()
+            np.testing.assert_array_equal(fronts.ids, both.ids if shown else np.full_like(both.ids, -1))
 
 
-def camera_poses(camera_pose: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    out = np.full(poses.shape, 7.0)
-    frame = np.zeros(1, FRAME.dtype)
-    frame["instance_count"], frame["X_world_camera"] = len(poses), camera_pose.ravel()
-    frame["X_world_mesh"], frame["X_camera_mesh"] = poses.ctypes.data, out.ctypes.data
-    if not compute_camera_poses(frame.ctypes.data):
-        assert (out == 7.0).all()
-        return None
-    return out
-
-
-def draws(select: Any = None, cull: Any = None) -> tuple[int, list[int], NDArray[np.void]]:
-    """Return the result of ``collect_draws``, the counts, and the draws."""
-    instances = np.zeros(4, INSTANCE.dtype)
-    instances["first_vertex"], instances["first_primitive"] = FIRST_VERTEX, FIRST_PRIMITIVE
-    instances["positions"] = POSITIONS
-    instances["size"][:3], instances["box_center"][:3], instances["box_half"][:3] = SIZES, BOXES[:, :3], BOXES[:, 3:]
-    out, frame = np.zeros(4, DRAW.dtype), np.zeros(1, FRAME.dtype)
-    for field, value in CAMERA.items():
-        frame[field] = value
-    masks = [None if mask is None else np.array(mask, np.bool_) for mask in (select, cull)]
-    frame["select"], frame["cull_back"] = [0 if mask is None else mask.ctypes.data for mask in masks]
-    frame["instance_count"], frame["skip_hidden_back_faces"] = 3, 1
-    frame["instances"], frame["draws"] = instances.ctypes.data, out.ctypes.data
-    frame["X_camera_mesh"] = POSES.ctypes.data
-    culling = collect_draws(frame.ctypes.data)
-    return culling, [int(frame[0][f"{each}_count"]) for each in ("vertex", "primitive", "draw")], out
-
-
-def test_all_are_drawn() -> None:
-    culling, counts, table = draws(cull=(True, True, False))
-    assert culling == 2
-    assert counts == [12, 9, 3]
-    assert table["culled_sign"].tolist() == [1, -1, 0, 0]  # the second one is mirrored
-    assert table["hidden_sign"].tolist() == [0, 0, 1, 0]  # the third one's box lies in front of the camera
-    assert tuple(table["first_vertex"]) == FIRST_VERTEX
-    assert tuple(table["first_primitive"]) == FIRST_PRIMITIVE
-    np.testing.assert_array_equal(table["X_camera_mesh"][:3], POSES.reshape(3, 16)[:, :12])
-    np.testing.assert_array_equal(table["size"][:3], SIZES)
-
-
-def test_selected_instances_keep_their_primitive_ids() -> None:
-    culling, counts, table = draws(select=(False, True, True), cull=(True, True, True))
-    assert culling == 1
-    assert counts == [9, 7, 2]
-    assert table["first_vertex"][:3].tolist() == [0, 4, 9]
-    assert table["first_primitive"][:3].tolist() == [0, 3, 7]
-    assert table["first_id"][:2].tolist() == [2, 5]
-    assert table["positions"][:2].tolist() == [200, 300]
-    assert table["size"][:2].tolist() == [2.0, 3.0]
-
-
-def test_no_instance_is_selected() -> None:
-    culling, counts, table = draws(select=(False, False, False))
-    assert (culling, counts) == (0, [0, 0, 0])
-    assert (table["first_vertex"][0], table["first_primitive"][0]) == (0, 0)
-
-
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_poses_in_the_camera_frame(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    pose = np.eye(4)
-    pose[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(rng.uniform(0.1, 10.0, 3))
-    pose[:3, 3] = rng.uniform(-10.0, 10.0, 3)
-    points = rng.uniform(-10.0, 10.0, (2, 4, 4))
-    seen = camera_poses(pose, points)
-    assert seen is not None
-    np.testing.assert_allclose(seen, np.linalg.inv(pose) @ points, rtol=1e-11, atol=1e-11)
-
-
-def test_flat_and_projective_camera_poses_are_not_inverted() -> None:
-    flat, projective = np.diag((1.0, 1.0, 0.0, 1.0)), np.eye(4)
-    projective[3, 0] = 0.1
-    assert camera_poses(flat, POSES) is None
-    assert camera_poses(projective, POSES) is None
+    X = np.eye(4)
+    X[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(rng.uniform(0.1, 10.0, 3))
+    X[:3, 3] = rng.uniform(-10.0, 10.0, 3)
+    poses = rng.uniform(-10.0, 10.0, (2, 4, 4))
+    poses[:, 3] = 0.0, 0.0, 0.0, 1.0
+    triangle = mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),))
+    scene = DrawList(tuple(Instance(triangle, Material(), pose) for pose in poses))
+    with RENDERER.visibility(scene, replace(camera(8, 6), X_world_camera=X)) as seen:
+        np.testing.assert_allclose(seen.X_camera_mesh, np.linalg.inv(X) @ poses, rtol=1e-11, atol=1e-11)
 
 
 def test_camera_pose_with_homogeneous_scale() -> None:

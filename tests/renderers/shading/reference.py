@@ -1,23 +1,23 @@
-"""Reference for shading: slow numpy in float64, written from the specifications and not from the kernels.
+"""Reference for whole images: NumPy in float64, written from the specifications and not from the kernels.
 
-``BruteForce`` computes visibility by intersecting every ray with every primitive; ``reference_color`` shades
-each pixel.
+``BruteForce`` computes visibility by intersecting every ray with every primitive; ``reference_color`` blends all
+surfaces of each pixel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.color import srgb_colors_from_linear, srgb_values_from_linear
-from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler, Texture, Wrap
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Sampler
 from renderers.interface import VTK_LOOKS, Look
 from renderers.shading import paint, prepare
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
+from tests.renderers.shading.pixel_reference import surface_colors
 
 Array = NDArray[np.float64]
 
@@ -34,17 +34,24 @@ def rays(view: Camera) -> Array:
 
 
 def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
-    """Intersect all rays with one triangle (Moeller and Trumbore): z, NaN where missed, and weights (n, 3)."""
-    e1, e2 = corners[1] - corners[0], corners[2] - corners[0]
-    h = np.cross(direction, e2)
-    a = h @ e1
+    """Intersect all rays with all triangles (Moeller and Trumbore).
+
+    Args:
+        direction: (n, 3).
+        corners: (..., 3, 3).
+
+    Returns:
+        z, NaN where missed, (..., n), and weights, (..., n, 3).
+    """
+    e1, e2 = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    s = -corners[..., 0, :]
+    q = np.cross(s, e1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        f = 1.0 / a
-        s = -corners[0]
-        u = f * (h @ s)
-        q = np.cross(s, e1)
-        v = f * (direction @ q)
-        z = f * (e2 @ q)
+        # The rays only occur in triple products, which are linear: direction x e2 . v = direction . (e2 x v).
+        f = 1.0 / (np.cross(e2, e1) @ direction.T)
+        u = f * (np.cross(e2, s) @ direction.T)
+        v = f * (q @ direction.T)
+        z = f * (e2 * q).sum(axis=-1)[..., None]
         inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (z > 0.0)
         weights = np.stack((1.0 - u - v, u, v), axis=-1)
     return np.where(inside, z, np.nan), weights
@@ -79,13 +86,15 @@ class BruteForce:
                 continue
             points = instance.mesh.positions.astype(np.float64) @ X[i, :3, :3].T + X[i, :3, 3]
             mirrored = np.linalg.det(X[i, :3, :3]) < 0
+            is_surface = instance.mesh.elements.shape[1] == 3
+            distances = hits(direction, points[instance.mesh.elements])[0] if is_surface else None
             for e, element in enumerate(instance.mesh.elements):
                 primitive_id = first[i] + e
                 corners = points[element]
-                if len(element) == 3:
+                if distances is not None:
                     if cull_back is not None and cull_back[i] and (np.linalg.det(corners) > 0) != mirrored:
                         continue
-                    z, _ = hits(direction, corners)
+                    z = distances[e]
                 else:
                     z = line_depths(direction, corners, camera)
                 inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
@@ -143,147 +152,8 @@ def image_of(pixels: NDArray[np.uint8]) -> Image:
     return Image(pixels.tobytes(), lambda: pixels)
 
 
-def srgb_to_linear(c: Array) -> Array:
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-
-
 UNFILTERED = Sampler(mipmaps=False)
-"""For textures of these tests: ``sample_texture`` knows no mip levels."""
-
-
-def sample_texture(texture: Texture, u: float, v: float, srgb: bool, look: str = "gltf") -> Array:
-    """Sample a texture at (u, v): (4,)."""
-    wraps = texture.sampler.wrap_s, texture.sampler.wrap_t
-    if look in VTK_LOOKS:
-        wraps = (Wrap.CLAMP_TO_EDGE,) * 2 if Wrap.CLAMP_TO_EDGE in wraps else (Wrap.REPEAT,) * 2
-    texels = texture.image.decode().astype(np.float64) / 255.0
-    if srgb:
-        texels[..., :3] = srgb_to_linear(texels[..., :3])
-    height, width = texels.shape[:2]
-    if texture.uv_transform is not None:
-        a, b, c, d, e, f = texture.uv_transform
-        u, v = a * u + b * v + c, d * u + e * v + f
-
-    def wrapped(i: int, size: int, wrap: Wrap) -> int:
-        if wrap is Wrap.CLAMP_TO_EDGE:
-            return min(max(i, 0), size - 1)
-        if wrap is Wrap.MIRRORED_REPEAT and (i // size) % 2:
-            return size - 1 - i % size
-        return i % size
-
-    def texel(i: int, j: int) -> Array:
-        row: Array = texels[wrapped(j, height, wraps[1]), wrapped(i, width, wraps[0])]
-        return row
-
-    x, y = u * width, v * height
-    if not texture.sampler.mag_linear:
-        return texel(int(np.floor(x)), int(np.floor(y)))
-    x, y = x - 0.5, y - 0.5
-    i, j = int(np.floor(x)), int(np.floor(y))
-    s, t = x - i, y - j
-    above = texel(i, j) * (1 - s) + texel(i + 1, j) * s
-    below = texel(i, j + 1) * (1 - s) + texel(i + 1, j + 1) * s
-    mixed: Array = above * (1 - t) + below * t
-    return mixed
-
-
-def unit(v: Array) -> Array:
-    length = np.linalg.norm(v)
-    return v / length if length > 0 else v
-
-
-def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughness: float) -> Array:
-    """Return the radiance of a surface under Drake's headlight, l = (0, 0, -1), radiance 1.
-
-    glTF 2.0, appendix B, with VTK's F90 and roughness.
-    """
-    l = np.array((0.0, 0.0, -1.0))
-    h = unit(l + v)
-    nl, nv, nh, vh = (float(np.clip(c, 1e-5, 1.0)) for c in (n @ l, n @ v, n @ h, v @ h))
-    alpha2 = (0.05 + 0.95 * roughness) ** 4
-    D = alpha2 / (np.pi * (nh**2 * (alpha2 - 1) + 1) ** 2)
-    V = 0.5 / (nl * np.sqrt(nv**2 * (1 - alpha2) + alpha2) + nv * np.sqrt(nl**2 * (1 - alpha2) + alpha2))
-    f0 = 0.04 * (1 - metallic) + base * metallic
-    f90 = np.clip(16.5 * f0.sum(), 0, 1)
-    F = f0 + (f90 - f0) * (1 - vh) ** 5
-    radiance: Array = ((1 - F) * (1 - metallic) * base / np.pi + F * D * V) * nl
-    return radiance
-
-
-def surface_color(
-    instance: Instance,
-    triangle: NDArray[np.uint32],
-    weights: Array,
-    direction: Array,
-    points: Array,
-    X: Array,
-    look: str,
-) -> tuple[Array, float]:
-    """Return the encoded colour, 0 .. 1 before rounding, and alpha of one pixel of one triangle."""
-    mesh, material = instance.mesh, instance.material
-    pbr, as_vtk = look in ("pbr", "gltf"), look in VTK_LOOKS
-    if pbr and material.vtk_export:
-        material = replace(material, roughness=0.5, metallic=0.0)
-    if as_vtk and material.emissive_texture is None:
-        material = replace(material, emissive=(0.0, 0.0, 0.0))
-    if as_vtk and material.metallic_roughness_texture is None:
-        material = replace(material, occlusion_texture=None)
-
-    def interpolated(values: NDArray[np.float32]) -> Array:
-        mixed: Array = weights @ values[triangle].astype(np.float64)
-        return mixed
-
-    def sampled(texture: Texture, srgb: bool) -> Array:
-        coordinates = mesh.uv1 if texture.uv_set else mesh.uv0
-        assert coordinates is not None
-        uv = interpolated(coordinates)
-        return sample_texture(texture, float(uv[0]), float(uv[1]), srgb, look)
-
-    base = np.array(material.base_color, dtype=np.float64)
-    if look == "plain":
-        base[:3] = srgb_values_from_linear(base[:3])
-    if mesh.colors is not None:
-        srgb = look == "plain"
-        vertex_color = interpolated(srgb_colors_from_linear(mesh.colors) if srgb else mesh.colors)
-        if look == "pbr":
-            vertex_color[:3] **= 2.2 if material.decodes_vertex_colors else 1.0
-            base[:3] = base[:3] if material.unlit else 1.0
-        base *= vertex_color
-    if material.base_color_texture:
-        base *= sampled(material.base_color_texture, pbr)
-    color = base[:3]
-    if not material.unlit:
-        R = X[:3, :3]
-        outward = np.cross(points[1] - points[0], points[2] - points[0]) * np.sign(np.linalg.det(R))
-        side = 1.0 if outward @ points[0] < 0 else -1.0
-        n = unit(np.linalg.inv(R).T @ interpolated(mesh.normals)) if mesh.normals is not None else unit(outward)
-        if pbr and material.normal_texture and mesh.tangents is not None:
-            tangent = interpolated(mesh.tangents)
-            t = R @ tangent[:3]
-            t = unit(t - (t @ n) * n)
-            hand = np.sign(tangent[3]) * (1.0 if as_vtk else np.sign(np.linalg.det(R)))
-            b = np.cross(n, t) * hand
-            m = sampled(material.normal_texture, False)[:3] * 2 - 1
-            n = unit(m[0] * material.normal_scale * t + m[1] * material.normal_scale * b + m[2] * n)
-        if as_vtk and mesh.normals is not None:
-            side *= np.sign(np.linalg.det(R))  # VTK takes the fronts of mirrored meshes for backs
-        n = n * side
-        if not pbr:
-            color = color * max(0.0, -n[2])
-        else:
-            roughness, metallic = material.roughness, material.metallic
-            if material.metallic_roughness_texture:
-                texel = sampled(material.metallic_roughness_texture, False)
-                roughness, metallic = roughness * texel[1], metallic * texel[2]
-            color = metallic_roughness(n, unit(-direction), base[:3], metallic, roughness)
-            if material.occlusion_texture:
-                color = color * (1 + material.occlusion_strength * (sampled(material.occlusion_texture, False)[0] - 1))
-            emitted = np.array(material.emissive)
-            if material.emissive_texture:
-                emitted = emitted * sampled(material.emissive_texture, True)[:3]
-            color = color + emitted
-    color = np.clip(color, 0, 1)
-    return (color ** (1 / 2.2) if pbr else color), float(base[3])
+"""For textures of these tests: the reference knows no mip levels."""
 
 
 @dataclass
@@ -342,17 +212,18 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
     layers: list[list[Surface]] = [[] for _ in direction]
     for instance in scene.instances:
         X = view.X_camera_world @ instance.X_world_mesh
-        points = instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3]
+        corners = (instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3])[instance.mesh.elements]
         mirrored = np.linalg.det(X[:3, :3]) < 0
         is_transparent = is_transparent_for_vtk(instance)
-        for triangle in instance.mesh.elements:
-            corners = points[triangle]
-            if not instance.material.double_sided and (np.linalg.det(corners) > 0) != mirrored:
-                continue
-            z, weights = hits(direction, corners)
-            for p in np.flatnonzero((z > view.near) & (z < view.far)):
-                color, alpha = surface_color(instance, triangle, weights[p], direction[p], corners, X, look.name)
-                layers[p].append(Surface(float(z[p]), color, alpha, instance.material, is_transparent))
+        z, _ = hits(direction, corners)
+        shown = (z > view.near) & (z < view.far)
+        if not instance.material.double_sided:
+            shown &= ((np.linalg.det(corners) > 0) == mirrored)[:, None]
+        triangles, pixels = np.nonzero(shown)
+        colors = surface_colors(instance, triangles, X, direction[pixels], look.name)
+        for triangle, p, color in zip(triangles, pixels, colors, strict=True):
+            surface = Surface(float(z[triangle, p]), color[:3], float(color[3]), instance.material, is_transparent)
+            layers[p].append(surface)
     blended = drawn_as_by_vtk if look.name in VTK_LOOKS else blended_by_distance
     result = np.array([blended(surfaces, background) for surfaces in layers]) * 255.0
     return result.reshape(view.height, view.width, 3)

@@ -5,173 +5,92 @@ from __future__ import annotations
 import gc
 import threading
 import weakref
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numba import njit
 
 from renderers.camera import Camera
-from renderers.color import LINEAR_FROM_BYTE
-from renderers.compiler import simd as vec
-from renderers.compiler.pointers import address_of, f32_at, i32_at
+from renderers.color import srgb_values_from_linear
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
-from renderers.interface import Output
+from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads
-from renderers.shading.gamma import (
-    GAMMA_CELLS,
-    GAMMA_FROM_LINEAR,
-    LINEAR_FROM_GAMMA,
-    THRESHOLDS,
-    byte_from_unit,
-    decode_gamma,
-    encode_gamma,
-)
-from renderers.shading.layout import MIP_LEVEL, PIXELS, SEGMENT, SHADING_JOB, TEXTURE
-from renderers.shading.level_cells import encoded_pixels
-from renderers.shading.sampling import sample
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
-from tests.renderers.shading.reference import image_of, sample_texture
+from tests.renderers.shading.reference import image_of
+from tests.renderers.shading.test_pixels import assert_within_a_level
 from tests.support.waiting import SECONDS
 
-segment_at = SEGMENT.at
-CELLS = address_of(GAMMA_CELLS, np.int32)
-LINEAR = address_of(LINEAR_FROM_GAMMA, np.float32)
-ENCODED = address_of(GAMMA_FROM_LINEAR, np.float32)
 TEXELS = np.random.default_rng(3).integers(0, 256, (5, 3, 4)).astype(np.uint8)
+TEXELS[..., 3] = 255
+CORNERS = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
+"""Texture coordinates of the corners of a square."""
 
 
-@njit
-def _sample(segment_address, index):
-    segment = segment_at(segment_address)
-    sample(segment, index, 8, segment.pixels.texel, True)
+def square(width: int, height: int) -> tuple[Mesh, Camera]:
+    """Return a square with texture coordinates 0 .. 1, and the camera whose image it fills."""
+    corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
+    mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, CORNERS)
+    return mesh, Camera(width, height, width, height, width / 2, height / 2, 0.05, 100.0, np.eye(4))
 
 
-@njit
-def _plain_bytes(values, out, count):
-    for k in range(0, count, 8):
-        vec.store(i32_at(out), k, byte_from_unit(vec.load(f32_at(values), k)))
+def drawn(mesh: Mesh, material: Material, view: Camera, look: LookName, threads: int = 1) -> np.ndarray:
+    """Return the colours of an unlit mesh, (H, W, 3)."""
+    scene = DrawList((Instance(mesh, replace(material, unlit=True, double_sided=True), np.eye(4)),))
+    renderer = CpuRenderer(threads)
+    with renderer.render(scene, view, Output.COLOR, Look(look)) as frame:
+        assert frame.color is not None
+        color: np.ndarray = frame.color.copy()
+    renderer.close()
+    return color
 
 
-@njit
-def _gamma_bytes(values, out, count):
-    for k in range(0, count, 8):
-        # Each channel by itself; the values of the others do not matter.
-        value, zero, one = vec.load(f32_at(values), k), vec.f32(0.0), vec.f32(1.0)
-        red = encoded_pixels(value, zero, zero, i32_at(CELLS))
-        green = encoded_pixels(zero, value, one, i32_at(CELLS)) ^ vec.i32(0xFF0000)
-        blue = encoded_pixels(one, one, value, i32_at(CELLS)) ^ vec.i32(0xFFFF)
-        same = (red == (green >> vec.i32(8))) & (red == (blue >> vec.i32(16)))
-        vec.store(i32_at(out), k, vec.select(same, red, vec.i32(-1)))
-
-
-@njit
-def _decode_gamma(values, out, count):
-    for k in range(0, count, 8):
-        vec.store(f32_at(out), k, decode_gamma(vec.load(f32_at(values), k), f32_at(LINEAR)))
-
-
-@njit
-def _encode_gamma(values, out, count):
-    for k in range(0, count, 8):
-        vec.store(f32_at(out), k, encode_gamma(vec.load(f32_at(values), k), f32_at(ENCODED)))
-
-
-def apply(kernel: Callable[[int, int, int], None], values: object, dtype: type[np.generic] = np.int32) -> np.ndarray:
-    """Return a kernel's results for float32 values, eight at a time."""
-    given = np.asarray(values, np.float32).reshape(-1)
-    padded = np.resize(given, -(-len(given) // 8) * 8).astype(np.float32)
-    out = np.empty(len(padded), dtype)
-    kernel(padded.ctypes.data, out.ctypes.data, len(padded))
-    return out[: len(given)]
-
-
-def sample_lanes(texture: Texture, u: np.ndarray, v: np.ndarray, *, srgb: bool = False) -> np.ndarray:
-    """Sample a texture at eight coordinates: (8, 4)."""
-    table = TextureTable()
-    index = table.index_of(texture, srgb)
-    textures = table.structs()
-    job, segment, pixels = (np.zeros(1, struct.dtype) for struct in (SHADING_JOB, SEGMENT, PIXELS))
-    job["textures"] = address_of(textures, TEXTURE.dtype)
-    job["linear_from_byte"] = address_of(LINEAR_FROM_BYTE, np.float32)
-    segment["job"], segment["pixels"] = address_of(job, SHADING_JOB.dtype), address_of(pixels, PIXELS.dtype)
-    uv, texel = (pixels[name][0].reshape(4, -1) for name in ("uv", "texel"))
-    with np.errstate(over="ignore"):
-        uv[0, :8], uv[1, :8] = u, v
-    _sample(address_of(segment, SEGMENT.dtype), index)
-    rgba: np.ndarray = texel[:, :8].T
-    return rgba
-
-
-def sample_one(texture: Texture, u: float, v: float, *, srgb: bool = False) -> np.ndarray:
-    """Sample a texture at one coordinate: (4,). All lanes give the same."""
-    lanes = sample_lanes(texture, np.full(8, u), np.full(8, v), srgb=srgb)
-    first: np.ndarray = lanes[0]
-    assert (lanes == first).all()
-    return first
-
-
-@settings(deadline=None, max_examples=300)
-@given(
-    u=st.floats(-7.0, 7.0, width=32),
-    v=st.floats(-7.0, 7.0, width=32),
-    wrap_s=st.sampled_from(Wrap),
-    wrap_t=st.sampled_from(Wrap),
-    linear=st.booleans(),
-    srgb=st.booleans(),
-)
-def test_sampling_matches_the_reference(
-    u: float, v: float, wrap_s: Wrap, wrap_t: Wrap, linear: bool, srgb: bool
-) -> None:
-    texture = Texture(image_of(TEXELS), Sampler(wrap_s, wrap_t, mag_linear=linear))
-    actual, expected = sample_one(texture, u, v, srgb=srgb), sample_texture(texture, u, v, srgb)
-    if not linear:  # exactly between two texels, either is right
-        x, y = u * TEXELS.shape[1], v * TEXELS.shape[0]
-        if min(abs(x - round(x)), abs(y - round(y))) < 2e-6:
-            return
-    np.testing.assert_allclose(actual, expected, atol=1e-5)  # positions of texels are float32
+@pytest.mark.parametrize("look", ["plain", "gltf"])
+@pytest.mark.parametrize("linear", [True, False])
+@pytest.mark.parametrize("size", [(5, 3), (7, 1024)], ids=["small", "rows of a page"])
+def test_sampling_matches_the_reference(size: tuple[int, int], linear: bool, look: LookName) -> None:
+    """Coordinates of several images in any direction, with and without a transform of their own."""
+    rng = np.random.default_rng(4)
+    pixels = rng.integers(0, 256, (*size, 4)).astype(np.uint8)
+    pixels[..., 3] = 255
+    image = image_of(pixels)
+    mesh, view = square(83, 61)
+    for wrap_s in Wrap:
+        for wrap_t in Wrap:
+            for uv_transform in (None, (0.5, -1.5, 0.2, 2.0, 0.25, -0.1)):
+                sampler = Sampler(wrap_s, wrap_t, linear, linear, mipmaps=False)
+                texture = Texture(image, sampler, uv_transform=uv_transform)
+                uv = (rng.uniform(-4, 4, 2) + CORNERS @ rng.uniform(-3, 3, (2, 2))).astype(np.float32)
+                material = Material(base_color_texture=texture, unlit=True, double_sided=True)
+                scene = DrawList((Instance(replace(mesh, uv0=uv), material, np.eye(4)),))
+                # Exactly between two texels, either is right.
+                assert_within_a_level(scene, view, Look(look), exceptions=0 if linear else 30)
 
 
 @pytest.mark.parametrize("linear", [True, False])
 def test_a_texel_center_reads_that_texel(linear: bool) -> None:
-    texture = Texture(image_of(TEXELS), Sampler(mag_linear=linear))
-    for j in range(5):
-        for i in range(3):
-            np.testing.assert_allclose(sample_one(texture, (i + 0.5) / 3, (j + 0.5) / 5), TEXELS[j, i] / 255, atol=1e-6)
+    texture = Texture(image_of(TEXELS), Sampler(mag_linear=linear, min_linear=linear, mipmaps=False))
+    color = drawn(*_with(texture, square(3, 5)), "plain")
+    np.testing.assert_array_equal(color, TEXELS[..., :3])
 
 
-def test_transformed_coordinates() -> None:
-    texture = Texture(image_of(TEXELS), uv_transform=(0.5, -1.5, 0.2, 2.0, 0.25, -0.1))
-    np.testing.assert_allclose(sample_one(texture, 0.3, 0.7), sample_texture(texture, 0.3, 0.7, False), atol=1e-6)
+def _with(texture: Texture, where: tuple[Mesh, Camera]) -> tuple[Mesh, Material, Camera]:
+    return where[0], Material(base_color_texture=texture), where[1]
 
 
 @pytest.mark.parametrize("wrap", Wrap)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e25, 3e9, -3e9])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e38, -1e38, 1e25, 3e9, -3e9])
 @pytest.mark.parametrize("linear", [True, False])
 def test_any_coordinate_reads_inside_the_image(wrap: Wrap, bad: float, linear: bool) -> None:
-    texture = Texture(image_of(TEXELS), Sampler(wrap, wrap, mag_linear=linear))
+    pixels = (100 + TEXELS % 50).astype(np.uint8)
+    pixels[..., 3] = 255
+    texture = Texture(image_of(pixels), Sampler(wrap, wrap, linear, linear, mipmaps=False))
+    mesh, view = square(9, 5)
     for u, v in ((bad, 0.5), (0.5, bad), (bad, bad)):
-        rgba = sample_one(texture, u, v)
-        assert ((rgba >= 0) & (rgba <= 1)).all()
-
-
-def test_rows_of_a_page_size_are_padded() -> None:
-    """Rows are padded so that they do not map to the same cache sets; sampling stays the same."""
-    pixels = np.random.default_rng(5).integers(0, 256, (7, 1024, 4)).astype(np.uint8)
-    image = image_of(pixels)
-    texels = texels_of(image)
-    assert texels.rows.shape[1] > texels.width == 1024
-    np.testing.assert_array_equal(texels.rgba, pixels)
-    for linear in (True, False):
-        for wrap in Wrap:
-            texture = Texture(image, Sampler(wrap, wrap, mag_linear=linear))
-            for u, v in ((0.37201, 0.51), (0.99999, 0.93), (-0.0003, 1.2), (0.00001, 0.02)):
-                np.testing.assert_allclose(sample_one(texture, u, v), sample_texture(texture, u, v, False), atol=2e-3)
+        uv = np.tile(np.array((u, v), np.float32), (4, 1))
+        color = drawn(replace(mesh, uv0=uv), Material(base_color_texture=texture), view, "plain")
+        assert 100 <= color.min() <= color.max() < 150
 
 
 def test_texels_are_decoded_once_and_collected_with_their_image() -> None:
@@ -216,50 +135,43 @@ def test_opaque_texels() -> None:
     assert not texels_of(image_of(solid)).opaque
 
 
-def test_lanes_are_independent() -> None:
-    rng = np.random.default_rng(9)
-    for linear in (False, True):
-        for wrap in Wrap:
-            texture = Texture(image_of(TEXELS), Sampler(wrap, wrap, mag_linear=linear))
-            u, v = rng.uniform(-3, 3, (2, 8)).astype(np.float32)
-            for srgb in (False, True):
-                lanes = sample_lanes(texture, u, v, srgb=srgb)
-                np.testing.assert_array_equal(
-                    lanes, [sample_one(texture, *at, srgb=srgb) for at in zip(u, v, strict=True)]
-                )
+@pytest.mark.parametrize("end", [1.0, 0.01])
+def test_encoded_bytes_are_exact(end: float) -> None:
+    """Of a ramp from 0: every byte is the nearest to the exact value."""
+    mesh, view = square(512, 16)
+    colors = np.array(((0, 0, end, 1), (end, 0, 0, 1), (end, 0, 0, 1), (0, 0, end, 1)), np.float32)
+    x = (np.arange(512) + 0.5) / 512
+    linear = np.stack((end * x, 0 * x, end * (1 - x)), axis=-1)
+    color = drawn(replace(mesh, colors=colors), Material(), view, "gltf")
+    assert (np.abs(color - 255 * linear ** (1 / 2.2)) <= 0.5 + 2e-3).all()
+    color = drawn(replace(mesh, colors=colors), Material(), view, "phong")
+    assert (np.abs(color - 255 * linear) <= 0.5 + 1e-3).all()
+    color = drawn(replace(mesh, colors=colors), Material(), view, "studio")
+    assert (np.abs(color - 255 * srgb_values_from_linear(linear)) <= 0.5 + 2e-3).all()
 
 
-def test_gamma_bytes_are_exact() -> None:
-    c = np.concatenate((np.random.default_rng(1).random(4000), np.linspace(0, 0.01, 2000), [0, 1])).astype(np.float32)
-    exact = 255 * c.astype(np.float64) ** (1 / 2.2)
-    assert (np.abs(apply(_gamma_bytes, c) - exact) <= 0.5 + 1e-4).all()
-    # Every level begins at its threshold.
-    levels = np.arange(1, 256)
-    np.testing.assert_array_equal(apply(_gamma_bytes, THRESHOLDS[1:]), levels)
-    np.testing.assert_array_equal(apply(_gamma_bytes, np.nextafter(THRESHOLDS[1:], np.float32(0))), levels - 1)
+def test_vertex_colors_decoded_as_by_vtk_are_exact() -> None:
+    mesh, view = square(512, 16)
+    colors = np.array(((0, 1, 0, 1), (1, 1, 0, 1), (1, 1, 0, 1), (0, 1, 0, 1)), np.float32)
+    color = drawn(replace(mesh, colors=colors), Material(), view, "pbr")
+    # Raised to 2.2, and encoded again.
+    assert (np.abs(color[..., 0] - 255 * (np.arange(512) + 0.5) / 512) <= 0.5 + 2e-3).all()
+    assert (color[..., 1:] == (255, 0)).all()
 
 
-def test_plain_bytes_round() -> None:
-    assert apply(_plain_bytes, (0.0, 0.5, 1.0, 127.4 / 255, 127.6 / 255)).tolist() == [0, 128, 255, 127, 128]
-
-
-@pytest.mark.parametrize("kernel", [_plain_bytes, _gamma_bytes])
-def test_bytes_of_non_finite_and_out_of_range_values(kernel: Callable[[int, int, int], None]) -> None:
-    values = (np.nan, -1.0, -np.inf, 7.0, np.inf, 1e-40, -0.0)
-    assert apply(kernel, values).tolist() == [0, 0, 0, 255, 255, 0, 0]
-
-
-def test_decode_gamma() -> None:
-    c = np.linspace(0, 1, 5001).astype(np.float32)
-    np.testing.assert_allclose(apply(_decode_gamma, c, np.float32), c.astype(np.float64) ** 2.2, atol=2e-7)
-    assert apply(_decode_gamma, (np.nan, 2.0), np.float32).tolist() == [0, 1]
-
-
-def test_encode_gamma() -> None:
-    c = np.concatenate((np.linspace(0, 1, 5001), 2.0 ** np.linspace(-39, 0, 4001))).astype(np.float32)
-    encoded = c.astype(np.float64) ** (1 / 2.2)
-    np.testing.assert_allclose(apply(_encode_gamma, c, np.float32), encoded, rtol=2.1e-6)
-    assert apply(_encode_gamma, (np.nan, 2.0, -1.0, 1e-13), np.float32).tolist() == [0, 1, 0, 0]
+@pytest.mark.parametrize("look", ["phong", "gltf", "studio"])
+@pytest.mark.parametrize(
+    ("value", "byte"),
+    [(0.0, 0), (-0.0, 0), (1.0, 255), (np.nan, 0), (-1.0, 0), (-np.inf, 0), (7.0, 255), (np.inf, 255), (1e-40, 0)],
+)
+def test_bytes_of_values_at_and_beyond_the_limits(look: LookName, value: float, byte: int) -> None:
+    mesh, view = square(9, 5)
+    for channel in range(3):
+        factors = [1.0, 1.0, 1.0, 1.0]
+        factors[channel] = value
+        color = drawn(mesh, Material(base_color=(factors[0], factors[1], factors[2], 1.0)), view, look)
+        assert (color[..., channel] == byte).all()
+        assert (np.delete(color, channel, axis=-1) == 255).all()
 
 
 def test_new_images_are_decoded_in_parallel() -> None:
@@ -269,22 +181,19 @@ def test_new_images_are_decoded_in_parallel() -> None:
         barrier.wait()  # breaks unless two threads wait
         return TEXELS.copy()
 
-    table = TextureTable()
+    mesh, view = square(9, 5)
     textures = [Texture(Image(bytes([k]), decode)) for k in range(2)]
-    cached = Texture(image_of(TEXELS))
-    expected = texels_of(cached.image)
-    for texture in (cached, *textures, replace(textures[0], uv_set=1)):
-        table.index_of(texture, False)
-    crew = FrameThreads(2)
-    try:
-        table.structs(lambda units, work: crew.run(units, work))
-    finally:
-        crew.close()
-    addresses = [array["texels"][0] for array in table.keep if array.dtype == MIP_LEVEL.dtype]
-    assert len(addresses) == 4
-    assert addresses[0] == address_of(expected.rows, np.uint8)
-    assert addresses[1] == addresses[3] != addresses[2]
-    assert any(level is expected.rows for level in table.keep)
+    known = Texture(image_of(TEXELS))
+    expected = drawn(mesh, Material(base_color_texture=known), view, "plain")
+    for texture in (known, *textures):
+        instances = tuple(
+            Instance(mesh, Material(base_color_texture=each, unlit=True, double_sided=True), np.eye(4))
+            for each in (texture, *textures)
+        )
+        renderer = CpuRenderer(2)
+        with renderer.render(DrawList(instances), view, Output.COLOR, Look("plain")) as frame:
+            np.testing.assert_array_equal(frame.color, expected)
+        renderer.close()
 
 
 def test_the_first_error_of_decoding_is_raised() -> None:

@@ -38,10 +38,12 @@ def cast_rays(scene: DrawList, view: Camera, direction: Array | None = None) -> 
     for k, each in enumerate(scene.instances):
         X = view.X_camera_world @ each.X_world_mesh
         points = each.mesh.positions @ X[:3, :3].T + X[:3, 3]
-        for e, corners in enumerate(each.mesh.elements):
-            z, w = hits(d, points[corners])
-            nearer = z < best
-            best[nearer], instance[nearer], primitive[nearer], weights[nearer] = z[nearer], k, e, w[nearer]
+        z, w = hits(d, points[each.mesh.elements])
+        first = np.where(np.isnan(z), np.inf, z).argmin(axis=0)
+        columns = np.arange(len(d))
+        nearer = z[first, columns] < best
+        best[nearer], instance[nearer], primitive[nearer] = z[first, columns][nearer], k, first[nearer]
+        weights[nearer] = w[first, columns][nearer]
     return VisibleSurfaces(instance, primitive, weights, d * np.where(np.isfinite(best), best, 0.0)[:, None])
 
 

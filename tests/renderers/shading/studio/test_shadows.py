@@ -37,10 +37,9 @@ def occluded(scene: DrawList, visible: ref.VisibleSurfaces) -> np.ndarray:
     for instance in scene.instances:
         X = camera.X_camera_world @ instance.X_world_mesh
         p = instance.mesh.positions @ X[:3, :3].T + X[:3, 3]
-        for corners in instance.mesh.elements:
-            for k in range(len(points)):
-                z, _ = hits(l[k : k + 1], p[corners] - points[k])
-                hidden[k] |= bool(1e-4 < z[0] < np.inf)
+        for k in range(len(points)):
+            z, _ = hits(l[k : k + 1], p[instance.mesh.elements] - points[k])
+            hidden[k] |= bool(((z > 1e-4) & (z < np.inf)).any())
     result = np.zeros(len(visible.instance), np.bool_)
     result[visible.instance >= 0] = hidden
     return result.reshape(camera.height, camera.width)

@@ -1,4 +1,4 @@
-"""SIMD shading against the scalar reference: random scenes, odd sizes, row borders."""
+"""SIMD shading against the reference in NumPy: random scenes, odd sizes, row borders."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
 from renderers.shading.mesh_buffers import buffers_of
+from tests.renderers.shading.pixel_reference import shaded
 from tests.renderers.shading.reference import ball, image_of, placed, quad
-from tests.renderers.shading.scalar import shaded
 
 RENDERER = CpuRenderer(threads=1)
 
@@ -90,7 +90,7 @@ def view(width: int, height: int) -> Camera:
 
 
 def assert_within_a_level(scene: DrawList, camera: Camera, look: Look, exceptions: int = 0) -> np.ndarray:
-    """Compare the nearest surfaces as the kernels and as the scalar reference shade them.
+    """Compare the nearest surfaces as the kernels and as the reference shade them.
 
     Args:
         exceptions: number of values that may differ by more than one level of 255.
@@ -169,7 +169,7 @@ def test_plain_surfaces_to_a_level(cells: int) -> None:
             for unlit in (False, True):
                 material = Material(color, double_sided=True, unlit=unlit)
                 X = np.diag((1.0, -1.0, 1.0, 1.0))
-                X[2, 3] = 4.0
+                X[:3, 3] = 1.0, 0.0, 4.0  # beside the other
                 scene = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
                 for name in ("phong", "plain", "pbr"):
                     assert_within_a_level(scene, view(83, 61), Look(name))
@@ -194,7 +194,7 @@ def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
                     for green in (0.3, 1.3):
                         material = Material((0.9, green, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
                         X = np.diag((1.0, -1.0, 1.0, 1.0))
-                        X[2, 3] = 4.0
+                        X[:3, 3] = 1.0, 0.0, 4.0  # beside the other
                         scene = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
                         assert_within_a_level(scene, view(83, 61), Look("phong"))
 
