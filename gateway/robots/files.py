@@ -84,11 +84,11 @@ class RobotFiles:
         else:
             raise RobotFileError(f"{name}: only package:// and file:// can be read, nothing is fetched")
         paths = [Path(os.path.realpath(candidate)) for candidate in candidates]
-        existing = [path for path in paths if path.is_file()]
-        for path in existing:
-            if self._is_allowed(path):
+        allowed = [path for path in paths if self._is_allowed(path)]
+        for path in allowed:
+            if path.is_file():
                 return path
-        if existing:
+        if not allowed:  # whether it exists or not, which is not told
             raise RobotFileError(f"{name} lies outside of the robot's folders; name a folder above it with --root")
         raise RobotFileError(f"the file {name} does not exist{hint}")
 

@@ -85,6 +85,17 @@ def test_other_folders_are_not_read(tmp_path: Path) -> None:
         assert read_robot(robot_file, roots=[tmp_path]).parts[0]
 
 
+def test_errors_do_not_tell_whether_files_of_other_folders_exist(tmp_path: Path) -> None:
+    there, missing = write(tmp_path, TRIANGLE, "there.obj"), tmp_path / "gone.obj"
+    reasons = []
+    for path in (there, missing):
+        for name in (f"../../{path.name}", f"file://{path}", str(path)):
+            with pytest.raises(RobotFileError) as raised:
+                read_robot(write(tmp_path / "robots" / "one", mesh(name)))
+            reasons.append(str(raised.value).replace(path.name, "FILE"))
+    assert reasons[:3] == reasons[3:]
+
+
 def test_a_link_does_not_make_other_folders_a_package(tmp_path: Path) -> None:
     write(tmp_path / "elsewhere", TRIANGLE, "m.obj")
     robot_file = write(tmp_path / "robots" / "one", mesh("package://pkg/m.obj"))
