@@ -6,8 +6,10 @@ Its lifespan starts and stops every interface, including those that do not speak
 from __future__ import annotations
 
 import asyncio
+import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
@@ -39,6 +41,7 @@ from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 from gateway.wiring.worker_processes import write_worker_reports
+from renderers.cache import SHARED
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -95,17 +98,21 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Start the interfaces in a background task; stop them at the end."""
     context: Context = app.state.context
     process_tuning.tune()
+    SHARED.max_bytes = context.settings.cache_bytes
     context.registry.expect(KERNELS, *enabled_interfaces(context.settings))
     metrics.watch_process(context.metrics, context.registry, context.workers)
+    metrics.watch_caches(context.metrics, SHARED)
     metrics.watch_tree(context.metrics, context.tree)
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
+    idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:
         async with write_worker_reports(context):
             yield
     finally:
+        idle.cancel()
         await context.close()
 
 
@@ -144,7 +151,7 @@ def _add_routes(context: Context) -> None:
 
 def _add_middleware(context: Context) -> None:
     """Add error responses and middleware; the last one added is the outermost."""
-    app, registry = context.app, context.registry
+    app = context.app
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
     app.add_exception_handler(RequestValidationError, error_handlers.invalid_parameters)
@@ -153,7 +160,7 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(
         StartGate,
         started=context.started,
-        problem=lambda: registry.entries[KERNELS].problem,
+        problem=lambda: context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
         compiling=lambda: context.compiling,
     )
@@ -173,4 +180,6 @@ def __getattr__(name: str) -> Any:
     if settings.workers > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
     logs.configure(settings.log_format, settings.log_level, log_uvicorn=True)
-    return create_app(settings)
+    application = create_app(settings)
+    application.state.context.on_fatal = partial(signal.raise_signal, signal.SIGTERM)  # uvicorn shuts down
+    return application

@@ -22,7 +22,7 @@ from gateway.gltf import GltfError, GltfLimits
 from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
-from renderers.cache import Cache
+from renderers.cache import SHARED, Cache, CacheBudget
 
 SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
 """If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are
@@ -46,8 +46,6 @@ class MeshFileLimits:
     """Size of one file. A typical mesh for a viewer has 10 MB, a scan of ten million triangles in binary STL 500 MB."""
     max_total_bytes: int = 512 << 20
     """Total size of a mesh file and the files that it refers to."""
-    cache_bytes: int = 1 << 30
-    """Size of the cache of loaded files; the least recently used are dropped first."""
     gltf: GltfLimits = MESH_LIMITS
     """Limits of the content. Those on vertices, elements, instances and pixels hold for all formats."""
 
@@ -72,10 +70,13 @@ class _LoadedFile:
 class MeshFiles:
     """Loads mesh files by the names that clients send, in the caller's thread. Thread-safe."""
 
-    def __init__(self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None) -> None:
+    def __init__(
+        self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None, caches: CacheBudget = SHARED
+    ) -> None:
         """
         Args:
             roots: Folders that may be read. Without any, no file is allowed.
+            caches: limit of the cache of loaded files, shared with other caches.
         """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._limits = MeshFileLimits() if limits is None else limits
@@ -83,7 +84,7 @@ class MeshFiles:
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
         """Locks by real path, so that threads that need the same file load it only once."""
-        self.cache: Cache[str, _LoadedFile] = Cache(self._limits.cache_bytes)
+        self.cache: Cache[str, _LoadedFile] = Cache("mesh_files", budget=caches)
         """Loaded files by real path."""
 
     def load(

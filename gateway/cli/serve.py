@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import inspect
 import signal
-import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from pydantic.fields import FieldInfo
@@ -17,10 +15,6 @@ from rich.markup import escape
 from gateway.cli import first_line
 from gateway.settings import Settings, SettingsError, load, unknown_environment
 from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
-
-if TYPE_CHECKING:
-    from gateway.state.service import PersistentState
-    from gateway.wiring.context import Context
 
 HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
@@ -98,8 +92,7 @@ def run(settings: Settings) -> int:
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
-    # The supervisor of --workers is uvicorn's: it logs which processes start and end.
-    logs.configure(settings.log_format, settings.log_level, log_uvicorn=settings.workers > 1)
+    logs.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
@@ -129,7 +122,15 @@ def run(settings: Settings) -> int:
         from gateway.cli.serve_workers import serve_workers
 
         return serve_workers(settings, listener, tls)
-    return _serve(settings, listener, state, tls, url)
+    from gateway.app import create_app
+    from gateway.cli.serve_app import serve_app
+
+    log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
+    app = create_app(settings, state)
+    app.state.context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
+    code = serve_app(app, listener, tls)
+    log.info("Scenegate has stopped")
+    return code
 
 
 def _url(host: str, port: int, tls: bool) -> str:
@@ -140,42 +141,3 @@ def _url(host: str, port: int, tls: bool) -> str:
 
 def _exit(*_: object) -> NoReturn:
     raise SystemExit(0)
-
-
-def _serve(
-    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None, url: str
-) -> int:
-    import structlog
-    import uvloop
-
-    from gateway.app import create_app
-    from gateway.runtime import process_tuning
-    from gateway.server import http_server
-
-    log = structlog.get_logger("gateway")
-    log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
-    app = create_app(settings, state)
-    context: Context = app.state.context
-    context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
-
-    def begin_shutdown() -> None:
-        log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
-        context.begin_shutdown()
-
-    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
-    server = http_server.MainServer(config, begin_shutdown)
-    fatal = False
-
-    def stop_with_error() -> None:
-        nonlocal fatal
-        fatal = server.should_exit = True
-
-    app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
-    context.on_started = process_tuning.freeze_gc
-    context.on_fatal = stop_with_error
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        runner.run(server.serve(sockets=[listener]))
-    log.info("Scenegate has stopped")
-    if fatal:
-        return 1
-    return 0 if server.started else 3

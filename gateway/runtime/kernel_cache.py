@@ -40,6 +40,22 @@ class KernelError(RuntimeError):
     """The kernels could not be compiled or loaded; the message is one sentence."""
 
 
+class KernelLoadError(KernelError):
+    """A kernel could not be loaded from the cache, which should have it: it is damaged, or could not be read."""
+
+
+class KernelsDelayed(KernelError):  # noqa: N818 - an expected outcome, not a fault
+    """Kernels of the background are not loaded yet, because of an error. Clients get the message: it has no reason."""
+
+    def __init__(self, retry_after: int) -> None:
+        super().__init__(retry_after)
+        self.retry_after = retry_after
+        """Seconds until loading is tried again."""
+
+    def __str__(self) -> str:
+        return "kernels that this needs could not be loaded, which is tried again; the server's log has the reason"
+
+
 def configure() -> Path:
     """Set the cache folder of this process and its children, and return the folder of this version's kernels.
 
@@ -216,7 +232,7 @@ def _description(returncode: int) -> str:
 
 @contextmanager
 def forbid_compiling() -> Iterator[None]:
-    """Raise KernelError if this process compiles a kernel inside the block, instead of loading it from the cache.
+    """Raise KernelLoadError if this process compiles a kernel inside the block, instead of loading it from the cache.
 
     The manifest of the cache is wrong then. It is removed, so that the next start compiles the kernels.
     """
@@ -226,7 +242,7 @@ def forbid_compiling() -> Iterator[None]:
             return
         with contextlib.suppress(OSError):
             cache_folder.remove_manifest()
-        raise KernelError(
+        raise KernelLoadError(
             f"the kernel {kernel} could not be loaded from {cache_folder.folder()}, and the server compiles none: "
             "`scenegate warmup`, or another start, compiles all of them"
         )

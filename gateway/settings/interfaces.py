@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples
+from gateway.settings.types import Color, Interfaces, LcmUrl, Paths, Port, PortOrOff, Samples
 
 
 class InterfaceSettings(BaseSettings):
@@ -88,7 +88,7 @@ class InterfaceSettings(BaseSettings):
     )
 
     # --- Tree viewer
-    lcm_url: str | None = option(
+    lcm_url: LcmUrl | None = option(
         None, "Tree viewer", "LCM network, in the format of LCM_DEFAULT_URL, which is the default; 'off': no LCM."
     )
     tcpq_port: PortOrOff = option(

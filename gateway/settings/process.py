@@ -79,6 +79,13 @@ class ProcessSettings(BaseSettings):
         ge=1,
         le=256,
     )
+    unresponsive_seconds: float = option(
+        30.0,
+        "Speed and limits",
+        "Time after which a process of --workers that does not respond is killed and replaced.",
+        ge=1,
+        le=3600,
+    )
     threads: int = option(
         0,
         "Speed and limits",
@@ -97,8 +104,8 @@ class ProcessSettings(BaseSettings):
     render_seconds: float = option(
         30.0,
         "Speed and limits",
-        "Maximum time for reading a scene and rendering one image, without the time in the queue. Beyond it the "
-        "response is 503 without Retry-After.",
+        "Maximum time for reading a scene and rendering one image, without the time in the queue and that for which it "
+        "waits for kernels. Beyond it the response is 503 without Retry-After.",
         gt=0,
         le=86_400,
     )
@@ -149,11 +156,13 @@ class ProcessSettings(BaseSettings):
         ge=1,
         le=1 << 28,
     )
-    mesh_cache_mb: int = option(
-        512, "Speed and limits", "Maximum size of the cache of posted geometry, in MiB.", ge=0, le=1 << 20
-    )
-    scene_cache_mb: int = option(
-        256, "Speed and limits", "Maximum size of the cache of whole posted scenes, in MiB.", ge=0, le=1 << 20
+    cache_bytes: int = option(
+        1 << 30,
+        "Speed and limits",
+        "Maximum size in bytes of all caches of a process together: posted scenes, mesh files, and what is derived "
+        "from them. /metrics and /healthz have the size of each.",
+        ge=0,
+        le=1 << 40,
     )
     shutdown_seconds: float = option(
         10.0,

@@ -11,6 +11,7 @@ from urllib.parse import unquote
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_settings import NoDecode
 
+from gateway.settings.lcm_url import check_lcm_url
 from renderers.stereo.realism import RealismPart, parse_realism
 
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
@@ -75,6 +76,7 @@ def _to_number(value: object) -> object:
     return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
 
+LcmUrl = Annotated[str, AfterValidator(check_lcm_url)]
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]

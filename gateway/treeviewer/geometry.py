@@ -144,7 +144,8 @@ def _mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part,
     except (ValueError, OSError) as error:
         if getattr(error, "missing", isinstance(error, FileNotFoundError)):
             raise NothingToDraw(f"{error}, so nothing is drawn") from None
-        raise CommandError(f"filename: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) else error  # without a path, for clients
+        raise CommandError(f"filename: {reason}") from None
     return tuple(
         msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts

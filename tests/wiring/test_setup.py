@@ -85,8 +85,6 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
         max_nodes=11,
         max_triangles=13,
         max_image_pixels=17,
-        mesh_cache_mb=19,
-        scene_cache_mb=23,
         keep_failures=None,
     )
     made = await arguments(monkeypatch, render, "RenderService", context)
@@ -94,7 +92,6 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
     assert (config.path, config.look, config.samples, config.background) == ("/draw", "pbr", 4, (1, 2, 3))
     assert (config.depth_format, config.max_pixels) == ("png16", 7777)
     assert (config.max_body_bytes, config.max_inflight_bytes) == (3 * MIB, 5 * MIB)
-    assert (config.mesh_cache_bytes, config.scene_cache_bytes) == (19 * MIB, 23 * MIB)
     assert config.gltf == replace(
         GltfLimits(), max_nodes=11, max_elements=13, max_drawn_elements=13, max_image_pixels=17
     )
