@@ -66,7 +66,9 @@ class EndlessFiles(MeshFiles):
         super().__init__(())
         self.reading, self.stopped = threading.Event(), threading.Event()
 
-    def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
+    def load(
+        self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), warnings: list[str] | None = None
+    ) -> tuple[Part, ...]:
         self.reading.set()
         try:
             while True:

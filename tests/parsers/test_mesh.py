@@ -161,7 +161,7 @@ def test_the_limits_grow_with_the_file() -> None:
 
 def parse(data: str | bytes, extension: str = "dae", **limits: Any) -> int:
     raw = data.encode() if isinstance(data, str) else data
-    return len(parse_mesh(raw, extension, no_files, dataclasses.replace(MESH_LIMITS, **limits)))
+    return len(parse_mesh(raw, extension, no_files, dataclasses.replace(MESH_LIMITS, **limits), []))
 
 
 def test_the_child_process_says_what_it_exceeds() -> None:

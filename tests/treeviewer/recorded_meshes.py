@@ -17,7 +17,7 @@ class RecordedMeshes:
         self._assets = assets
         self._files = MeshFiles([assets])
 
-    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+    def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         if filename.startswith(RECORDED_ROOT):
             filename = str(self._assets / filename.removeprefix(RECORDED_ROOT))
-        return self._files.load(filename, scale)
+        return self._files.load(filename, scale, warnings)

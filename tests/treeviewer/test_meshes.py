@@ -51,7 +51,7 @@ class Files:
     def __init__(self) -> None:
         self.asked: list[tuple[str, tuple[float, float, float]]] = []
 
-    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+    def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         self.asked.append((filename, scale))
         if filename == "missing.obj":
             raise FileNotFoundError("missing.obj does not exist")
