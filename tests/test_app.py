@@ -386,7 +386,7 @@ async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: p
                 await asyncio.to_thread(asked.wait)
                 app.state.context.begin_shutdown()
                 answer = await waiting
-        assert (answer.status_code, answer.text) == (503, "The gateway did not start: it is stopping\n")
+        assert (answer.status_code, answer.text) == (503, "The gateway did not start: it was told to stop\n")
     finally:
         go_on.set()
 

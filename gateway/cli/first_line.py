@@ -56,9 +56,10 @@ def _from_file(name: str, arguments: Sequence[str]) -> Any:
         return None
     import tomllib
 
+    from gateway.runtime.regular_files import read_text
+
     try:
-        with open(path, "rb") as file:  # noqa: PTH123 - pathlib would be imported for this alone
-            values = tomllib.load(file)
+        values = tomllib.loads(read_text(path))
     except (OSError, ValueError):  # reported when the settings are loaded
         return None
     return values.get(name, values.get(name.replace("_", "-")))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import signal
@@ -20,6 +19,7 @@ from typing import Final
 import structlog
 
 from gateway.runtime import logs, process_tuning
+from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.supervised_process import Heartbeat
 from gateway.runtime.supervisor import START_FAILED, Supervisor
 from gateway.runtime.worker_reports import WorkerReports
@@ -95,31 +95,23 @@ def reports_folder() -> Iterator[Path]:
         OSError: the folder cannot be created.
     """
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        with suppress(OSError):  # it belongs to another user, or to a running supervisor
+        with suppress(OSError):  # it belongs to another user
             if time.time() - folder.lstat().st_mtime > _OLD_SECONDS:
-                os.close(_lock(folder))
-                shutil.rmtree(folder)
-    with tempfile.TemporaryDirectory(prefix=_PREFIX, ignore_cleanup_errors=True) as folder_name:
-        descriptor = None
-        with suppress(OSError):  # a file system without locks: no other supervisor can lock the folder and remove it
-            descriptor = _lock(Path(folder_name))
-        try:
-            yield Path(folder_name)
-        finally:
-            if descriptor is not None:
-                os.close(descriptor)
+                with _locked(folder) as lock:
+                    if lock is Lock.HELD:
+                        shutil.rmtree(folder)
+    with (
+        tempfile.TemporaryDirectory(prefix=_PREFIX, ignore_cleanup_errors=True) as folder_name,
+        _locked(Path(folder_name)),
+    ):
+        yield Path(folder_name)
 
 
-def _lock(folder: Path) -> int:
-    """Lock a folder, and return the descriptor that holds the lock. The system releases it when the process ends.
-
-    Raises:
-        OSError: another process holds the lock, or the folder cannot be locked.
-    """
+@contextmanager
+def _locked(folder: Path) -> Iterator[Lock]:
+    """Try to lock a folder; yield whether it is locked. The system releases the lock when the process ends."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+        yield try_lock(descriptor)
+    finally:
         os.close(descriptor)
-        raise
-    return descriptor

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 from urllib.parse import unquote
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -13,6 +13,9 @@ from pydantic_settings import NoDecode
 
 from gateway.settings.lcm_url import check_lcm_url
 from renderers.stereo.realism import RealismPart, parse_realism
+
+_ROOT_PATH: Final = re.compile(r"(/[^/\s?#]+)+")
+_ORIGIN: Final = re.compile(r"\*|[A-Za-z][A-Za-z0-9+.-]*:(//[^\s;,'\"/?#]+)?")
 
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
 
@@ -61,13 +64,13 @@ def _split_realism(value: object) -> object:
 
 def _check_root_path(path: str) -> str:
     path = path.rstrip("/")
-    if path and not re.fullmatch(r"(/[^/\s?#]+)+", path):
+    if path and not _ROOT_PATH.fullmatch(path):
         raise ValueError("must be a path such as /user/ann/scenegate")
     return unquote(path)
 
 
 def _check_frame_origin(origin: str) -> str:
-    if not re.fullmatch(r"\*|[A-Za-z][A-Za-z0-9+.-]*:(//[^\s;,'\"/?#]+)?", origin):
+    if not _ORIGIN.fullmatch(origin):
         raise ValueError("must be '*', an origin such as http://localhost:8888, or a scheme such as vscode-webview:")
     return origin
 

@@ -99,6 +99,33 @@ def test_urdf_poses_equal_drakes(urdf_robots: dict[Path, Robot], folder: Path) -
     assert all(name.startswith("talos_") for name in refused), refused  # fixed joints with <mimic>
 
 
+@pytest.mark.parametrize(
+    ("package", "count", "warned", "refused"),
+    [
+        ("airo_models", 16, 0, {}),
+        ("armar", 8, 8, {}),
+        ("jvrc_description", 1, 1, {}),
+        ("pybullet_data", 95, 11, {"torus_deform.urdf": "it has no links"}),
+    ],
+)
+def test_robots_of_other_packages(folder: Path, package: str, count: int, warned: int, refused: dict[str, str]) -> None:
+    """All that can be drawn is drawn: what was left out is in the warnings."""
+    paths = sorted(path for path in (folder / package).rglob("*.urdf") if "random_urdfs" not in path.parts)
+    if not paths:
+        pytest.skip(f"SCENEGATE_ROBOTS has no {package}")
+    robots, failures = {}, {}
+    for path in paths:
+        try:
+            robots[path] = read_robot(path)
+        except RobotFileError as error:
+            failures[path.name] = str(error)
+    assert failures.keys() == refused.keys(), failures
+    assert len(paths) == count
+    assert sum(bool(robot.warnings) for robot in robots.values()) == warned
+    for path, robot in robots.items():
+        assert np.isfinite(robot.link_poses({})).all(), path
+
+
 def difference(ours: dict[str, Any], theirs: dict[str, Any]) -> float:
     """Return the maximum difference of poses relative to the first link that both have."""
     names = [name for name in ours if name in theirs]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,7 +17,7 @@ from renderers.stop import check_stop
 async def test_cancelling_stops_the_thread_that_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, stopped = threading.Event(), threading.Event()
 
-    def read_slowly(path: Path, **_: Any) -> None:
+    def read_slowly(*_: Any) -> None:
         begun.set()
         try:
             while True:
