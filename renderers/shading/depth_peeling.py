@@ -37,7 +37,7 @@ def peeled(
     *,
     in_drawing_order: bool = False,
 ) -> Iterator[Visibility]:
-    """Yield the layers of the selected instances in front of ``behind``, nearest first.
+    """Yield the layers of the selected instances that ``behind`` does not hide, nearest first.
 
     To stop peeling a pixel, set its id in a layer to -1. Each layer is closed when the next one is requested.
 

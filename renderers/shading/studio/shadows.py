@@ -64,7 +64,7 @@ class ShadowMap:
 
     camera: Camera
     inv_z: NDArray[np.float32]
-    """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); negative: no caster."""
+    """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); 0: no caster."""
 
 
 _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
