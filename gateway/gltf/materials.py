@@ -50,7 +50,9 @@ class Materials:
         self._from_drake = document.from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
-        """By index in the document, and True if VTK's exporter may have written the primitive."""
+        """By index in the document, and True if VTK's exporter wrote the primitive."""
+        self._written_by_vtk: dict[int, bool] = {}
+        """By index in the document."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive, or ``DEFAULT_MATERIAL``.
@@ -64,17 +66,32 @@ class Materials:
         index = primitive.material
         if index is None:
             return DEFAULT_MATERIAL
-        # Other exporters may write the same properties as VTK's, but VTK's never writes normals or vertex colours.
-        may_be_vtk = self._from_drake and _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ())
-        material = self._materials.get((index, may_be_vtk))
+        vtk = self.is_from_vtk(primitive, name)
+        material = self._materials.get((index, vtk))
         if material is None:
             check_stop()
             source = checked_item(self._sources, index, "materials", f"{name}.material")
-            vtk = may_be_vtk and _looks_written_by_vtk(source)
-            material = self._materials[index, may_be_vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
+            material = self._materials[index, vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
         return material
 
     def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
+    def is_from_vtk(self, primitive: schema.Primitive, name: str) -> bool:
+        """Return True for a primitive that VTK's exporter wrote for Drake's client.
+
+        Other exporters may write the same material, but VTK's never writes normals or vertex colours.
+
+        Args:
+            name: ``meshes[2].primitives[0]``, for messages.
+        """
+        index = primitive.material
+        if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
+            return False
+        is_from_vtk = self._written_by_vtk.get(index)
+        if is_from_vtk is None:
+            source = checked_item(self._sources, index, "materials", f"{name}.material")
+            is_from_vtk = self._written_by_vtk[index] = _looks_written_by_vtk(source)
+        return is_from_vtk
+
         """Read a material.
 
         Args:

@@ -137,7 +137,10 @@ def _read_content(
         mesh_parts: list[Part] = []
         for number, primitive in enumerate(primitives):
             name = f"meshes[{mesh_index}].primitives[{number}]"
-            if primitive is not None and (surface := meshes.read(primitive, name, pose)) is not None:
+            if primitive is None:
+                continue
+            smooth = materials.is_from_vtk(primitive, name)
+            if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
                 mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
         if position in poses:
             posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)

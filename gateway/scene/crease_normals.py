@@ -1,4 +1,12 @@
-"""Computes normals for meshes without normals: smooth, except at creases, where vertices are duplicated."""
+"""Computes normals for meshes without normals: smooth, except at creases, where vertices are duplicated.
+
+Which edges are creases depends on the format:
+
+- Meshes of Director and Drake's viewer, OBJ, STL, PLY and the other mesh files: edges of more than ``CREASE_ANGLE``.
+- Shapes in requests of Drake's render client: none. VTK's exporter omits their normals, but not their seams: at edges
+  that RenderEngineVtk shows, vertices are not shared.
+- Other glTF files: all (glTF 2.0, 3.7.2.1). Meshes without normals are flat, so that nothing is computed here.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +18,26 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
+from renderers.stop import current_stop
 
-CREASE_COSINE: Final = math.cos(math.radians(45.0))
-"""Cosine of the crease angle: where faces meet at a larger angle, there is a crease. It is Director's feature angle."""
+CREASE_ANGLE: Final = 45.0
+"""Degrees between the normals of faces above which their edge is a crease. It is Director's feature angle."""
+NO_CREASES: Final = 180.0
+"""Crease angle with which faces that share a vertex share its normal."""
 MAX_FACES_PER_VERTEX: Final = 256
 """Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
 with more faces, each corner has the normal of its own face."""
 _SAME_NORMAL_COSINE: Final = 0.99999
 """Corners of one vertex share an output vertex if the cosine of the angle between their normals is larger than this
 (0.26 degrees)."""
+
+_VERTICES_PER_STOP_CHECK: Final = 1 << 10
+"""Vertices that the kernel processes between two checks of the ``StopFlag``."""
 
 CREASED_MESH: Final = Struct(
     "CreasedMesh",
@@ -36,6 +51,8 @@ CREASED_MESH: Final = Struct(
         "unit_normals": pointer_to(F64),  # (M, 3): normals of the faces
         "corners": pointer_to(I64),  # (3 M,): corners of the faces (3 * face + 0, 1 or 2), sorted by their vertex
         "starts": pointer_to(I64),  # (N + 2,), zeros at first: vertex v has corners[starts[v] : starts[v + 1]]
+        "crease_cosine": F64,  # cosine of the crease angle
+        "stop": I64,  # address of a StopFlag; the result is incomplete once it is set
         # Outputs. There are at most 3 M output vertices.
         "source_vertex": pointer_to(I64),  # (3 M,): input vertex of each output vertex
         "out_normals": pointer_to(F32),  # (3 M, 3): normal of each output vertex
@@ -102,9 +119,12 @@ def _split_at_creases(mesh_at):
     source_vertex, out_normals, out_faces = mesh.source_vertex, mesh.out_normals, mesh.out_faces
     _write_face_normals(mesh)
     _sort_corners(mesh)
-    half_angle_cosine = math.sqrt(max(0.0, (1.0 + CREASE_COSINE) / 2.0))
+    crease_cosine = mesh.crease_cosine
+    half_angle_cosine = math.sqrt((1.0 + crease_cosine) / 2.0) if crease_cosine > -1.0 else -math.inf
     out_count = 0
     for vertex in range(mesh.vertex_count):
+        if vertex % _VERTICES_PER_STOP_CHECK == 0 and is_set(mesh.stop):
+            return out_count
         start, end = starts[vertex], starts[vertex + 1]
         # At most vertices there is no crease. This is certain if all faces are within half the crease angle of their
         # mean normal, because then any two of them are within the crease angle of each other.
@@ -144,7 +164,7 @@ def _split_at_creases(mesh_at):
                         + unit_normals[face + 1] * unit_normals[other + 1]
                         + unit_normals[face + 2] * unit_normals[other + 2]
                     )
-                    if cosine > CREASE_COSINE:
+                    if cosine > crease_cosine:
                         x += area_normals[other]
                         y += area_normals[other + 1]
                         z += area_normals[other + 2]
@@ -153,7 +173,7 @@ def _split_at_creases(mesh_at):
                 x, y, z = x / length, y / length, z / length
             else:
                 x, y, z = unit_normals[face], unit_normals[face + 1], unit_normals[face + 2]
-            out_vertex = first_out_vertex
+            out_vertex = out_count if too_many_faces else first_out_vertex
             while out_vertex < out_count:
                 cosine = (
                     out_normals[3 * out_vertex] * x
@@ -188,9 +208,13 @@ def smooth_mesh(
 
 
 def smooth_vertices(
-    positions: NDArray[np.float32], faces: NDArray[np.uint32]
+    positions: NDArray[np.float32], faces: NDArray[np.uint32], crease_angle: float = CREASE_ANGLE
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.float32]]:
-    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place."""
+    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place.
+
+    Args:
+        crease_angle: Degrees, up to ``NO_CREASES``.
+    """
     wait_until_compiled("formats")
     vertex_count, face_count, corner_count = len(positions), len(faces), faces.size
     area_normals, unit_normals = np.empty((2, face_count, 3), np.float64)
@@ -198,13 +222,17 @@ def smooth_vertices(
     starts = np.zeros(vertex_count + 2, np.int64)
     normals, out_faces = np.empty((corner_count, 3), np.float32), np.empty((face_count, 3), np.uint32)
     mesh = np.zeros(1, CREASED_MESH.dtype)
+    stop = current_stop()
     mesh[0] = (
         *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
         *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
-        *(address_of(array, np.int64) for array in (corners, starts, source_vertex)),
+        *(address_of(array, np.int64) for array in (corners, starts)),
+        *(math.cos(math.radians(crease_angle)), stop.address),
+        address_of(source_vertex, np.int64),
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
     )
     out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
+    stop.check()
     return source_vertex[:out_count], out_faces, normals[:out_count].copy()
 
 

@@ -131,7 +131,6 @@ def test_large_positions_are_kept(value: float) -> None:
     (part,) = scene.parts[0] or ()
     shape: Any = part.shape
     assert shape.mesh.positions[0, 1] == np.float32(value)
-    assert np.isfinite(shape.mesh.normals).all()
 
 
 @pytest.mark.parametrize("axis", range(3))

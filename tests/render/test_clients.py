@@ -300,7 +300,8 @@ async def test_mirrored_nodes_are_lit(server: Running) -> None:
 
 async def test_mirrored_nodes_are_black_as_by_vtk(server: Running) -> None:
     nodes = [{"children": [1, 2]}, {"mesh": 0, "scale": [-1, 1, 1]}, {"camera": 0}]
-    assert tuple((await picture(server, gltf(nodes=nodes)))[PIXEL]) == (0, 0, 0)
+    red = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0.0, "roughnessFactor": 1.0}}
+    assert tuple((await picture(server, gltf(nodes=nodes, materials=[red])))[PIXEL]) == (0, 0, 0)
 
 
 async def test_translucent_vtk_materials_are_blended(server: Running) -> None:
