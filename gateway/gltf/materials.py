@@ -32,12 +32,13 @@ _Extension = TypeVar("_Extension", bound=msgspec.Struct)
 def label_from_material(material: Material) -> int:
     """Return the label that Drake's client encodes in a material of a label request, red in the low byte.
 
-    The client sends each label as a linear colour of 8-bit steps, ``[r / 255, g / 255, b / 255, 1]``. A primitive
-    without a material carries no label.
+    The client sends each label as a linear ``baseColorFactor`` of 8-bit steps, ``[r / 255, g / 255, b / 255, 1]``,
+    whatever extensions the material has. A primitive without a material carries no label.
     """
     if material is DEFAULT_MATERIAL:
         return LABEL_NONE
-    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in material.base_color[:3])
+    base_color = (material.fallback or material).base_color
+    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in base_color[:3])
     return red | green << 8 | blue << 16
 
 
@@ -74,7 +75,6 @@ class Materials:
             material = self._materials[index, vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
         return material
 
-    def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
     def is_from_vtk(self, primitive: schema.Primitive, name: str) -> bool:
         """Return True for a primitive that VTK's exporter wrote for Drake's client.
 
@@ -92,6 +92,7 @@ class Materials:
             is_from_vtk = self._written_by_vtk[index] = _looks_written_by_vtk(source)
         return is_from_vtk
 
+    def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
         """Read a material.
 
         Args:
@@ -142,7 +143,7 @@ class Materials:
         if extension_json(source.extensions, _GLOSSINESS) is None:
             return material
         glossiness = _parsed_extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
-        return self._with_glossiness(material, glossiness, name)
+        return replace(self._with_glossiness(material, glossiness, name), fallback=material)
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.

@@ -241,6 +241,15 @@ def test_specular_glossiness_becomes_a_dielectric_of_the_same_reflectance() -> N
     assert scene.warnings == ()
 
 
+def test_specular_glossiness_changes_neither_the_label_nor_the_material_of_other_readers() -> None:
+    glossy = {"diffuseFactor": [0.5, 0.25, 0, 0.5], "glossinessFactor": 0.75}
+    pbr = {"baseColorFactor": [7 / 255, 1 / 255, 0, 1], "roughnessFactor": 0.5}
+    extended = {"pbrMetallicRoughness": pbr, "extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}}
+    material, _ = read_material(extended)
+    assert label_from_material(material) == 7 + 256
+    assert material.fallback == read_material({"pbrMetallicRoughness": pbr})[0]
+
+
 def test_texture_without_usable_source_is_left_out_with_a_warning() -> None:
     b = with_texture(source=None, extensions={"KHR_texture_basisu": {"source": 0}})
     b.json["extensionsRequired"] = ["KHR_texture_basisu"]

@@ -298,6 +298,19 @@ async def test_mirrored_nodes_are_lit(server: Running) -> None:
     np.testing.assert_array_equal(await picture(server, plain), await picture(server, mirrored))
 
 
+async def test_vtk_ignores_specular_glossiness(server: Running) -> None:
+    """Drake replaces ``baseColorFactor`` by the label and keeps the extension."""
+    red = {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0.0}
+    glossy = {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 1, 0.5]}}
+    for generator in ("VTK", "Drake glTF merger", "Blender"):
+        images = []
+        for extensions in ({}, {"extensions": glossy}):
+            scene = gltf(generator=generator, materials=[{"pbrMetallicRoughness": red, **extensions}])
+            assert (await picture(server, scene, "label"))[PIXEL].tolist() == [255, 0, 0]
+            images.append(await picture(server, scene))
+        assert np.array_equal(*images) == (generator != "Blender")
+
+
 async def test_mirrored_nodes_are_black_as_by_vtk(server: Running) -> None:
     nodes = [{"children": [1, 2]}, {"mesh": 0, "scale": [-1, 1, 1]}, {"camera": 0}]
     red = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0.0, "roughnessFactor": 1.0}}
