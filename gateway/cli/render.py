@@ -84,6 +84,15 @@ def render(
         Path | None,
         typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML file with lights for the studio look."),
     ] = None,
+    alpha_threshold: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            metavar="ALPHA",
+            help="Alpha below which blended surfaces are left out of depth and label images; 0: none are.",
+        ),
+    ] = 0.0,
     depth_format: Annotated[
         Literal["tiff", "png"],
         typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
@@ -153,6 +162,7 @@ def render(
         depth_format=depth_format,
         background=color,
         samples=samples,
+        alpha_threshold=alpha_threshold,
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
         joints=joints,

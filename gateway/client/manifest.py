@@ -65,6 +65,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """RGB background of colour images."""
     samples: int = 0
     """Samples per pixel of colour images; 0: 4 for the look ``studio``, 1 for the others."""
+    alpha_threshold: float = 0.0
+    """Alpha below which blended surfaces are left out of depth and label images."""
     rig: str | None = None
     """Path of the rig file, which has the lights of the look ``studio``; None: the built-in lights."""
     rig_sha256: str | None = None

@@ -250,6 +250,7 @@ class Meshes:
                 return None
         optional: dict[str, Floats] = {}
         stored = attributes.get("NORMAL")
+        normals: Floats | None
         if stored is None and checked.smooth and elements.shape[1] == 3:
             vertices, elements, normals = smooth_vertices(positions, elements, NO_CREASES)
             positions = positions[vertices]

@@ -74,7 +74,12 @@ class Pipeline:
             camera = camera_of(request, scene)
             draw_list = self._with_backdrop(scene.draw_list)
             parsed_time = time.perf_counter()
-            look = Look(self._look_name(scene.generator), self._config.background, self._config.samples)
+            look = Look(
+                self._look_name(scene.generator),
+                self._config.background,
+                self._config.samples,
+                alpha_threshold=self._config.alpha_threshold,
+            )
             with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
                 rendered_time = time.perf_counter()
                 body, media_type = self._encode(frame, request)
