@@ -32,10 +32,11 @@ import math
 import reprlib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from gateway.runtime.regular_files import read_regular, read_text
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
@@ -43,6 +44,10 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[Finite, Finite, Finite]
+
+
+_MAX_FILE_BYTES: Final = 1 << 20
+"""Maximum size of a rig file; the image of its surroundings has its own."""
 
 
 class RigFileError(ValueError):
@@ -111,7 +116,7 @@ def rig_digest(path: Path) -> str:
     """
     rig = read_rig(path)
     image = rig.surroundings.image if rig.surroundings is not None else None
-    return hashlib.sha256(path.read_bytes() + (image or b"")).hexdigest()
+    return hashlib.sha256(read_regular(path, _MAX_FILE_BYTES) + (image or b"")).hexdigest()
 
 
 def read_rig(path: Path) -> Rig:
@@ -121,7 +126,7 @@ def read_rig(path: Path) -> Rig:
         RigFileError: A file cannot be read, or a value cannot be used.
     """
     try:
-        table = _Rig.model_validate(tomllib.loads(path.read_text("utf-8")))
+        table = _Rig.model_validate(tomllib.loads(read_text(path, _MAX_FILE_BYTES)))
         return Rig(
             lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
             surroundings=_surroundings(table.surroundings, path.parent) if table.surroundings is not None else None,
@@ -143,7 +148,7 @@ def read_rig(path: Path) -> Rig:
 def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
     from renderers.shading.studio.environment_image import read_hdr
 
-    image = (folder / table.image).read_bytes() if table.image is not None else None
+    image = read_regular(folder / table.image) if table.image is not None else None
     if image is not None:
         read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
     return Surroundings(

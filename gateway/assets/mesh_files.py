@@ -6,8 +6,8 @@ symbolic links; the result must be below one of these folders. Nothing is read f
 
 from __future__ import annotations
 
+import errno
 import os
-import stat
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ import msgspec
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
 from gateway.assets.ros_packages import Packages
 from gateway.gltf import GltfError, GltfLimits
+from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
 from renderers.cache import Cache
@@ -255,15 +256,15 @@ class _FileReader:
             path: Path with symbolic links resolved.
         """
         stamp = _stamp(str(path))
-        # Without O_NONBLOCK, opening a named pipe would block the thread for ever.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
-        with os.fdopen(descriptor, "rb") as file:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise _NotAllowedError(f"{quoted(path.name)} is not a regular file")
-            limit = min(self._limits.max_bytes, self._remaining_bytes)
-            data = file.read(limit + 1)
-        if len(data) > limit:
-            raise _NotAllowedError(f"{quoted(path.name)} is larger than the {limit} bytes that are left to it")
+        limit = min(self._limits.max_bytes, self._remaining_bytes)
+        try:
+            data = read_regular(path, limit, follow_links=False)
+        except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise _NotAllowedError(
+                    f"{quoted(path.name)} is larger than the {limit} bytes that are left to it"
+                ) from None
+            raise
         self._remaining_bytes -= len(data)
         if stamp is not None:
             self.stamps.append(stamp)

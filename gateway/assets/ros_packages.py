@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from gateway.runtime.regular_files import open_regular
+
 MAX_FOLDERS: Final = 20_000
 """Maximum number of folders of one search; a large catkin workspace has a few thousand."""
 MAX_DEPTH: Final = 8
@@ -77,7 +79,7 @@ class Packages:
 
 def _package_name(manifest: Path) -> str | None:
     try:
-        with manifest.open("rb") as file:
+        with open_regular(manifest) as file:
             match = _NAME.search(file.read(_MAX_MANIFEST_BYTES))
     except OSError:
         return None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
+from gateway.runtime.regular_files import read_regular
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from renderers.drawlist import Light
@@ -67,7 +68,7 @@ class FolderFiles:
             raise GltfError(f"{uri} cannot be read: {error.strerror}") from None
 
     def _read(self, path: Path) -> bytes:
-        data = path.read_bytes()
+        data = read_regular(path)
         self.digests[path.relative_to(self._path.parent).as_posix()] = hashlib.sha256(data).hexdigest()
         return data
 

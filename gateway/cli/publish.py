@@ -11,6 +11,7 @@ import typer
 
 from gateway.cli.lcm_log import LcmUrl
 from gateway.cli.robot_options import Joints, Roots
+from gateway.runtime.regular_files import read_file_or_pipe
 
 if TYPE_CHECKING:
     from gateway.client.tree.answer import Answer
@@ -28,7 +29,7 @@ def publish(
             exists=True,
             dir_okay=False,
             help="A request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: "
-            "urdf, xml (MJCF).",
+            "urdf, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro).",
         ),
     ],
     path: Annotated[str, typer.Option(help="Path in the tree: robot/base.")] = "",
@@ -48,10 +49,10 @@ def publish(
     from gateway.client.tree.viewer import TreeViewer
     from gateway.robots.reader import SUFFIXES
 
-    top = path_of(path)
-    if source.suffix.lower() in SUFFIXES:
+    top, name = path_of(path), source.stem if source.is_file() else "robot"
+    if source.suffix.lower() in SUFFIXES or not (source.suffix or source.is_file()):
         with TreeViewer(lcm_url, timeout=timeout) as viewer:
-            _print(_publish_robot(viewer, source, top or (source.stem,), joint or [], root or [], collision, textures))
+            _print(_publish_robot(viewer, source, top or (name,), joint or [], root or [], collision, textures))
         return
     if joint or root or collision:
         raise ValueError(f"{source}: --joint, --root and --collision are for robot files ({', '.join(SUFFIXES)})")
@@ -70,7 +71,7 @@ def publish(
 def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
     """Add the commands of a request in JSON, with ``root`` before their paths."""
     try:
-        request = json.loads(source.read_text())
+        request = json.loads(read_file_or_pipe(source))
     except ValueError as error:
         raise ValueError(f"{source} is not JSON: {error}") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():

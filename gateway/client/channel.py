@@ -12,6 +12,8 @@ from typing import Any
 
 import grpc
 
+from gateway.runtime.regular_files import read_regular
+
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
@@ -51,13 +53,16 @@ class Credentials:
         """
         if not (self.tls or self.ca or self.certificate):
             return grpc.insecure_channel(target, options)
-        ca, key, chain = (path.read_bytes() if path else None for path in (self.ca, self.key, self.certificate))
+        ca, key, chain = (read_regular(path) if path else None for path in (self.ca, self.key, self.certificate))
         return grpc.secure_channel(target, grpc.ssl_channel_credentials(ca, key, chain), options)
 
     @property
     def metadata(self) -> tuple[tuple[str, str], ...]:
         """gRPC metadata, or HTTP headers, to send with every call."""
         return () if self.token is None else (("authorization", f"Bearer {self.token.strip()}"),)
+
+
+_MAX_TOKEN_FILE_BYTES = 1 << 20
 
 
 def read_token(path: Path) -> str:
@@ -67,8 +72,8 @@ def read_token(path: Path) -> str:
         OSError: the file cannot be read.
         ValueError: the file has no token.
     """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for line in map(str.strip, file):
-            if line and not line.startswith("#"):
-                return line
+    text = read_regular(path, _MAX_TOKEN_FILE_BYTES).decode("utf-8", "replace")
+    for line in map(str.strip, text.splitlines()):
+        if line and not line.startswith("#"):
+            return line
     raise ValueError(f"the token file {path} has no token")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gateway.client import manifest
 from gateway.client.lines import Lines
 from gateway.client.manifest import ImageType, RecordError
+from gateway.runtime.regular_files import read_regular
 
 NO_LABEL: Final = 0xFFFFFF
 """Label of the background and of objects without a label."""
@@ -92,7 +93,11 @@ class Sample:
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         """Return an image as OpenCV reads it: channels in the order BGR."""
         path = self.path(image_type)
-        pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        try:
+            data = np.frombuffer(read_regular(path), np.uint8)
+        except OSError as error:
+            raise RecordError(f"{path}: {error.strerror or error}") from None
+        pixels: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
         if pixels is None:
             raise RecordError(f"{path}: missing, or not an image")
         return pixels

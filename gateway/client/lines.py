@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client.manifest import MAX_LINE_BYTES, RecordError
+from gateway.runtime.regular_files import open_regular
 
 _BLOCK_BYTES: Final = 4 << 20
 """Bytes read at a time in the search for newlines."""
@@ -50,7 +51,8 @@ class Lines:
     def _open(self) -> int:
         """Return a file descriptor, which is closed when this object is collected."""
         try:
-            descriptor = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
+            with open_regular(self._path) as file:
+                descriptor = os.dup(file.fileno())
         except OSError as error:
             raise RecordError(f"{self._path}: {error.strerror or error}") from None
         weakref.finalize(self, os.close, descriptor)

@@ -13,6 +13,8 @@ from typing import Final, Literal, TypeVar
 
 import msgspec
 
+from gateway.runtime.regular_files import open_regular, read_regular
+
 DATASET_FILE: Final = "dataset.json"
 """A ``DatasetRecord``."""
 MANIFEST_FILE: Final = "manifest.jsonl"
@@ -220,12 +222,9 @@ def read_file(path: Path, record_type: type[Record]) -> Record:
         RecordError: the file cannot be read, is too large, or is not a record of this type.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_DESCRIPTION_BYTES + 1)
+        data = read_regular(path, MAX_DESCRIPTION_BYTES)
     except OSError as error:
         raise RecordError(f"{path}: {error.strerror or error}") from None
-    if len(data) > MAX_DESCRIPTION_BYTES:
-        raise RecordError(f"{path}: more than {MAX_DESCRIPTION_BYTES} bytes")
     return decode(data, record_type, str(path))
 
 
@@ -241,7 +240,7 @@ def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool
         RecordError: the file cannot be read, or a line is invalid.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             line_number = 0
             while line := file.readline(MAX_LINE_BYTES + 1):
                 line_number += 1

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from gateway.datasets.views import Intrinsics, Matrix, View
+from gateway.runtime.regular_files import read_file_or_pipe
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
 
@@ -65,12 +66,9 @@ def read_camera_file(path: Path) -> CameraFile:
         CameraError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
+        data = read_file_or_pipe(path, MAX_FILE_BYTES)
     except OSError as error:
         raise CameraError(f"{path}: {error.strerror or error}") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise CameraError(f"{path}: more than {MAX_FILE_BYTES} bytes")
     try:
         content = msgspec.json.decode(data, type=_FileContent)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from gateway.client import dataset, manifest
 from gateway.client.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
-from gateway.datasets.files import TEMPORARY_SUFFIX, sha256_of
+from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
+from gateway.runtime.regular_files import open_regular, read_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
 """Number of samples that are checked at a time, per thread. A dataset may have millions, which do not fit in memory."""
@@ -83,7 +84,7 @@ def check_dataset(folder: Path, threads: int, show: Callable[[int, int], object]
 
 
 def _count_lines(path: Path) -> int:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b""))
 
 
@@ -194,11 +195,12 @@ def _image_problem(
         return "lies outside of the dataset"
     digest = sha256_of(path)
     if digest is None:
-        return "missing"
+        return "missing, or not a regular file that can be read"
     if digest != image.sha256:
         size = path.stat().st_size
         return f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)"
-    pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    data = np.frombuffer(read_regular(path), np.uint8)
+    pixels: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if pixels is None:
         return "not an image that can be read"
     data_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]

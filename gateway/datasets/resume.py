@@ -11,10 +11,11 @@ from typing import Final
 
 from gateway.client import manifest
 from gateway.client.manifest import RecordError, SampleRecord, Settings, SourceFile
-from gateway.datasets.files import sha256_of
 from gateway.datasets.job import Job, JobError
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.sources import Source
+from gateway.runtime.regular_files import sha256_of
+from renderers.stop import StopFlag
 
 BATCH_SAMPLES: Final = 1000
 """Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
@@ -70,13 +71,21 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
         is_same_view = sample.view_description == planned.view.description
         return is_same_view and sample.scene_sha256 == current_digest(planned.source)
 
+    stop = StopFlag()
+
     def has_same_files(sample: SampleRecord) -> bool:
-        return all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
+        return stop.run(
+            lambda: all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
+        )
 
     candidates = filter(has_same_input, _recorded_samples(job))
     with ThreadPoolExecutor(threads) as pool:
-        while batch := list(islice(candidates, BATCH_SAMPLES)):
-            yield from compress(batch, pool.map(has_same_files, batch))
+        try:
+            while batch := list(islice(candidates, BATCH_SAMPLES)):
+                yield from compress(batch, pool.map(has_same_files, batch))
+        finally:  # after Ctrl+C or SIGTERM, too: the pool waits for its threads
+            stop.set(InterruptedError("the run is stopped"))
+            pool.shutdown(cancel_futures=True)
 
 
 def _recorded_samples(job: Job) -> Iterator[SampleRecord]:

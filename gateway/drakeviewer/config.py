@@ -39,7 +39,9 @@ class DrakeViewerConfig:
 
     limits: Limits = Limits()
     offload_bytes: int = 64 * KIB
-    """Minimum size of messages that are read in the worker thread: a deformable mesh of 64 kB takes about 1 ms."""
+    """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
+    threads: int = 4
+    """Number of threads that read big messages and mesh files. A slow file takes one of them."""
     channels: int = 256
     """Maximum number of channels that are shown, and of other channels whose messages are counted by name. Beyond it,
     new channels of point clouds and frames are not shown; the others have fixed names, so that there are few."""
@@ -49,4 +51,4 @@ class DrakeViewerConfig:
     shown_bytes: int = 4096 * MIB
     """Maximum total size of the newest message of every channel: the live tree holds their geometry."""
     waiting_bytes: int = 512 * MIB
-    """Maximum total size of the messages that wait for the worker thread. Further messages are dropped."""
+    """Maximum total size of the messages that wait for a worker thread. Further messages are dropped."""

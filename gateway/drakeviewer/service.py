@@ -1,12 +1,12 @@
-"""Run Drake's visualizer channels: read big messages in a worker thread, and apply all messages on the event loop.
+"""Run Drake's visualizer channels: read big messages in worker threads, and apply all messages on the event loop.
 
-While the thread reads a message, later messages wait. Only the newest message of each channel waits.
+While a thread reads a message, later messages of its group wait: of the same family, or of the same channel if it
+belongs to no family. Only the newest message of each channel waits.
 """
 
 from __future__ import annotations
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -18,7 +18,8 @@ from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
 from gateway.runtime.kernel_cache import KernelError
-from gateway.runtime.scheduling import yield_to_event_loop
+from gateway.runtime.scheduling import BACKGROUND_NICENESS
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from renderers.compiler.pending import is_pending
 
@@ -34,12 +35,14 @@ class DrakeViewerService:
     def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
         self._config = config or DrakeViewerConfig()
         self.viewer = DrakeViewer(live, files, self._config)
-        self._executor = ThreadPoolExecutor(1, "drakeviewer", yield_to_event_loop)
-        self._waiting: dict[str, Message] = {}
-        """Queue of messages by channel, oldest first."""
+        self._pool = WorkerPool(
+            self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
+        )
+        self._waiting: dict[str, dict[str, Message]] = {}
+        """Queues of messages, by group and channel, oldest first."""
         self._waiting_bytes = 0
-        self._task: asyncio.Task[None] | None = None
-        """Empties the queue; None if it is empty."""
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        """Task that empties the queue of each group that has one."""
         self._channels: dict[str, int] = {}
         """Number of messages of each shown channel. One without a fixed name is added with its first shown message."""
         self._sizes: dict[str, int] = {}
@@ -82,10 +85,11 @@ class DrakeViewerService:
         finally:
             self.ready = False
             self._waiting.clear()
-            if self._task is not None:
-                self._task.cancel()
-                await asyncio.gather(self._task, return_exceptions=True)
-            self._executor.shutdown(wait=False, cancel_futures=True)
+            tasks = tuple(self._tasks.values())
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await self._pool.close(0.0)
 
     def receive(self, channel: str, message: Message) -> None:
         """Show a message: a small one at once, others after the worker thread has read them.
@@ -102,17 +106,19 @@ class DrakeViewerService:
         if channel in self._channels or self.viewer.has_fixed_name(channel):
             self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
-        if self._task is None and not self._needs_thread(channel, message):
+        group = self.viewer.group(channel)
+        if group not in self._tasks and not self._needs_thread(channel, message):
             self._show(channel, message)
             return
-        self._enqueue(channel, message)
-        if self._task is None:
-            self._task = asyncio.get_running_loop().create_task(self._show_waiting())
+        self._enqueue(group, channel, message)
+        if group not in self._tasks:
+            self._tasks[group] = asyncio.get_running_loop().create_task(self._show_waiting(group))
 
     def _admit(self, channel: str, size: int) -> bool:
         """Return False, and count the message, if it is beyond the limits on all channels."""
         is_new = channel not in self._channels and not self.viewer.has_fixed_name(channel)
-        if is_new and len((self._channels.keys() | self._waiting.keys()) - {channel}) >= self._config.channels:
+        waiting = {name for queue in self._waiting.values() for name in queue} if is_new else set()
+        if is_new and len((self._channels.keys() | waiting) - {channel}) >= self._config.channels:
             reason = f"{self._config.channels} channels are shown or wait, which is the limit"
         elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
             reason = f"{size} bytes are too many: the limit for all channels together is {self._config.shown_bytes}"
@@ -129,9 +135,10 @@ class DrakeViewerService:
         """
         return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
 
-    def _enqueue(self, channel: str, message: Message) -> None:
-        """Add a message to the end of the queue, and remove an earlier one of its channel."""
-        earlier = self._waiting.pop(channel, None)
+    def _enqueue(self, group: str, channel: str, message: Message) -> None:
+        """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
+        queue = self._waiting.setdefault(group, {})
+        earlier = queue.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
             self._waiting_bytes -= len(earlier)
@@ -139,15 +146,16 @@ class DrakeViewerService:
             self._dropped += 1
             self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        self._waiting[channel] = message
+        queue[channel] = message
         self._waiting_bytes += len(message)
 
-    async def _show_waiting(self) -> None:
-        """Show the messages of the queue until it is empty."""
+    async def _show_waiting(self, group: str) -> None:
+        """Show the messages of a group's queue until it is empty."""
+        queue = self._waiting[group]
         try:
-            while self._waiting:
-                channel = next(iter(self._waiting))
-                message = self._waiting.pop(channel)
+            while queue:
+                channel = next(iter(queue))
+                message = queue.pop(channel)
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue
@@ -156,7 +164,8 @@ class DrakeViewerService:
                 else:
                     self._show(channel, message)
         finally:
-            self._task = None
+            self._waiting.pop(group, None)
+            del self._tasks[group]
 
     def _show(self, channel: str, message: Message) -> None:
         try:
@@ -166,9 +175,8 @@ class DrakeViewerService:
             self._report_error(channel, error)
 
     async def _read_in_thread(self, channel: str, message: Message) -> None:
-        loop = asyncio.get_running_loop()
         try:
-            edit = await loop.run_in_executor(self._executor, self.viewer.read, channel, message)
+            edit = await self._pool.run(self.viewer.read, channel, message)
             self._report(channel, self.viewer.apply(edit))
             self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the service

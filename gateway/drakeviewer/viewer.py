@@ -109,6 +109,11 @@ class DrakeViewer:
         """Return False for the channels of point clouds and frames, of which there can be any number."""
         return not channel.startswith((POINT_CLOUD, FRAMES))
 
+    def group(self, channel: str) -> str:
+        """Return the family of a channel, or the channel itself: messages of one group depend on each other."""
+        found = _kind_and_family(channel)
+        return channel if found is None else found[1]
+
     def is_load(self, channel: str) -> bool:
         """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
         return channel.startswith(LOAD)

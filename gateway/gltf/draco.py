@@ -10,18 +10,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import draco_child, schema
+from gateway.gltf import schema
 from gateway.gltf.accessors import Accessor
 from gateway.gltf.buffers import Buffer, Buffers
-from gateway.gltf.draco_child import DecodedMesh
 from gateway.gltf.errors import GltfError
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json
-from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
+from gateway.parsers.draco_data import DecodedMesh
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
 EXTENSION: Final = "KHR_draco_mesh_compression"
 _DECODER_SECONDS: Final = 60
-"""Maximum time of the decoder for the meshes of a document: 10 million vertices take some seconds."""
+"""Maximum CPU time of the decoder for the meshes of a document: 10 million vertices take some seconds."""
 
 _output_decoder: Final = msgspec.msgpack.Decoder(list[DecodedMesh | str])
 
@@ -99,11 +99,11 @@ class DracoMeshes:
 
 
 def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
-    """Decompress meshes in a child process (``draco_child``). Return a mesh, or the reason of a failure, for each."""
-    arguments = [str(limits.max_mesh_bytes)]
+    """Decompress meshes in a child process. Return a mesh, or the reason of a failure, for each."""
+    arguments = (meshes, limits.max_mesh_bytes)
     process_limits = ProcessLimits(limits.max_draco_bytes, _DECODER_SECONDS)
     try:
-        output = run_limited(draco_child.__file__, arguments, msgspec.msgpack.encode(meshes), process_limits)
+        output = call_limited("gateway.parsers.draco:decode_meshes", arguments, process_limits)
     except ProcessFailed as error:
         if error.timed_out:
             reason = f"Draco's decoder took longer than {_DECODER_SECONDS} s"

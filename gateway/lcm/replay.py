@@ -14,6 +14,7 @@ from gateway.lcm.config import LcmConfig
 from gateway.lcm.event_log import pack_event, read_events
 from gateway.lcm.network import open_transport, resolve_url
 from gateway.lcm.transport import OnMessage, Transport
+from gateway.runtime.regular_files import open_regular
 
 CONNECT_SECONDS: Final = 10.0
 """Timeout for the connection to the network."""
@@ -117,7 +118,7 @@ async def _play_once(
     """Publish the log's messages once."""
     start: float | None = None  # of playing, by time.monotonic()
     recorded_start_us = 0
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for event in read_events(file):
             if not pattern.fullmatch(event.channel):
                 continue

@@ -7,9 +7,9 @@ folders that contain the user's home folder count neither as packages nor as the
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
-import stat
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from urllib.parse import unquote
 from gateway.assets.ros_packages import Packages
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
+from gateway.runtime.regular_files import read_file_or_pipe, read_regular
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
@@ -29,10 +30,13 @@ class RobotFiles:
     def __init__(self, path: Path, roots: Iterable[Path], limits: RobotLimits) -> None:
         """
         Args:
-            path: The robot file.
+            path: The robot file, which may be a pipe.
             roots: Folders to search for packages, and for relative file names.
         """
-        self.path = Path(os.path.realpath(path))
+        self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        """True for a pipe, as in ``publish <(xacro …)``. Its relative names start at the working directory."""
+        self._source = path
+        self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
         self._folder = self.path.parent
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._packages = Packages(self._roots)
@@ -53,7 +57,11 @@ class RobotFiles:
 
     def read_robot_file(self) -> bytes:
         """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
-        return self._read(self.path, self._limits.max_file_bytes)
+        if not self.is_pipe:
+            return self._read(self.path, self._limits.max_file_bytes)
+        data = read_file_or_pipe(self._source, self._limits.max_file_bytes)
+        self.digests[self.path.name] = hashlib.sha256(data).hexdigest()
+        return data
 
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
@@ -150,15 +158,15 @@ class RobotFiles:
         return any(path.is_relative_to(folder) for folder in self._allowed)
 
     def _read(self, path: Path, limit: int) -> bytes:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise RobotFileError(f"{path.name} is not a regular file")
-        size = status.st_size
-        if size > min(limit, self._remaining_bytes):
-            raise RobotFileError(
-                f"{path.name} has {size} bytes, the remaining limit is {min(limit, self._remaining_bytes)}"
-            )
-        data = path.read_bytes()
+        remaining = min(limit, self._remaining_bytes)
+        try:
+            data = read_regular(path, remaining)
+        except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
+            if error.errno == errno.EINVAL:
+                raise RobotFileError(f"{path.name} is not a regular file") from None
+            raise
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
         return data

@@ -32,7 +32,7 @@ class RobotLimits:
     """Address space of the process in which MuJoCo compiles an MJCF file, where the system can limit it. Of 38 files
     tried, the largest reserves 3.5 GB; none uses more than 0.7 GB."""
     max_compiler_seconds: int = 120
-    """Seconds for which that process may run: the slowest of these files takes 3 s."""
+    """Seconds of CPU time for which that process may run: the slowest of these files takes 3 s."""
     max_model_bytes: int = 1 << 30
     """Maximum size of the compiled model of an MJCF file."""
     mesh: GltfLimits = MESH_LIMITS

@@ -7,11 +7,10 @@ from typing import Any, Final
 
 import msgspec
 
-from gateway.robots import mjcf_compiler_child
+from gateway.parsers.mjcf_data import CompiledModel
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
-from gateway.robots.mjcf_compiler_child import CompiledModel
-from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
@@ -30,10 +29,10 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
     Raises:
         RobotFileError: MuJoCo cannot compile the file within the limits.
     """
-    arguments = [str(path), str(limits.max_model_bytes)]
+    arguments = (str(path), limits.max_model_bytes)
     process_limits = ProcessLimits(limits.max_compiler_bytes, limits.max_compiler_seconds)
     try:
-        result = _output_decoder.decode(run_limited(mjcf_compiler_child.__file__, arguments, b"", process_limits))
+        result = _output_decoder.decode(call_limited("gateway.parsers.mjcf:compile_file", arguments, process_limits))
     except ProcessFailed as failure:
         result = ""  # no error message: it ran out of memory or crashed
         if failure.timed_out:

@@ -12,6 +12,8 @@ from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.robots.xml_text import Element, parse_xml
 
+MAX_FOLDERS: Final = 16
+"""Maximum number of folders in which an asset is searched: robots have at most four."""
 MAX_INCLUDES: Final = 1000
 """Maximum number of ``<include>`` elements that are followed: robots have fewer than 20."""
 
@@ -34,11 +36,13 @@ class MjcfFiles:
             for compiler in document.iter("compiler"):
                 for attribute in ("assetdir", "meshdir", "texturedir"):
                     folders.add(self._folder / (compiler.get(attribute) or ""))
+        if len(folders) > MAX_FOLDERS:
+            raise RobotFileError(f"its compiler elements name more than {MAX_FOLDERS} folders")
         for document in self._documents:
             for element in document.iter():
-                name = element.get("file")
-                if element.tag != "include" and name:
-                    self._record(folder / name for folder in sorted(folders))
+                for attribute, name in element.items():
+                    if attribute.startswith("file") and name and element.tag != "include":  # file, fileright, fileup …
+                        self._record(folder / name for folder in sorted(folders))
 
     def link_prefix(self, message: str) -> str:
         """Return the start of an error sentence, "link 'a': ", or an empty string.
@@ -46,16 +50,17 @@ class MjcfFiles:
         Args:
             message: Error message of MuJoCo. If it has the name of a mesh file, ``a`` is the first body with that mesh.
         """
+        body_by_mesh: dict[str, str] = {}
+        for document in self._documents:
+            for body in document.iter("body"):
+                for geom in body.findall("geom"):
+                    body_by_mesh.setdefault(geom.get("mesh", ""), body.get("name", "without a name"))
         for document in self._documents:
             for mesh in document.iter("mesh"):
                 name = mesh.get("file", "")
-                if not name or Path(name).name not in message:
-                    continue
-                mesh_name = mesh.get("name") or Path(name).stem
-                for root in self._documents:
-                    for body in root.iter("body"):
-                        if any(geom.get("mesh") == mesh_name for geom in body.findall("geom")):
-                            return f"link {body.get('name', 'without a name')!r}: "
+                body_name = body_by_mesh.get(mesh.get("name") or Path(name).stem)
+                if name and body_name is not None and Path(name).name in message:
+                    return f"link {body_name!r}: "
         return ""
 
     def _included(self, root: Element) -> Iterator[Element]:
@@ -78,16 +83,22 @@ class MjcfFiles:
                 seen.add(os.path.realpath(path))
                 try:
                     included = parse_xml(self._files.read(path), self._limits.max_elements)
-                except (OSError, RobotFileError):  # MuJoCo reports it
-                    continue
+                except (OSError, RobotFileError) as error:
+                    if path.exists() and not path.is_file():  # MuJoCo would wait for a named pipe
+                        raise RobotFileError(f"{include.get('file')} is not a regular file") from error
+                    continue  # MuJoCo reports it
                 elements += sum(1 for _ in included.iter())
                 if elements > self._limits.max_elements:
                     raise RobotFileError(f"it and its includes have more than {self._limits.max_elements} XML elements")
                 remaining.append(included)
 
     def _record(self, candidates: Iterator[Path]) -> None:
-        """Read the first file that exists, which records its digest."""
+        """Read the first file that exists, which records its digest.
+
+        Raises:
+            RobotFileError: It is larger than allowed, or not a regular file. MuJoCo would wait for a named pipe.
+        """
         for path in candidates:
-            if path.is_file():
+            if path.exists() and not path.is_dir():
                 self._files.read(path)
                 return

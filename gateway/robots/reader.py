@@ -30,7 +30,7 @@ def read_robot(
     """Read a robot file.
 
     Args:
-        path: A URDF or MJCF file.
+        path: A URDF or MJCF file; for URDF, it may be a pipe.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
         limits: Limits; None: ``RobotLimits()``.
@@ -56,6 +56,8 @@ def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLi
     if root.tag == "robot":
         return _read_urdf(root, files, use, limits)
     if root.tag == "mujoco":
+        if files.is_pipe:
+            raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
         from gateway.robots.mjcf import read_mjcf
 
         return read_mjcf(root, files, use, limits)

@@ -6,12 +6,16 @@ All functions raise RobotFileError. ``where`` is the start of its message: the l
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 from xml.etree import ElementTree
 
 from gateway.robots.errors import RobotFileError
 
 Element = ElementTree.Element
+
+
+MAX_DEPTH: Final = 10_000
+"""Maximum depth of XML elements. Bodies of MJCF files contain each other: a chain of 1000 links has as many levels."""
 
 
 class _TreeBuilder(ElementTree.TreeBuilder):
@@ -20,13 +24,19 @@ class _TreeBuilder(ElementTree.TreeBuilder):
     def __init__(self, max_elements: int) -> None:
         super().__init__()
         self._max_elements = max_elements
-        self._count = 0
+        self._count = self._depth = 0
 
     def start(self, tag: str, attrs: dict[Any, Any]) -> Element:
-        self._count += 1
+        self._count, self._depth = self._count + 1, self._depth + 1
         if self._count > self._max_elements:
             raise RobotFileError(f"it has more than {self._max_elements} XML elements, which is the limit")
+        if self._depth > MAX_DEPTH:
+            raise RobotFileError(f"its XML has more than {MAX_DEPTH} levels, which is the limit")
         return super().start(tag, attrs)
+
+    def end(self, tag: str) -> Element:
+        self._depth -= 1
+        return super().end(tag)
 
     def doctype(self, name: str, public_id: str | None, system_id: str | None) -> None:
         raise RobotFileError("XML with a DOCTYPE is refused")

@@ -5,5 +5,6 @@
 - ``kernel_cache``, ``kernel_progress``: compiled kernels.
 - ``service_registry``: states of the interfaces.
 - ``metrics_registry``, ``logs``, ``recent_logs``: what the process reports.
+- ``limited_process``, ``regular_files``: files from strangers.
 - ``diagnostics``, ``instance_probe``: ``scenegate doctor``.
 """

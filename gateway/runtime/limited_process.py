@@ -1,81 +1,257 @@
-"""Runs third-party decoders and compilers in a child process, with limits on memory and time.
+"""Calls parsers of files from strangers in child processes with limits on memory and time.
 
-Damaged or hostile files can make them allocate gigabytes, run for hours or crash. Then only the child process ends.
+Damaged or hostile files can make a parser allocate gigabytes, run for hours or crash. Then only the child process ends.
+
+A program that needs a parser starts one helper process (``limited_process_child``), which imports the parser once and
+forks a child process for each call: a fork takes milliseconds, a start with imports a second. No call sees what another
+one left, limits hold for each call, and calls of several threads run at the same time. The reasons are in
+docs/decisions/0022-limited-child-processes.md.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import msgspec
+
+from gateway.runtime.limited_process_child import CALL, DATA, ERROR, HEADER, RESULT
 from renderers.stop import check_stop
 
-_LAUNCHER: Final = Path(__file__).with_name("limited_process_child.py")
+_PROGRAM: Final = Path(__file__).with_name("limited_process_child.py")
 _SECONDS_BETWEEN_STOP_CHECKS: Final = 0.05
+ELAPSED_FACTOR: Final = 4
+"""Maximum elapsed time of a call, divided by its CPU time: child processes give way to the server's other threads."""
+_HELPER_SECONDS: Final = 60.0
+"""Maximum time of the helper process to import a parser, on a loaded machine. Imports take 0.2 to 0.7 s."""
+_PIECE_BYTES: Final = 1 << 20
+"""Bytes that are sent between two checks of the ``StopFlag``."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessLimits:
-    """Limits of a child process."""
+    """Limits of a call."""
 
     memory_bytes: int
-    """Address space of the process. macOS does not limit it."""
+    """Address space of the child process, without that of the helper process. macOS does not limit it."""
     seconds: int
-    """Elapsed time, and CPU time, after which the process is killed."""
+    """CPU time after which the child process is killed. Elapsed time may be ``ELAPSED_FACTOR`` times as long."""
 
 
 class ProcessFailed(Exception):  # noqa: N818 - expected for damaged files
-    """The process crashed, or exceeded a limit."""
+    """The child process crashed, exceeded a limit, or could not be started."""
 
-    def __init__(self, reason: str, *, timed_out: bool) -> None:
+    def __init__(self, reason: str, *, timed_out: bool = False) -> None:
         super().__init__(reason)
         self.timed_out = timed_out
         """True if the process exceeded its time; False if it crashed or ran out of memory."""
 
 
-def run_limited(program: str, arguments: list[str], stdin: bytes, limits: ProcessLimits) -> bytes:
-    """Run a Python program in a child process, and return the bytes that it writes to stdout.
+def no_files(name: str) -> bytes:
+    """Refuse a file: for parsers that read no other files."""
+    raise FileNotFoundError(name)
+
+
+def call_limited(
+    function: str, arguments: tuple[Any, ...], limits: ProcessLimits, read_file: Callable[[str], bytes] = no_files
+) -> memoryview:
+    """Call a function in a child process, and return its result, encoded as MessagePack.
 
     Args:
-        program: Path of a Python file that imports nothing of this project.
-        arguments: Command-line arguments of the program.
-        stdin: Bytes for the program's stdin.
+        function: ``module:name``. The module should import little. The function's first argument is a function that
+            returns the bytes of a file by its name, or raises OSError.
+        arguments: The other arguments: values that MessagePack can encode.
         limits: Limits of the child process.
+        read_file: Called in this process for each file that the function needs. The function gets an ``OSError`` or
+            ``ValueError`` that it raises as OSError.
 
     Raises:
-        ProcessFailed: The program failed or exceeded a limit.
-        Exception: The current ``StopFlag`` was set, with its error. The child process is killed.
+        ProcessFailed: The child process failed or exceeded a limit.
+        Exception: The current ``StopFlag`` was set, with its error, or ``read_file`` raised it. The child is killed.
     """
-    command = [sys.executable, "-P", str(_LAUNCHER), str(limits.memory_bytes), str(limits.seconds), program, *arguments]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # its threads reserve gigabytes of address space
-    end = time.monotonic() + limits.seconds
-    pipe = subprocess.PIPE
-    with subprocess.Popen(  # noqa: S603 - our own program
-        command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment
-    ) as process:
-        outputs: list[bytes] = []
-        # communicate() with a timeout could not be used: called again, it does not send the rest of the input.
-        communication = threading.Thread(target=lambda: outputs.append(process.communicate(stdin)[0]), daemon=True)
-        communication.start()
+    module, _, name = function.partition(":")
+    helper = _running_helper()
+    pid, connection = helper.start_child(module, limits)
+    try:
+        with connection, contextlib.suppress(ConnectionError):  # raised if the child process has ended
+            return _call(_Messages(connection, limits), name, arguments, read_file)
+    finally:
+        status = helper.end_child(pid)
+    if status == signal.SIGXCPU:
+        raise _late(limits)
+    raise ProcessFailed(f"it failed, or needs more than {limits.memory_bytes} bytes of memory")
+
+
+def _call(messages: _Messages, name: str, arguments: tuple[Any, ...], read_file: Callable[[str], bytes]) -> memoryview:
+    """Send a call, then the files that it needs, until the result arrives."""
+    messages.send(CALL, msgspec.msgpack.encode((name, arguments)))
+    while True:
+        kind, body = messages.receive()
+        if kind == RESULT:
+            return body
         try:
-            while communication.is_alive():
-                communication.join(_SECONDS_BETWEEN_STOP_CHECKS)
-                check_stop()
-                if time.monotonic() > end:
-                    break
-        finally:
-            if timed_out := communication.is_alive():
-                process.kill()
-                communication.join()
-    if timed_out or process.returncode == -signal.SIGXCPU:
-        raise ProcessFailed(f"it took longer than {limits.seconds} s", timed_out=True)
-    if process.returncode != 0:
-        raise ProcessFailed(f"it failed, or needs more than {limits.memory_bytes} bytes of memory", timed_out=False)
-    return outputs[0]
+            data = read_file(str(body, "utf-8", "replace"))
+        except (OSError, ValueError) as error:
+            messages.send(ERROR, str(error).encode("utf-8", "replace"))
+        else:
+            messages.send(DATA, data)
+
+
+def _late(limits: ProcessLimits) -> ProcessFailed:
+    return ProcessFailed(f"it took longer than {limits.seconds} s of CPU time", timed_out=True)
+
+
+class _Messages:
+    """Messages of one call. Each has a kind (one byte), a length and a body."""
+
+    def __init__(self, connection: socket.socket, limits: ProcessLimits) -> None:
+        self._connection = connection
+        self._limits = limits
+        self._end = time.monotonic() + ELAPSED_FACTOR * limits.seconds
+        connection.settimeout(_SECONDS_BETWEEN_STOP_CHECKS)
+
+    def send(self, kind: bytes, body: bytes) -> None:
+        """Send a message; raises ConnectionError if the child process has ended, and see ``call_limited``."""
+        for data in (HEADER.pack(kind, len(body)), body):
+            rest = memoryview(data)
+            while rest:
+                sent = self._attempt(lambda piece=rest[:_PIECE_BYTES]: self._connection.send(piece))  # type: ignore[misc]
+                rest = rest[sent:]
+
+    def receive(self) -> tuple[bytes, memoryview]:
+        """Return kind and body of the next message; raises as ``send`` does."""
+        kind, size = HEADER.unpack(self._read(HEADER.size))
+        if size > self._limits.memory_bytes:
+            raise ConnectionError("the child process sends nonsense")
+        return kind, self._read(size)
+
+    def _read(self, size: int) -> memoryview:
+        data = memoryview(bytearray(size))
+        filled = 0
+        while filled < size:
+            received = self._attempt(lambda: self._connection.recv_into(data[filled:]))  # noqa: B023 - called at once
+            if not received:
+                raise ConnectionError("the child process has ended")
+            filled += received
+        return data
+
+    def _attempt(self, action: Callable[[], int]) -> int:
+        """Return the result of an action on the socket. Repeat it while it times out."""
+        while True:
+            check_stop()
+            if time.monotonic() > self._end:
+                raise _late(self._limits)
+            with contextlib.suppress(TimeoutError):
+                return action()
+
+
+class _Helper:
+    """The process that imports parsers and forks children. Methods are thread-safe."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # its threads reserve gigabytes of address space
+        nothing = subprocess.DEVNULL
+        with theirs:
+            descriptor = theirs.fileno()
+            self._process = subprocess.Popen(  # noqa: S603 - our own program
+                [sys.executable, "-P", str(_PROGRAM), str(descriptor)],
+                stdin=nothing,
+                stdout=nothing,
+                stderr=nothing,
+                env=environment,
+                pass_fds=[descriptor],
+                start_new_session=True,  # signals for this process group, as from Ctrl+C, do not end it
+            )
+        self._socket = ours
+        self._socket.settimeout(_HELPER_SECONDS)
+        self._lock = threading.Lock()
+        self.has_failed = False
+
+    def start_child(self, module: str, limits: ProcessLimits) -> tuple[int, socket.socket]:
+        """Return the process id of a new child process, and a connection to it. ``end_child`` must follow."""
+        ours, theirs = socket.socketpair()
+        with theirs:
+            request = f"{module} {limits.memory_bytes} {limits.seconds}"
+            try:
+                return self._ask(request, [theirs.fileno()]), ours
+            except BaseException:
+                ours.close()
+                raise
+
+    def end_child(self, pid: int) -> int:
+        """Kill a child process if it still runs. Return the signal that ended it; 0 if it returned."""
+        with contextlib.suppress(ProcessFailed):
+            return self._ask(str(pid), [])
+        return 0
+
+    def close(self) -> None:
+        """End the process, which kills its children."""
+        self.has_failed = True
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+
+    def forget(self) -> None:
+        """Close the connection in a fork of this program, which leaves the process to its parent."""
+        self.has_failed = True
+        self._socket.close()
+        self._process.returncode = 0  # it is not a child of this process
+
+    def _ask(self, request: str, descriptors: list[int]) -> int:
+        """Send a request, and return the number that is its response."""
+        with self._lock:
+            try:
+                socket.send_fds(self._socket, [request.encode()], descriptors)
+                response = self._socket.recv(4096).decode("utf-8", "replace")
+            except OSError as error:  # TimeoutError, too
+                response = f"the helper process does not respond: {error.strerror or error}"
+            if response.isdigit():
+                return int(response)
+            if not response or response.startswith("the helper"):
+                self.close()
+                response = response or "the helper process has ended"
+            raise ProcessFailed(response)
+
+
+_lock = threading.Lock()
+_helper: _Helper | None = None
+
+
+def _running_helper() -> _Helper:
+    """Return the helper process of this program. It is started by the first call, and when it has ended."""
+    global _helper
+    with _lock:
+        if _helper is None or _helper.has_failed:
+            try:
+                _helper = _Helper()
+            except OSError as error:
+                raise ProcessFailed(f"no process can be started: {error.strerror}") from None
+        return _helper
+
+
+def _close_helper() -> None:
+    if _helper is not None and not _helper.has_failed:
+        _helper.close()
+
+
+def _forget_helper() -> None:
+    global _helper, _lock
+    if _helper is not None:
+        _helper.forget()
+    _helper, _lock = None, threading.Lock()
+
+
+atexit.register(_close_helper)
+os.register_at_fork(after_in_child=_forget_helper)

@@ -23,7 +23,7 @@ from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
-from renderers.stop import current_stop
+from renderers.stop import check_stop, current_stop
 
 CREASE_ANGLE: Final = 45.0
 """Degrees between the normals of faces above which their edge is a crease. It is Director's feature angle."""
@@ -31,13 +31,12 @@ NO_CREASES: Final = 180.0
 """Crease angle with which faces that share a vertex share its normal."""
 MAX_FACES_PER_VERTEX: Final = 256
 """Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
-with more faces, each corner has the normal of its own face."""
+with more faces, each corner has the normal of its own face, and is compared with as many output vertices at most."""
+_STEPS_PER_STOP_CHECK: Final = 1 << 10
+"""Vertices, or corners of a vertex, between two checks of the ``StopFlag``."""
 _SAME_NORMAL_COSINE: Final = 0.99999
 """Corners of one vertex share an output vertex if the cosine of the angle between their normals is larger than this
 (0.26 degrees)."""
-
-_VERTICES_PER_STOP_CHECK: Final = 1 << 10
-"""Vertices that the kernel processes between two checks of the ``StopFlag``."""
 
 CREASED_MESH: Final = Struct(
     "CreasedMesh",
@@ -46,13 +45,13 @@ CREASED_MESH: Final = Struct(
         "faces": pointer_to(U32),  # (M, 3)
         "vertex_count": I64,  # N
         "face_count": I64,  # M
+        "crease_cosine": F64,  # cosine of the crease angle
+        "stop_at": I64,  # address of a StopFlag; the outputs are incomplete once it is set
         # Scratch.
         "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges; their length is twice the area
         "unit_normals": pointer_to(F64),  # (M, 3): normals of the faces
         "corners": pointer_to(I64),  # (3 M,): corners of the faces (3 * face + 0, 1 or 2), sorted by their vertex
         "starts": pointer_to(I64),  # (N + 2,), zeros at first: vertex v has corners[starts[v] : starts[v + 1]]
-        "crease_cosine": F64,  # cosine of the crease angle
-        "stop": I64,  # address of a StopFlag; the result is incomplete once it is set
         # Outputs. There are at most 3 M output vertices.
         "source_vertex": pointer_to(I64),  # (3 M,): input vertex of each output vertex
         "out_normals": pointer_to(F32),  # (3 M, 3): normal of each output vertex
@@ -123,7 +122,7 @@ def _split_at_creases(mesh_at):
     half_angle_cosine = math.sqrt((1.0 + crease_cosine) / 2.0) if crease_cosine > -1.0 else -math.inf
     out_count = 0
     for vertex in range(mesh.vertex_count):
-        if vertex % _VERTICES_PER_STOP_CHECK == 0 and is_set(mesh.stop):
+        if vertex % _STEPS_PER_STOP_CHECK == 0 and is_set(mesh.stop_at):
             return out_count
         start, end = starts[vertex], starts[vertex + 1]
         # At most vertices there is no crease. This is certain if all faces are within half the crease angle of their
@@ -154,6 +153,8 @@ def _split_at_creases(mesh_at):
         first_out_vertex = out_count
         too_many_faces = end - start > MAX_FACES_PER_VERTEX
         for i in range(start, end):
+            if i % _STEPS_PER_STOP_CHECK == 0 and is_set(mesh.stop_at):
+                return out_count
             face = 3 * (corners[i] // 3)
             x, y, z = 0.0, 0.0, 0.0
             if not too_many_faces:
@@ -173,7 +174,7 @@ def _split_at_creases(mesh_at):
                 x, y, z = x / length, y / length, z / length
             else:
                 x, y, z = unit_normals[face], unit_normals[face + 1], unit_normals[face + 2]
-            out_vertex = out_count if too_many_faces else first_out_vertex
+            out_vertex = max(first_out_vertex, out_count - MAX_FACES_PER_VERTEX)
             while out_vertex < out_count:
                 cosine = (
                     out_normals[3 * out_vertex] * x
@@ -221,14 +222,13 @@ def smooth_vertices(
     corners, source_vertex = np.empty((2, corner_count), np.int64)
     starts = np.zeros(vertex_count + 2, np.int64)
     normals, out_faces = np.empty((corner_count, 3), np.float32), np.empty((face_count, 3), np.uint32)
-    mesh = np.zeros(1, CREASED_MESH.dtype)
     stop = current_stop()
+    mesh = np.zeros(1, CREASED_MESH.dtype)
     mesh[0] = (
         *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
-        *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
-        *(address_of(array, np.int64) for array in (corners, starts)),
         *(math.cos(math.radians(crease_angle)), stop.address),
-        address_of(source_vertex, np.int64),
+        *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
+        *(address_of(array, np.int64) for array in (corners, starts, source_vertex)),
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),
     )
     out_count = _split_at_creases(address_of(mesh, CREASED_MESH.dtype))
@@ -254,6 +254,7 @@ def with_creases(
     # Compare positions by their bytes; adding 0 turns -0 into 0.
     position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()
     _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
+    check_stop()
     merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
     smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
     if uv is None and colors is None:

@@ -7,6 +7,8 @@ import hmac
 from pathlib import Path
 from typing import Final
 
+from gateway.runtime.regular_files import read_regular
+
 MIN_CHARS: Final = 16
 """Minimum length of a token; ``openssl rand -hex 32`` makes one of 64."""
 MAX_CHARS: Final = 1024
@@ -75,8 +77,7 @@ def read_tokens(path: Path) -> Tokens:
         TokenError: there is no token, or one has the wrong length or characters that no header can carry.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_FILE_BYTES)
+        data = read_regular(path, _MAX_FILE_BYTES)
         lines = [line.strip() for line in data.decode("ascii").splitlines()]
     except OSError as error:
         raise TokenError(f"The token file {path} cannot be read: {error.strerror}.") from None

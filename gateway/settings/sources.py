@@ -7,10 +7,11 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
+from gateway.runtime.regular_files import read_file_or_pipe
 from gateway.settings.all import Settings
 from gateway.settings.option import ENV_PREFIX, env_of, flag_of
 
@@ -89,9 +90,13 @@ def _sentence(fault: Mapping[str, Any], flags: Mapping[str, Any], config: Path |
     return f"{source}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}."
 
 
+MAX_FILE_BYTES: Final = 1 << 20
+"""Maximum size of a configuration file."""
+
+
 def _read_file(path: Path) -> dict[str, Any]:
     try:
-        values = tomllib.loads(path.read_text("utf-8"))
+        values = tomllib.loads(read_file_or_pipe(path, MAX_FILE_BYTES).decode())
     except OSError as error:
         raise SettingsError(f"The configuration file {path} cannot be read: {error.strerror}.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from gateway.runtime.regular_files import open_regular
 from gateway.stereo.pairs import Pair, Pairs
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
@@ -67,13 +68,14 @@ def read_geometry(folder: Path) -> tuple[float, float] | None:
     """
     for path in sorted(folder.rglob("*.npz")):
         try:
-            with np.load(path, allow_pickle=False) as arrays:
+            with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
                 if {"left", "left_K", "baseline"} <= set(arrays.files):
                     return float(arrays["left_K"][0, 0]) / arrays["left"].shape[1], float(arrays["baseline"])
         except (OSError, ValueError, IndexError) as error:
             raise ValueError(f"{path} cannot be read: {error}") from None
     for path in sorted(folder.rglob("*param.txt")):
-        text = path.read_text("utf-8", errors="replace")[:10_000]
+        with open_regular(path) as file:
+            text = file.read(10_000).decode("utf-8", "replace")
         focal, width, baseline = (
             re.search(pattern, text, re.MULTILINE)
             for pattern in (r"^camera\.A=\[\s*([\d.eE+-]+)", r"^camera\.width=(\d+)", r"^t=([\d.eE+-]+)")

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.runtime.regular_files import read_regular
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
@@ -77,7 +78,7 @@ class Pairs:
         if isinstance(source, Path):
             name = str(source)
             try:
-                source = source.read_bytes()
+                source = read_regular(source)
             except OSError as error:
                 raise ImageError(f"{name}: {error.strerror}") from error
         image = np.ascontiguousarray(decode_image(source, name=name, max_pixels=self._max_pixels)[:, :, :3])

@@ -13,6 +13,7 @@ from typing import Annotated, Final
 
 import msgspec
 
+from gateway.runtime.regular_files import read_regular
 from gateway.stereo.parameter_specs import DeviceLimits
 from gateway.stereo.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from renderers.stereo.color_camera import ColorCamera
@@ -113,12 +114,9 @@ def _shipped_profile(name: str) -> Profile:
 
 def _read_file(path: Path) -> Profile:
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
+        data = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ProfileError(f"camera profile {path}: {error.strerror}") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise ProfileError(f"camera profile {path} has more than {MAX_FILE_BYTES} bytes")
     try:
         profile = msgspec.convert(tomllib.loads(data.decode()), Profile)
         _check(profile)

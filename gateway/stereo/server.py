@@ -14,6 +14,7 @@ from grpc_reflection.v1alpha import reflection
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime import process_tuning
+from gateway.runtime.regular_files import read_regular
 from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
@@ -191,7 +192,7 @@ def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
     files = []
     for path in (tls.key, tls.certificate, tls.client_ca):
         try:
-            files.append(path.read_bytes() if path is not None else None)
+            files.append(read_regular(path) if path is not None else None)
         except OSError as error:
             raise OSError(f"the stereo camera cannot read {path}: {error.strerror}") from error
     key, certificate, authority = files

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+from gateway.runtime.regular_files import read_regular
 from gateway.treeviewer import wire
 
 _TIMEOUT: Final = 60.0
@@ -57,7 +58,7 @@ def publish(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
 def scene_request(path: Path) -> dict[str, Any]:
     """Return the request that publishes a file: the content of a ``.json`` file, else a mesh at the path ``scene``."""
     if path.suffix == ".json":
-        request: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        request: dict[str, Any] = json.loads(read_regular(path))
         return request
     geometry = {"type": "mesh_file", "filename": str(path.resolve())}
     return {

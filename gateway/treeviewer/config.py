@@ -72,8 +72,10 @@ class TreeViewerConfig:
     slice_commands: int = 2000
     """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. Each
     such slice copies the lists of children that it changes, so small slices are slow in wide trees."""
-    threads: int = 2
-    """Number of worker threads for big requests and mesh files."""
+    threads: int = 4
+    """Number of worker threads for big requests and mesh files. A client's slow file takes one of them."""
+    waiting_requests: int = 100_000
+    """Maximum number of big requests that wait for a worker thread: one of each client."""
     waiting_bytes: int = 1024 * MIB
     """Maximum size of the requests of all clients that wait for an earlier request of their client. Further requests
     are refused."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Final, Protocol
@@ -15,6 +14,7 @@ from typing import Final, Protocol
 import structlog
 
 from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
@@ -86,7 +86,7 @@ class Dispatcher:
         self,
         protocol: TreeViewerProtocol,
         config: TreeViewerConfig,
-        executor: Executor,
+        pool: WorkerPool,
         durable: DurableStore | None = None,
     ) -> None:
         """Create a dispatcher without requests.
@@ -94,12 +94,12 @@ class Dispatcher:
         Args:
             protocol: reads and applies requests.
             config: limits and sizes.
-            executor: its threads read big requests and requests that may open files.
+            pool: its threads read big requests and requests that may open files.
             durable: storage of the tree; None: responses do not wait for storage.
         """
         self._protocol = protocol
         self._config = config
-        self._executor = executor
+        self._pool = pool
         self._durable = durable
         self._queues: dict[object, ClientQueue] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -224,8 +224,7 @@ class Dispatcher:
         response: AnyResponse
         try:
             comms = self._protocol.decode(message)
-            loop = asyncio.get_running_loop()
-            applier = await loop.run_in_executor(self._executor, self._protocol.read, comms)
+            applier = await self._pool.run(self._protocol.read, comms)
             while applier.step(self._config.slice_commands):  # noqa: ASYNC110 - the event loop continues in between
                 await asyncio.sleep(0)
             receiver = self._receiver(queue.channel, message, queue.publish)

@@ -19,10 +19,11 @@ from renderers.compiler.pointers import address_of, f64_at, i64_at, u8_at
 
 QUOTE, BACKSLASH, OPEN_BRACKET, CLOSE_BRACKET, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
 MINUS, PLUS, DOT, ZERO, NINE = ord("-"), ord("+"), ord("."), ord("0"), ord("9")
-LOWER_E, UPPER_E, UPPER_N, UPPER_I = ord("e"), ord("E"), ord("N"), ord("I")
+LOWER_E, UPPER_E, UPPER_N, UPPER_I, LOWER_N = ord("e"), ord("E"), ord("N"), ord("I"), ord("n")
 SPACE, TAB, NEWLINE, CARRIAGE_RETURN = ord(" "), ord("\t"), ord("\n"), ord("\r")
 _NAN: Final = np.frombuffer(b"NaN", np.uint8)
 _INFINITY: Final = np.frombuffer(b"Infinity", np.uint8)
+_NULL: Final = np.frombuffer(b"null", np.uint8)
 
 MIXED_COLUMNS: Final = -1
 """Column count of an array whose rows differ in length."""
@@ -37,6 +38,7 @@ def _classify_bytes() -> NDArray[np.uint8]:
     byte_class = np.full(256, OTHER_BYTE, np.uint8)
     byte_class[list(b"0123456789+-.eE")] = NUMBER_BYTE
     byte_class[list(b"NaNInfinity")] = NUMBER_BYTE  # Python's json writes NaN and Infinity
+    byte_class[list(b"null")] = NUMBER_BYTE  # JSON.jl and nlohmann/json write null for NaN
     byte_class[list(b", \n\r\t")] = SEPARATOR_BYTE
     byte_class[OPEN_BRACKET], byte_class[CLOSE_BRACKET] = OPEN_BYTE, CLOSE_BYTE
     return byte_class
@@ -70,8 +72,8 @@ def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> N
 def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> tuple[NDArray[np.float64], int]:
     """Parse the numbers of one array in JSON text.
 
-    Numbers of up to 15 digits, the last between 10^-22 and 10^22, are exact. Other numbers are off by at most a few
-    units in the last place of float64.
+    ``null`` is NaN. Numbers of up to 15 digits, the last between 10^-22 and 10^22, are exact. Other numbers are off by
+    at most a few units in the last place of float64.
 
     Args:
         text: (N,) uint8.
@@ -220,6 +222,12 @@ def _read_numbers(text_at, begin, end, powers_at, numbers_at, count):
                 if data[i + t] != _NAN[t]:
                     return number_start
             i += 3
+            value = np.nan
+        elif byte == LOWER_N and not negative:
+            for t in range(4):
+                if data[i + t] != _NULL[t]:
+                    return number_start
+            i += 4
             value = np.nan
         else:
             # the magnitude is mantissa * 10^exponent

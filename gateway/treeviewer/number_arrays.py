@@ -6,6 +6,7 @@ of them: a random token, which no client can guess, and the array's index.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from dataclasses import dataclass
 from typing import Any, Final
@@ -22,6 +23,10 @@ MAX_ARRAYS: Final = 65_536
 """Maximum number of arrays taken out of one request; further ones stay in the JSON text."""
 _MAX_ARRAYS_OF_SMALL_REQUEST: Final = 64
 """The same for requests of up to ``MAX_ARRAYS`` bytes, whose table of arrays is smaller."""
+
+
+_NUMBER_TYPES: Final = frozenset((int, float, bool, type(None)))
+"""Types of the numbers in decoded lists. JSON.jl and nlohmann/json write null for NaN."""
 
 
 class JsonError(ValueError):
@@ -186,6 +191,9 @@ def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[n
         array = np.array(value)
     except ValueError:
         raise ArrayError(_describe_ragged(value, columns)) from None
+    if array.dtype.kind == "O" and _NUMBER_TYPES.issuperset(map(type, array.flat)):
+        with contextlib.suppress(OverflowError):  # an integer above 1.8e308
+            array = array.astype(np.float64)  # None becomes NaN
     if array.dtype.kind not in "iufb":
         raise ArrayError("has something that is not a number")
     if array.ndim == 2 and array.shape[1] == 1 and 1 in columns:

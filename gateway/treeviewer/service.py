@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -17,7 +16,8 @@ from gateway.lcm.listener import ChannelListener
 from gateway.lcm.network import channel_pattern, open_transport, resolve_url
 from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.lcm.transport import LcmUnavailableError, Transport
-from gateway.runtime.scheduling import yield_to_event_loop
+from gateway.runtime.scheduling import BACKGROUND_NICENESS
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses
@@ -59,8 +59,10 @@ class TreeViewerService:
         """
         self._config = config
         self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock, page)
-        self._executor = ThreadPoolExecutor(config.threads, "treeviewer", yield_to_event_loop)
-        self._dispatcher = Dispatcher(self.protocol, config, self._executor, durable)
+        self._pool = WorkerPool(
+            config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
+        )
+        self._dispatcher = Dispatcher(self.protocol, config, self._pool, durable)
         self._transport: Transport | None = None
         self.hub: TcpqHub | None = None
         self._listeners = tuple(listeners)
@@ -149,7 +151,7 @@ class TreeViewerService:
         if self.hub is not None:
             await self.hub.close()
             self.hub = None
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        await self._pool.close(0.0)
 
     def _add_problem(self, transport: str, error: LcmUnavailableError) -> None:
         self._problems[transport] = str(error)

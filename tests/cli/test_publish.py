@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS
 from tests.treeviewer.conversation import BOX
 
 
@@ -188,6 +191,13 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
         )
         assert result.exit_code == 0, result.output
         assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.output
+        pipe = tmp_path / "pipe"
+        os.mkfifo(pipe)
+        writer = threading.Thread(target=pipe.write_bytes, args=(robot.read_bytes(),))
+        writer.start()
+        result = CliRunner().invoke(app, ["publish", str(pipe), "--lcm-url", hub, "--collision"])
+        writer.join(SECONDS)
+        assert "set: robot/base, robot/upper" in result.output, result.output
         boxes = write(
             tmp_path, json.dumps({"setgeometry": [{"path": [i], "geometry": BOX} for i in range(12)]}), "b.json"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,12 @@ def replace_image(dataset: Path, number: int, image_type: str, pixels: Any) -> N
     edit(dataset, number, change)
 
 
+def replace_by_pipe(path: Path) -> None:
+    """Put a named pipe, which nobody writes to, in place of a file."""
+    path.unlink()
+    os.mkfifo(path)
+
+
 def edit_scene(dataset: Path, **changes: object) -> None:
     """Change the description of the first scene."""
     path = dataset / "scenes" / "a.gltf" / manifest.SCENE_FILE
@@ -67,6 +74,8 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: (d / "scenes/a.gltf/orbit-0.color.png").unlink(), "a.gltf/orbit-0.color.png: missing"),
         (lambda d: (d / "scenes/a.gltf/orbit-0.color.png").write_bytes(b"x"), "changed: its SHA-256 is not"),
         (lambda d: (d / "scenes/a.gltf/scene.json").unlink(), "scene.json: No such file"),
+        (lambda d: replace_by_pipe(d / "scenes/a.gltf/orbit-0.color.png"), "missing, or not a regular file"),
+        (lambda d: replace_by_pipe(d / "scenes/a.gltf/scene.json"), "scene.json: it is not a regular file"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=-1.0)), "focal lengths (-1.0"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(near=5.0, far=1.0)), "planes near=5.0, far=1.0"),
         (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][0].__setitem__(0, 9.0)), "no rotation"),

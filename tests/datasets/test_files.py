@@ -14,7 +14,6 @@ from gateway.datasets.files import (
     InUseError,
     locked,
     remove_temporary_files,
-    sha256_of,
     temporary_name,
     write_atomically,
 )
@@ -22,6 +21,7 @@ from gateway.datasets.job import Job
 from gateway.datasets.journal import Journal
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
+from gateway.runtime.regular_files import sha256_of
 from tests.datasets.conftest import SETTINGS
 
 

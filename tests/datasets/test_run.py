@@ -7,9 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,7 +20,7 @@ import pytest
 
 from gateway.client import manifest
 from gateway.client.dataset import NO_LABEL, Dataset
-from gateway.datasets import local_tasks
+from gateway.datasets import local_tasks, resume
 from gateway.datasets import worker as worker_module
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.files import InUseError, locked
@@ -27,6 +30,7 @@ from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View
 from gateway.datasets.worker import Worker
+from renderers.stop import check_stop
 from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
 from tests.support import forms
 from tests.support.slow import slow_gltf
@@ -124,6 +128,50 @@ def test_renders_again_only_what_changed(scenes: Path, tmp_path: Path, draw: Dra
         assert "scenes/deep/mesh.stl/orbit-0.color.png" in changed
     else:
         assert contents(out) == whole
+
+
+@pytest.mark.parametrize("other", ["pipe", "/dev/zero"])
+def test_files_that_are_not_regular_are_rendered_again(scenes: Path, tmp_path: Path, draw: Draw, other: str) -> None:
+    job = job_of(scenes, tmp_path / "out")
+    draw(job)
+    first = contents(tmp_path / "out")
+    image = tmp_path / "out" / "scenes" / "a.gltf" / "orbit-0.color.png"
+    image.unlink()
+    if other == "pipe":
+        os.mkfifo(image)
+    else:
+        image.symlink_to(other)
+    assert draw(job).rendered == 1
+    assert image.is_file()
+    assert not image.is_symlink()
+    assert contents(tmp_path / "out") == first
+
+
+def test_hashing_stops_with_the_run(scenes: Path, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exception, as from SIGTERM, ends the threads that hash, although they have not finished."""
+    job = job_of(scenes, tmp_path / "out")
+    draw(job)
+    waiting = threading.Event()
+
+    def endless(path: Path) -> str:
+        waiting.set()
+        while True:
+            check_stop()
+            threading.Event().wait(0.01)
+
+    class Interrupted(ThreadPoolExecutor):
+        def map(self, *arguments: Any, **named: Any) -> Any:
+            super().map(*arguments, **named)
+            assert waiting.wait(SECONDS)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(resume, "sha256_of", endless)
+    monkeypatch.setattr(resume, "ThreadPoolExecutor", Interrupted)
+    samples = list(manifest.read_lines(tmp_path / "out" / manifest.MANIFEST_FILE, manifest.SampleRecord))
+    digests = {sample.scene: sample.scene_sha256 for sample in samples}
+    monkeypatch.setattr(resume, "_current_digest", lambda job, source: digests[source.name])
+    with pytest.raises(KeyboardInterrupt):
+        list(resume.valid_samples(job, 2))
 
 
 def test_a_changed_external_buffer_renders_its_scene_again(tmp_path: Path, draw: Draw) -> None:

@@ -19,11 +19,13 @@ from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path as TreePath
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
-from tests.drakeviewer.encoding import IDENTITY, SPHERE, draw, geometry, link, load
+from renderers.stop import check_stop
+from tests.drakeviewer.encoding import IDENTITY, MESH, SPHERE, draw, geometry, link, load
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import free_url, join
@@ -35,9 +37,9 @@ ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
 class Running:
     """A running service."""
 
-    def __init__(self, config: DrakeViewerConfig | None = None) -> None:
+    def __init__(self, config: DrakeViewerConfig | None = None, files: MeshFiles | None = None) -> None:
         self.live = LiveTree()
-        self.service = DrakeViewerService(self.live, MeshFiles(()), config)
+        self.service = DrakeViewerService(self.live, files or MeshFiles(()), config)
 
     def x(self) -> float | None:
         """Return where link ``a`` is along x."""
@@ -46,8 +48,8 @@ class Running:
 
 
 @contextlib.asynccontextmanager
-async def running(config: DrakeViewerConfig | None = None) -> AsyncIterator[Running]:
-    found = Running(config)
+async def running(config: DrakeViewerConfig | None = None, files: MeshFiles | None = None) -> AsyncIterator[Running]:
+    found = Running(config, files)
     task = asyncio.create_task(found.service.run())
     await until(lambda: found.service.ready)
     try:
@@ -55,6 +57,23 @@ async def running(config: DrakeViewerConfig | None = None) -> AsyncIterator[Runn
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+class EndlessFiles(MeshFiles):
+    """Files that are read until the call is stopped."""
+
+    def __init__(self) -> None:
+        super().__init__(())
+        self.reading, self.stopped = threading.Event(), threading.Event()
+
+    def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
+        self.reading.set()
+        try:
+            while True:
+                check_stop()
+                threading.Event().wait(0.01)
+        finally:
+            self.stopped.set()
 
 
 def at(x: float) -> bytes:
@@ -129,6 +148,20 @@ async def test_stale_draws_are_logged_once() -> None:
             found.service.receive(DRAW, at(2))
             assert found.x() == 2.0
     assert [entry["reason"] for entry in log] == ["its 1 links are not the 1 that are loaded"]
+
+
+async def test_a_slow_file_delays_only_its_family_and_ends_at_shutdown() -> None:
+    files = EndlessFiles()
+    async with running(files=files) as found:
+        found.service.receive(LOAD, load(link("slow", 1, geometry(MESH, [], string="endless.obj"))))
+        found.service.receive(DRAW, at(1.0))
+        await until(files.reading.is_set)
+        found.service.receive(f"{LOAD}_PROXIMITY", ROBOT)
+        found.service.receive(f"{DRAW}_PROXIMITY", at(2.0))
+        await until(lambda: found.live.snapshot.root.find(("drake", "proximity", "a")))
+        assert found.live.snapshot.root.find(("drake", "illustration")) is None
+        assert not files.stopped.is_set()
+    assert files.stopped.wait(SECONDS)
 
 
 async def test_limits_on_channels_and_waiting_bytes() -> None:

@@ -135,7 +135,7 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
         (RobotLimits(max_elements=5), "it has more than 5 XML elements, which is the limit"),
         (RobotLimits(max_attribute_chars=10), r"size='0.4 0.4 0.1'\.\.\. of <box> has 11 characters, the limit is 10"),
         (RobotLimits(max_geometries=2), "it has 3 geometries, the limit is 2"),
-        (RobotLimits(max_file_bytes=10), r"robot.urdf has \d+ bytes, the remaining limit is 10"),
+        (RobotLimits(max_file_bytes=10), r"robot.urdf has more than 10 bytes, the remaining limit"),
     ],
 )
 def test_limits(tmp_path: Path, limits: RobotLimits, message: str) -> None:

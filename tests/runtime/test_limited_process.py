@@ -1,60 +1,190 @@
-"""Programs in a process of their own, with limits on memory and time."""
+"""Calls in child processes, with limits on memory and time."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
-from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, run_limited
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited, no_files
 from renderers.stop import StopFlag
-from tests.support.waiting import SECONDS
+from tests.support.waiting import SECONDS, wait_until
 
-LIMITS = ProcessLimits(memory_bytes=1 << 30, seconds=int(SECONDS))
-needs_rlimit = pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is limited on Linux only")
-
-
-def run(folder: Path, code: str, stdin: bytes = b"", limits: ProcessLimits = LIMITS) -> bytes:
-    """Run a program in Python that has ``code``."""
-    path = folder / "program.py"
-    path.write_text(f"import sys\n{code}\n")
-    return run_limited(str(path), ["a", "b"], stdin, limits)
+LIMITS = ProcessLimits(memory_bytes=64 << 20, seconds=int(SECONDS))
+needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="limits on memory and /proc are Linux's")
 
 
-def test_returns_what_the_program_writes(tmp_path: Path) -> None:
-    code = "sys.stdout.write(f'{sys.argv[1:]} {__name__} {len(sys.stdin.read())}')"
-    assert run(tmp_path, code, b"x" * 300_000) == b"['a', 'b'] __main__ 300000"
+def call(
+    name: str, *arguments: Any, limits: ProcessLimits = LIMITS, read_file: Callable[[str], bytes] = no_files
+) -> Any:
+    return msgspec.msgpack.decode(call_limited(f"tests.runtime.limited_functions:{name}", arguments, limits, read_file))
 
 
-@needs_rlimit
-def test_memory_is_limited(tmp_path: Path) -> None:
-    with pytest.raises(ProcessFailed, match="it failed, or needs more than 1073741824 bytes of memory") as caught:
-        run(tmp_path, "bytes(1 << 31)")
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+class Processes:
+    """Reads the file that ``tell_pid_and_sleep`` asks for: its name has the ids of the child and of its helper."""
+
+    def __init__(self) -> None:
+        self.started = threading.Event()
+        self.child = self.helper = 0
+
+    def read_file(self, name: str) -> bytes:
+        self.child, self.helper = map(int, name.split())
+        self.started.set()
+        return b""
+
+
+def test_arguments_and_result_can_be_large() -> None:
+    assert call("echo", 1, "two", b"x" * (12 << 20)) == [1, "two", b"x" * (12 << 20)]
+
+
+def test_files_are_read_by_the_caller() -> None:
+    def read_file(name: str) -> bytes:
+        if name == "a":
+            return b"content" * (1 << 18)
+        raise {"b": FileNotFoundError(2, "there is none"), "c": ValueError("not allowed")}[name]
+
+    assert call("read", "a", "b", "c", read_file=read_file) == [
+        b"content" * (1 << 18), "[Errno 2] there is none", "not allowed",
+    ]  # fmt: skip
+    assert call("read", "a") == ["a"]
+
+
+def test_no_call_sees_what_another_one_left() -> None:
+    assert [call("count_calls"), call("count_calls")] == [1, 1]
+
+
+@needs_linux
+def test_memory_is_limited_and_counted_anew() -> None:
+    for _ in range(3):
+        assert call("allocate", 48 << 20) == 48 << 20
+    with pytest.raises(ProcessFailed, match="it failed, or needs more than 67108864 bytes of memory") as caught:
+        call("allocate", 80 << 20)
     assert not caught.value.timed_out
 
 
-@pytest.mark.parametrize("code", ["while True: pass", "import threading; threading.Event().wait()"])
-def test_time_is_limited(tmp_path: Path, code: str) -> None:
-    with pytest.raises(ProcessFailed, match="it took longer than 1 s") as caught:
-        run(tmp_path, code, limits=ProcessLimits(1 << 30, 1))
+@pytest.mark.parametrize("name", ["compute", "sleep"])
+def test_time_is_limited(name: str) -> None:
+    with pytest.raises(ProcessFailed, match="it took longer than 1 s of CPU time") as caught:
+        call(name, limits=ProcessLimits(1 << 30, 1))
     assert caught.value.timed_out
 
 
-@needs_rlimit
+@needs_linux
 def test_writes_no_files(tmp_path: Path) -> None:
     with pytest.raises(ProcessFailed):
-        run(tmp_path, f"with open({str(tmp_path / 'file')!r}, 'wb') as file: file.write(b'x')")
+        call("write_file", str(tmp_path / "file"))
     assert not (tmp_path / "file").read_bytes()
 
 
-def test_a_crash_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ProcessFailed, match="it failed"):
-        run(tmp_path, "import os; os.abort()")
+def test_a_crash_is_an_error_of_its_own_call_only() -> None:
+    with ThreadPoolExecutor(8) as threads:
+        crashing = [threads.submit(call, "crash") for _ in range(4)]
+        returning = [threads.submit(call, "echo", number) for number in range(4)]
+    for future in crashing:
+        with pytest.raises(ProcessFailed, match="it failed"):
+            future.result()
+    assert [future.result() for future in returning] == [[0], [1], [2], [3]]
 
 
-def test_the_stop_flag_ends_the_program(tmp_path: Path) -> None:
-    flag = StopFlag()
-    flag.set(TimeoutError("late"))
-    with pytest.raises(TimeoutError, match="late"):
-        flag.run(lambda: run(tmp_path, "import threading; threading.Event().wait()"))
+def test_a_slow_call_does_not_delay_others() -> None:
+    flag, processes = StopFlag(), Processes()
+    with ThreadPoolExecutor(1) as threads:
+        slow = threads.submit(flag.run, lambda: call("tell_pid_and_sleep", read_file=processes.read_file))
+        assert processes.started.wait(SECONDS)
+        assert call("echo", 1) == [1]
+        assert not slow.done()
+        flag.set(TimeoutError("late"))
+        with pytest.raises(TimeoutError, match="late"):
+            slow.result(SECONDS)
+    assert not is_alive(processes.child)
+
+
+def test_errors_of_the_reader_end_the_child() -> None:
+    processes = Processes()
+
+    def read_file(name: str) -> bytes:
+        processes.read_file(name)
+        raise TypeError("a fault of ours")
+
+    with pytest.raises(TypeError, match="a fault of ours"):
+        call("tell_pid_and_sleep", read_file=read_file)
+    assert not is_alive(processes.child)
+
+
+def test_an_ended_helper_is_replaced() -> None:
+    for signal_number in (signal.SIGKILL, signal.SIGKILL):
+        processes = Processes()
+
+        def read_file(name: str, processes: Processes = processes, number: int = signal_number) -> bytes:
+            processes.read_file(name)
+            os.kill(processes.helper, number)
+            return b""
+
+        with pytest.raises(ProcessFailed):
+            call("tell_pid_and_sleep", read_file=read_file)
+    assert call("echo", 1) == [1]
+
+
+@needs_linux
+def test_the_child_has_nothing_of_the_program() -> None:
+    with (Path(__file__)).open() as file:
+        os.set_inheritable(file.fileno(), True)
+        found = call("environment")
+    assert not {name.partition(".")[0] for name in found["modules"]} & {
+        "numba",
+        "renderers",
+        "fastapi",
+        "pytest",
+        "numpy",
+    }
+    assert len(found["descriptors"]) == 1
+    assert found["descriptors"][0].startswith("socket:")
+
+
+PROGRAM = """
+import os
+from gateway.runtime.limited_process import ProcessLimits, call_limited
+def read_file(name):
+    print(name, flush=True)
+    return b""
+call_limited("tests.runtime.limited_functions:tell_pid_and_sleep", (), ProcessLimits(1 << 28, 1000), read_file)
+"""
+
+
+def test_children_end_with_a_killed_program() -> None:
+    with subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        child, helper = map(int, program.stdout.readline().split())
+        assert is_alive(child)
+        program.kill()
+    wait_until(lambda: not is_alive(child) and not is_alive(helper))
+
+
+def test_a_fork_of_the_program_has_a_helper_of_its_own() -> None:
+    program = """
+import multiprocessing
+from tests.runtime.test_limited_process import Processes, call
+if __name__ == "__main__":
+    call("echo", 1)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        print(pool.map(__import__("functools").partial(call, "echo"), range(8)), call("echo", 8))
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout == f"{[[n] for n in range(8)]} [8]\n"

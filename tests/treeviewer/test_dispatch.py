@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import TreeViewerConfig
@@ -27,20 +27,15 @@ MISSING = message({"settransform": [{"path": ["no"], "transform": {"translation"
 """Its response has status 1."""
 
 
-class Here(Executor):
+class Here(WorkerPool):
     """Runs calls at once, in the caller's thread, and counts them."""
 
-    def __init__(self) -> None:
-        self.calls = 0
+    calls = 0
 
-    def submit(self, call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+    async def run(self, fn: Callable[..., Any], *args: Any, nbytes: int = 0, **named: Any) -> Any:
         self.calls += 1
-        future: Future[Any] = Future()
-        try:
-            future.set_result(call(*arguments, **named))
-        except Exception as error:  # noqa: BLE001 - as an executor does
-            future.set_exception(error)
-        return future
+        await asyncio.sleep(0)
+        return fn(*args, **named)
 
 
 @dataclass
@@ -58,8 +53,8 @@ class World:
     """A dispatcher and what it has published."""
 
     def __init__(self, store: Store | None = None, **config: Any) -> None:
-        self.viewer, self.executor = Viewer(), Here()
-        self.dispatcher = Dispatcher(self.viewer.protocol, TreeViewerConfig(**config), self.executor, store)
+        self.viewer, self.pool = Viewer(), Here()
+        self.dispatcher = Dispatcher(self.viewer.protocol, TreeViewerConfig(**config), self.pool, store)
         self.published: list[tuple[str, dict[str, Any]]] = []
         self.fails = False
 
@@ -91,7 +86,7 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
     counters = world.dispatcher.counters
     assert (counters.received, counters.received_bytes, counters.answered) == (1, len(ONE_BOX), 1)
     assert (counters.missing, counters.failed) == (0, 0)
-    assert world.executor.calls == 0
+    assert world.pool.calls == 0
 
 
 async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
@@ -99,7 +94,7 @@ async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
     with pending.announced(("formats",)):
         assert world.receive(ONE_BOX) == size_of(ONE_BOX)
         await until(lambda: world.statuses)
-    assert (world.statuses, world.executor.calls) == ([0], 1)
+    assert (world.statuses, world.pool.calls) == ([0], 1)
 
 
 async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
@@ -120,7 +115,7 @@ async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offload
     size = world.receive(ONE_BOX)
     assert size == (size_of(ONE_BOX) if offloaded else 0)
     await until(lambda: world.published)
-    assert (world.statuses, world.executor.calls) == ([0], offloaded)
+    assert (world.statuses, world.pool.calls) == ([0], offloaded)
     await until(lambda: world.dispatcher.waiting_bytes == 0)
     assert world.dispatcher.status()["waiting"] == 0
 
@@ -278,7 +273,7 @@ async def test_requests_that_wait_when_the_viewer_ends_are_answered(begun: bool)
     for data in (big, ONE_BOX):
         world.receive(data)
     if begun:
-        await until(lambda: world.executor.calls)
+        await until(lambda: world.pool.calls)
     await world.dispatcher.close()
     world.receive(ONE_BOX)
     assert [body["error"] for _, body in world.published] == ["the viewer is shutting down"] * 3

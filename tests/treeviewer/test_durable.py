@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
@@ -37,7 +37,7 @@ class Talk:
         self.live = LiveTree()
         self.held = Held()
         self.dispatcher = Dispatcher(
-            TreeViewerProtocol(self.live), TreeViewerConfig(), ThreadPoolExecutor(1), durable=self.held
+            TreeViewerProtocol(self.live), TreeViewerConfig(), WorkerPool(1), durable=self.held
         )
         self.answers: list[dict[str, object]] = []
 

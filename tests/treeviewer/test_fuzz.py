@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import gc
 import random
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from gateway.lcm.config import LcmConfig
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
@@ -109,40 +109,39 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
     config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=None))
     live = LiveTree()
     sent: list[bytes] = []
-    with ThreadPoolExecutor(1) as executor:
-        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor)
+    dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, WorkerPool(1))
 
-        def good() -> None:
-            sent.clear()
-            request = {
-                "delete": [{"path": []}],
-                "setgeometry": [{"path": ["good"], "geometry": BOX}],
-                "settransform": [{"path": ["good"], "transform": {}}],
-            }
-            dispatcher.receive("t", f"{REQUEST}_<good>", message(request), lambda _, data: sent.append(data))
-            answer = decoded(sent[-1])
-            assert (answer["status"], answer["set_transforms"], answer["missing_paths"]) == (0, [["good"]], [])
+    def good() -> None:
+        sent.clear()
+        request = {
+            "delete": [{"path": []}],
+            "setgeometry": [{"path": ["good"], "geometry": BOX}],
+            "settransform": [{"path": ["good"], "transform": {}}],
+        }
+        dispatcher.receive("t", f"{REQUEST}_<good>", message(request), lambda _, data: sent.append(data))
+        answer = decoded(sent[-1])
+        assert (answer["status"], answer["set_transforms"], answer["missing_paths"]) == (0, [["good"]], [])
 
-        mutator = Mutator(count)
-        statuses: dict[int, int] = {}
+    mutator = Mutator(count)
+    statuses: dict[int, int] = {}
 
-        def heard(_: str, data: bytes) -> None:
-            status = decoded(data)["status"]
-            statuses[status] = statuses.get(status, 0) + 1
+    def heard(_: str, data: bytes) -> None:
+        status = decoded(data)["status"]
+        statuses[status] = statuses.get(status, 0) + 1
 
-        early = 0
-        for number in range(count):
-            if number % 200 == 0:
-                good()
-                await asyncio.sleep(0)
-            dispatcher.receive("t", f"{REQUEST}_<bad>", mutator.message(), heard)
-            if number == count // 5:
-                gc.collect()
-                early = resident_bytes()
-        good()
-        gc.collect()
-        grown = resident_bytes() - early
-        await dispatcher.close()
+    early = 0
+    for number in range(count):
+        if number % 200 == 0:
+            good()
+            await asyncio.sleep(0)
+        dispatcher.receive("t", f"{REQUEST}_<bad>", mutator.message(), heard)
+        if number == count // 5:
+            gc.collect()
+            early = resident_bytes()
+    good()
+    gc.collect()
+    grown = resident_bytes() - early
+    await dispatcher.close()
     counters = dispatcher.counters
     assert counters.internal_errors == 0
     assert counters.undecodable + sum(statuses.values()) == count

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from gateway.lcm.config import LcmConfig
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DELAY_SECONDS
@@ -30,7 +30,7 @@ class Client:
     """Sends requests to a dispatcher and records client and ``utime`` of the responses in order."""
 
     def __init__(self) -> None:
-        self.dispatcher = Dispatcher(TreeViewerProtocol(LiveTree()), TreeViewerConfig(), ThreadPoolExecutor(1))
+        self.dispatcher = Dispatcher(TreeViewerProtocol(LiveTree()), TreeViewerConfig(), WorkerPool(1))
         self.answered: list[tuple[str, int]] = []
 
     def send(self, data: bytes, name: str = "a") -> None:

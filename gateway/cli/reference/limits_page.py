@@ -30,6 +30,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Render endpoint", "gateway.render.config", "RenderConfig"),
     ("Scenes in glTF", "gateway.gltf.limits", "GltfLimits"),
     ("Mesh files", "gateway.assets.mesh_files", "MeshFileLimits"),
+    ("Mesh files: the process that parses one", "gateway.assets.mesh_formats", "ParserLimits"),
     ("Robot files", "gateway.robots.limits", "RobotLimits"),
     ("Tree viewer: one message, and the tree", "gateway.treeviewer.config", "Limits"),
     ("Tree viewer: scheduling", "gateway.treeviewer.config", "TreeViewerConfig"),

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gateway.client.tree.wire import empty_with_header
+from gateway.runtime.regular_files import read_regular
 
 RANGE_TOLERANCE: Final = 1e-5
 """Accepted excess of a float beyond 0 or 1, for rounding errors. The viewer clamps such values."""
@@ -91,7 +91,7 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     if isinstance(value, bytes):
         return value
     if isinstance(value, (str, os.PathLike)):
-        return Path(value).read_bytes()
+        return read_regular(value)
     mode = getattr(value, "mode", None)
     if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # Pillow: palettes, 1 bit, CMYK
         raise ValueError(f"an image of mode {mode} is not supported; use image.convert('RGB') or 'RGBA'")

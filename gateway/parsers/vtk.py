@@ -1,4 +1,4 @@
-"""Parse legacy VTK files (.vtk): surfaces of polygons, and boundaries of tetrahedral volumes.
+"""Reads legacy VTK files (.vtk): surfaces of polygons, and boundaries of tetrahedral volumes.
 
 Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
@@ -6,10 +6,13 @@ Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CE
 
 from __future__ import annotations
 
-from typing import Final
+import re
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gateway.parsers.mesh_data import MeshFaultError
 
 TRIANGLE, QUAD, TETRAHEDRON = 5, 9, 10
 """VTK cell types that are read; others are left out."""
@@ -24,19 +27,29 @@ _TYPES: Final = {
 """NumPy types by the names in a file. Binary files are big-endian."""
 _FACES: Final = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 """Vertices of each face of a tetrahedron, counter-clockwise from outside."""
+_WORD: Final = re.compile(rb"\S+")
+_MAX_WORD: Final = 64
+"""Longer words are no keywords or counts."""
 
 
-class VtkError(ValueError):
-    """A file cannot be parsed. The message is the reason, without the file's name."""
+class _Cells(NamedTuple):
+    """Cells with any number of points."""
+
+    points: NDArray[np.int64]
+    """Points of all cells."""
+    starts: NDArray[np.int64]
+    """Index of each cell's first point in ``points``, (N,)."""
+    sizes: NDArray[np.int64]
+    """Number of points of each cell, (N,)."""
 
 
 class _Parser:
-    """Reads words and arrays of a file in their order. Methods raise VtkError."""
+    """Reads words and arrays of a file in their order. Methods raise MeshFaultError."""
 
     def __init__(self, data: bytes) -> None:
         lines = data.split(b"\n", 3)
         if len(lines) < 4 or not lines[0].lower().startswith(b"# vtk datafile"):
-            raise VtkError("it does not start as a legacy VTK file")
+            raise MeshFaultError("it does not start as a legacy VTK file")
         self._is_binary = lines[2].strip().upper() == b"BINARY"
         self._data = lines[3]
         self._position = 0
@@ -50,22 +63,17 @@ class _Parser:
         return False
 
     def word(self) -> bytes:
-        """Return the next word in lower case; empty at the end."""
-        data, begin = self._data, self._position
-        while begin < len(data) and data[begin : begin + 1].isspace():
-            begin += 1
-        end = begin
-        while end < len(data) and not data[end : end + 1].isspace():
-            end += 1
-        self._position = end
-        return data[begin:end].lower()
+        """Return the next word in lower case, at most ``_MAX_WORD`` bytes of it; empty at the end."""
+        found = _WORD.search(self._data, self._position)
+        self._position = len(self._data) if found is None else found.end()
+        return b"" if found is None else self._data[found.start() : min(found.end(), found.start() + _MAX_WORD)].lower()
 
     def count(self, limit: int) -> int:
         """Return the next word as a number of elements, which is at most ``limit``."""
         word = self.word()
         count = int(word) if word.isdigit() and len(word) < 12 else -1
         if not 0 <= count <= limit:
-            raise VtkError(f"it has {word.decode('ascii', 'replace')[:20]!r} elements, the limit is {limit}")
+            raise MeshFaultError(f"it has {word.decode('ascii', 'replace')[:20]!r} elements, the limit is {limit}")
         return count
 
     def numbers(self, kind: bytes, count: int) -> NDArray[np.float64]:
@@ -76,28 +84,34 @@ class _Parser:
         """
         if self._is_binary:
             return self._binary(kind, count)
-        found = self._data[self._position :].split(None, count)
+        # The window grows until it has more than the numbers. A copy of all the rest for each array would be quadratic.
+        end = self._position
+        while True:
+            end = min(len(self._data), 2 * end - self._position + 32 * (count + 2))
+            found = self._data[self._position : end].split(None, count)
+            if len(found) > count or end == len(self._data):
+                break
         if len(found) < count:
-            raise VtkError(f"it ends after {len(found)} of {count} numbers")
-        self._position = len(self._data) - (len(found[count]) if len(found) > count else 0)
+            raise MeshFaultError(f"it ends after {len(found)} of {count} numbers")
+        self._position = end - (len(found[count]) if len(found) > count else 0)
         try:
             return np.array(found[:count], dtype="S32").astype(np.float64)
         except ValueError:
-            raise VtkError("it has a number that cannot be read") from None
+            raise MeshFaultError("it has a number that cannot be read") from None
 
     def _binary(self, kind: bytes, count: int) -> NDArray[np.float64]:
         dtype = _TYPES.get(kind)
         if dtype is None:
-            raise VtkError(f"numbers of the type {kind.decode('ascii', 'replace')[:20]!r} cannot be read")
+            raise MeshFaultError(f"numbers of the type {kind.decode('ascii', 'replace')[:20]!r} cannot be read")
         begin = self._data.find(b"\n", self._position) + 1
         end = begin + np.dtype(dtype).itemsize * count
         if not begin or end > len(self._data):
-            raise VtkError(f"it ends within an array of {count} numbers")
+            raise MeshFaultError(f"it ends within an array of {count} numbers")
         self._position = end
         return np.frombuffer(self._data[begin:end], dtype).astype(np.float64)
 
 
-def parse_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+def read_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the surface in a file.
 
     Args:
@@ -105,18 +119,18 @@ def parse_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArr
         max_triangles: Maximum number of cells, and of triangles.
 
     Returns:
-        Positions (N, 3) float32, in the file's unit, and triangles (M, 3) uint32.
+        Positions (N, 3) float32, in the file's unit, and triangles (M, 3) int64.
 
     Raises:
-        VtkError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
+        MeshFaultError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         return _parse(_Parser(data), max_vertices, max_triangles)
 
 
-def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     positions: NDArray[np.float32] | None = None
-    cells: list[NDArray[np.int64]] = []
+    cells: _Cells | None = None
     types: NDArray[np.int64] | None = None
     while word := parser.word():
         if word == b"points":
@@ -129,57 +143,64 @@ def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDAr
             break
         elif word in (b"point_data", b"cell_data"):
             break
-    if positions is None or not cells:
-        raise VtkError("it has no points or no cells")
-    triangles = _triangles(cells, types)
-    if len(triangles) > max_triangles:
-        raise VtkError(f"it has {len(triangles)} triangles, the limit is {max_triangles}")
+    if positions is None or cells is None or not len(cells.sizes):
+        raise MeshFaultError("it has no points or no cells")
+    triangles = _triangles(cells, types, max_triangles)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
-        raise VtkError(f"a cell refers to point {triangles.max()} of {len(positions)}")
-    return positions, triangles.astype(np.uint32)
+        raise MeshFaultError(f"a cell refers to point {triangles.max()} of {len(positions)}")
+    return positions, triangles
 
 
-def _cells(parser: _Parser, limit: int) -> list[NDArray[np.int64]]:
-    """Return the point indices of each cell, of at most ``limit`` cells."""
+def _cells(parser: _Parser, limit: int) -> _Cells:
+    """Return at most ``limit`` cells."""
     first, size = parser.count(limit), parser.count(16 * limit)
     if parser.next_is(b"offsets"):  # version 5: numbers of offsets and of indices; before: of cells and of all numbers
         offsets = parser.numbers(parser.word(), first).astype(np.int64)
         if parser.word() != b"connectivity":
-            raise VtkError("its cells have no connectivity")
+            raise MeshFaultError("its cells have no connectivity")
         connectivity = parser.numbers(parser.word(), size).astype(np.int64)
         if len(offsets) and not ((np.diff(offsets) >= 0).all() and offsets[0] >= 0 and offsets[-1] <= size):
-            raise VtkError("the offsets of its cells are not in order")
-        return np.split(connectivity, offsets[1:-1]) if len(offsets) > 1 else []
+            raise MeshFaultError("the offsets of its cells are not in order")
+        return _Cells(connectivity, offsets[:-1], np.diff(offsets))
     numbers = parser.numbers(b"int", size).astype(np.int64)
-    cells: list[NDArray[np.int64]] = []
+    starts, sizes = np.empty(first, np.int64), np.empty(first, np.int64)
     start = 0
-    for _ in range(first):
+    for cell in range(first):
         count = int(numbers[start]) if start < size else -1
         if not 0 <= count < size - start:
-            raise VtkError("a cell is cut off")
-        cells.append(numbers[start + 1 : start + 1 + count])
+            raise MeshFaultError("a cell is cut off")
+        starts[cell], sizes[cell] = start + 1, count
         start += 1 + count
-    return cells
+    return _Cells(numbers, starts, sizes)
 
 
-def _triangles(cells: list[NDArray[np.int64]], types: NDArray[np.int64] | None) -> NDArray[np.int64]:
+def _triangles(cells: _Cells, types: NDArray[np.int64] | None, limit: int) -> NDArray[np.int64]:
     """Return the triangles of cells, (M, 3): polygons as fans, then the boundary of the tetrahedra.
 
     Args:
         types: Type of each cell; None: they are convex polygons.
+        limit: Maximum number of triangles, and of the tetrahedra's faces / 4.
     """
-    if types is not None and len(types) != len(cells):
-        raise VtkError(f"it has {len(types)} types for {len(cells)} cells")
-    surface: list[NDArray[np.int64]] = []
-    tetrahedra: list[NDArray[np.int64]] = []
-    for index, cell in enumerate(cells):
-        kind = None if types is None else int(types[index])
-        if kind == TETRAHEDRON and len(cell) == 4:
-            tetrahedra.append(cell)
-        elif kind in (None, TRIANGLE, QUAD) and len(cell) >= 3:
-            surface += [cell[[0, k, k + 1]] for k in range(1, len(cell) - 1)]
-    found = np.array(surface, np.int64).reshape(-1, 3)
-    return np.concatenate((found, _boundary(np.array(tetrahedra, np.int64).reshape(-1, 4))))
+    points, starts, sizes = cells
+    is_polygon = sizes >= 3
+    tetrahedra = np.zeros((0, 4), np.int64)
+    if types is not None:
+        if len(types) != len(sizes):
+            raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
+        is_polygon &= np.isin(types, (TRIANGLE, QUAD))
+        tetrahedra = points[starts[(types == TETRAHEDRON) & (sizes == 4)][:, None] + np.arange(4)]
+    starts, triangle_counts = starts[is_polygon], sizes[is_polygon] - 2
+    total = int(triangle_counts.sum())
+    if total > limit:
+        raise MeshFaultError(f"it has {total} triangles, the limit is {limit}")
+    first = np.repeat(starts, triangle_counts)
+    number_in_fan = np.arange(total) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
+    second = first + number_in_fan + 1
+    fans = np.stack((points[first], points[second], points[second + 1]), axis=1)
+    found = np.concatenate((fans, _boundary(tetrahedra)))
+    if len(found) > limit:
+        raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
+    return found
 
 
 def _boundary(tetrahedra: NDArray[np.int64]) -> NDArray[np.int64]:

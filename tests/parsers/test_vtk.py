@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
-from gateway.assets.vtk_format import VtkError, parse_vtk
+from gateway.parsers.mesh_data import MeshFaultError
+from gateway.parsers.vtk import read_vtk
 from gateway.scene.geometry import Surface
 
 HEAD = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\n"
@@ -22,7 +23,7 @@ VERSION_5 = (
 
 
 def parse(text: str | bytes) -> tuple[np.ndarray, np.ndarray]:
-    return parse_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000)
+    return read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000)
 
 
 def binary() -> bytes:
@@ -80,7 +81,7 @@ def test_other_cells_draw_nothing() -> None:
     ],
 )
 def test_damage(text: str | bytes, reason: str) -> None:
-    with pytest.raises(VtkError, match=reason):
+    with pytest.raises(MeshFaultError, match=reason):
         parse(text)
 
 
@@ -90,7 +91,7 @@ def test_cut_off_and_changed_bytes_never_raise_others() -> None:
             for damaged in (whole[:position], whole[:position] + b"\xff" + whole[position + 1 :]):
                 try:
                     parse(damaged)
-                except VtkError:
+                except MeshFaultError:
                     pass
 
 

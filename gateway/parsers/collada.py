@@ -1,0 +1,213 @@
+"""Reads COLLADA files with the package pycollada. Nodes and geometry are counted before they are expanded."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+from xml.parsers import expat
+
+import collada
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.shapes import Images, checked_triangles, shape_of
+
+MAX_ELEMENTS: Final = 1_000_000
+"""Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
+MAX_XML_DEPTH: Final = 512
+"""Maximum depth of XML elements: 256 levels of nodes, and what is in them."""
+MAX_VISITED_NODES: Final = 1_000_000
+"""Maximum number of nodes after the expansion of all ``<instance_node>``, without those that hold no geometry."""
+_X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.eye(4)}
+"""Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
+
+
+def read_collada(data: bytes, read_file: Callable[[str], bytes], limits: MeshLimits, use_up_axis: bool) -> MeshData:
+    """Return the content of a COLLADA file, in metres.
+
+    Args:
+        use_up_axis: False: the file is taken as Z up whatever it states.
+
+    Raises:
+        MeshFaultError: The file is damaged, or beyond a limit.
+    """
+    _check_xml(data)
+    document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    if document.scene is None:
+        return MeshData()
+    reader = _SceneReader(limits, Images(read_file))
+    reader.read(document.scene.nodes, _axes(document, use_up_axis))
+    return reader.result
+
+
+def _check_xml(data: bytes) -> None:
+    """Check size and depth of a document before its tree is built; raises MeshFaultError."""
+    parser = expat.ParserCreate()
+    count = depth = 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > MAX_ELEMENTS or depth > MAX_XML_DEPTH:
+            raise MeshFaultError(f"it has more than {MAX_ELEMENTS} XML elements, or more than {MAX_XML_DEPTH} levels")
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def doctype(*_: object) -> None:
+        raise MeshFaultError("COLLADA documents with a DOCTYPE are refused")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
+
+
+def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
+    """Return the transform from a document's unit and, if used, up axis (1.4, 5-19) to metres and Z up."""
+    unit = document.assetInfo.unitmeter
+    metres = 1.0 if unit is None else float(unit)
+    if not 1e-9 < metres < 1e9:
+        raise MeshFaultError(f"its unit of {metres:g} m is out of range")
+    up_axis = document.xmlnode.findtext(f"{document.tag('asset')}/{document.tag('up_axis')}", "Y_UP").strip()
+    rotation = _UP_AXES.get(up_axis, _UP_AXES["Y_UP"]) if use_up_axis else np.eye(4)
+    return rotation @ np.diag((metres, metres, metres, 1.0))
+
+
+class _SceneReader:
+    """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
+
+    def __init__(self, limits: MeshLimits, images: Images) -> None:
+        self._limits = limits
+        self._images = images
+        self._sizes: dict[int, tuple[int, int, int]] = {}
+        """Number of parts, nodes and levels below each node, itself included, by its identity."""
+        self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
+        """Shapes with their number of triangles, by geometry and its materials."""
+        self._triangles = self._drawn = 0
+        self.result = MeshData(images=images.found)
+
+    def read(self, nodes: list[Any], X: NDArray[np.float64]) -> None:
+        sizes = [self._size(node, 1) for node in nodes]
+        parts, visited = sum(size[0] for size in sizes), sum(size[1] for size in sizes)
+        if parts > self._limits.max_instances:
+            raise MeshFaultError(f"it has {_about(parts)} parts, the limit is {self._limits.max_instances}")
+        if visited > MAX_VISITED_NODES:
+            raise MeshFaultError(f"it has {_about(visited)} nodes, the limit is {MAX_VISITED_NODES}")
+        for node in nodes:
+            self._add(node, X)
+
+    def _size(self, node: Any, level: int) -> tuple[int, int, int]:
+        """Return the number of parts, nodes and levels of a node. Each node is counted once, however often it is used.
+
+        Raises:
+            MeshFaultError: There are too many levels.
+        """
+        if isinstance(node, collada.scene.GeometryNode):
+            return max(1, len(node.geometry.primitives)), 1, 1
+        if not isinstance(node, collada.scene.Node):  # a camera, light or controller
+            return 0, 0, 1
+        target = node.node if isinstance(node, collada.scene.NodeNode) else node
+        size = self._sizes.get(id(target))
+        if size is None:
+            if level > self._limits.max_node_depth:
+                raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
+            below = [self._size(child, level + 1) for child in target.children or ()]
+            parts = sum(child[0] for child in below)
+            size = (
+                parts,
+                1 + sum(child[1] for child in below) if parts else 0,
+                1 + max((c[2] for c in below), default=0),
+            )
+            self._sizes[id(target)] = size
+        if level + size[2] > self._limits.max_node_depth + 1:
+            raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
+        return size
+
+    def _add(self, node: Any, X: NDArray[np.float64]) -> None:
+        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``."""
+        if isinstance(node, collada.scene.GeometryNode):
+            for shape, triangles in self._shapes_of(node):
+                self._drawn += triangles
+                if self._drawn > self._limits.max_drawn_elements:
+                    raise MeshFaultError(f"its parts draw more than {self._limits.max_drawn_elements} triangles")
+                self.result.instances.append((shape, X.tobytes()))
+        elif self._size(node, 0)[0]:
+            X_child = X @ np.asarray(node.matrix, np.float64)
+            for child in node.children or ():
+                self._add(child, X_child)
+
+    def _shapes_of(self, node: Any) -> list[tuple[int, int]]:
+        materials = {each.symbol: each.target.effect for each in node.materials}
+        key = (id(node.geometry), tuple(sorted((str(symbol), id(effect)) for symbol, effect in materials.items())))
+        shapes = self._shapes.get(key)
+        if shapes is None:
+            shapes = self._shapes[key] = list(self._read_geometry(node.geometry, materials))
+        return shapes
+
+    def _read_geometry(self, geometry: Any, materials: dict[str, Any]) -> Iterator[tuple[int, int]]:
+        for primitive in geometry.primitives:
+            if isinstance(primitive, collada.polylist.Polylist):
+                primitive = primitive.triangleset()
+            if not isinstance(primitive, collada.triangleset.TriangleSet) or primitive.vertex is None:
+                continue
+            count = len(primitive.vertex_index)
+            self._triangles += count
+            if self._triangles > self._limits.max_elements:
+                raise MeshFaultError(f"it has more than {self._limits.max_elements} triangles")
+            shape = self._read_primitive(primitive, materials.get(primitive.material))
+            if shape is not None:
+                self.result.shapes.append(shape)
+                yield len(self.result.shapes) - 1, count
+
+    def _read_primitive(self, primitive: Any, effect: Any) -> Shape | None:
+        """Convert triangles with an index for each attribute to triangles with three vertices of their own each."""
+        positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
+        normals = uv = colors = None
+        if primitive.normal is not None:
+            normals = _corners(primitive.normal, primitive.normal_index, "normals")
+        color, image = (None, None) if effect is None else self._material(effect)
+        if image is not None and primitive.texcoordset:
+            uv = _corners(primitive.texcoordset[0], primitive.texcoord_indexset[0], "texture coordinates")[:, :2]
+        color_inputs = primitive.sources.get("COLOR")
+        if effect is None and color_inputs:
+            offset, source = color_inputs[0][0], color_inputs[0][4]
+            values = np.clip(np.nan_to_num(_corners(source.data, primitive.index[:, :, offset], "colours")), 0.0, 1.0)
+            if values.shape[1] in (3, 4):
+                colors = np.full((len(values), 4), 255, np.uint8)
+                colors[:, : values.shape[1]] = np.round(values * 255.0)
+        triangles = checked_triangles(np.arange(len(positions), dtype=np.int64).reshape(-1, 3), len(positions))
+        return shape_of(positions, triangles, normals=normals, uv=uv, colors=colors, color=color, image=image)
+
+    def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:
+        """Return the diffuse colour and the texture of an effect."""
+        rgba, image = (1.0, 1.0, 1.0, 1.0), None
+        if isinstance(effect.diffuse, collada.material.Map):
+            image = self._images.index(effect.diffuse.sampler.surface.image.path)
+        elif effect.diffuse is not None:
+            r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
+            rgba = (r, g, b, a)
+        transparent = effect.transparent
+        if transparent is not None and not isinstance(transparent, collada.material.Map):
+            rgba = (*rgba[:3], float(transparent[3]))
+        return rgba, image
+
+
+def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str) -> NDArray[np.float32]:
+    """Return the value of each corner, (number of corners, components)."""
+    if indices.size and not (int(indices.min()) >= 0 and int(indices.max()) < len(values)):
+        raise MeshFaultError(f"an index of its {what} is not one of 0 to {len(values) - 1}")
+    corners: NDArray[np.float32] = values[indices.reshape(-1)]
+    return corners
+
+
+def _about(number: int) -> str:
+    """Return a number, or the power of ten below it if it is long."""
+    text = str(number)
+    return text if len(text) < 10 else f"more than 10^{len(text) - 1}"

@@ -1,0 +1,181 @@
+"""Reads mesh files: OBJ, STL and PLY with trimesh, COLLADA with pycollada, VTK with ``vtk``."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh.visual.material import SimpleMaterial
+
+from gateway.parsers.collada import read_collada
+from gateway.parsers.mesh_data import MeshData, MeshFault, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.shapes import Images, checked_triangles, shape_of
+from gateway.parsers.vtk import read_vtk
+
+ReadFile = Callable[[str], bytes]
+"""Function that returns the bytes of a file that the mesh file refers to; raises OSError."""
+_IDENTITY: Final = np.eye(4).tobytes()
+
+
+def read_mesh(
+    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool
+) -> MeshData | MeshFault:
+    """Return the content of a mesh file, or the reason why it cannot be used.
+
+    Args:
+        extension: obj, stl, ply, dae or vtk.
+        limits: ``MeshLimits``.
+        use_up_axis: False: COLLADA files are taken as Z up whatever they state.
+    """
+    try:
+        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis)
+    except MemoryError:
+        raise
+    except MeshFaultError as error:
+        return MeshFault(str(error))
+    except Exception as error:  # noqa: BLE001 - third-party code on damaged data
+        reason = " ".join(str(error).split())[:200]
+        return MeshFault(f"it cannot be read as {extension.upper()}: {reason or type(error).__name__}")
+    if not result.instances:
+        return MeshFault("the file holds no triangles or points", is_empty=True)
+    return result
+
+
+def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool) -> MeshData:
+    if extension == "vtk":
+        positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
+        return _single(shape_of(positions, triangles))
+    if extension == "dae":
+        return read_collada(data, read_file, limits, use_up_axis)
+    scene = trimesh.load_scene(
+        io.BytesIO(data), file_type=extension, resolver=_Resolver(read_file), process=False, allow_remote=False
+    )
+    return _content(scene, Images(read_file), limits)
+
+
+def _single(shape: Shape | None) -> MeshData:
+    return MeshData() if shape is None else MeshData([shape], instances=[(0, _IDENTITY)])
+
+
+class _Resolver(trimesh.resolvers.Resolver):
+    """Lets trimesh read files only by a function."""
+
+    def __init__(self, read_file: ReadFile) -> None:
+        self._read_file = read_file
+
+    def get(self, name: str) -> bytes:
+        return self._read_file(str(name))
+
+    def write(self, name: str, data: object) -> None:
+        raise PermissionError(name)
+
+    def keys(self) -> list[str]:
+        return []
+
+    def namespaced(self, namespace: str) -> _Resolver:
+        return self
+
+
+def _content(scene: Any, images: Images, limits: MeshLimits) -> MeshData:
+    """Return the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
+    result = MeshData(images=images.found)
+    if len(scene.geometry) > limits.max_instances:
+        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {limits.max_instances}")
+    vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
+    triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
+    if vertices > limits.max_vertices or triangles > limits.max_elements:
+        raise MeshFaultError(f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles")
+    for geometry in scene.geometry.values():
+        shape = _shape(geometry, images)
+        if shape is not None:
+            result.instances.append((len(result.shapes), _IDENTITY))
+            result.shapes.append(shape)
+    return result
+
+
+def _shape(geometry: Any, images: Images) -> Shape | None:
+    """Convert a trimesh geometry; None for one that draws nothing."""
+    positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
+    if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
+        return None
+    colors = _vertex_colors(geometry, len(positions))
+    if not hasattr(geometry, "faces"):
+        return shape_of(positions, None, colors=colors)
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions))
+    uv, color, image = _material(geometry, images)
+    # trimesh's property computes missing normals. Its cache has only the normals of the file.
+    normals = geometry._cache.cache.get("vertex_normals")
+    if normals is not None and len(normals) != len(positions):
+        normals = None
+    return shape_of(positions, triangles, normals=normals, uv=uv, colors=colors, color=color, image=image)
+
+
+def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of vertices or points, (vertex_count, 4) uint8; None if there are none."""
+    visual = getattr(geometry, "visual", None)
+    if visual is None or getattr(visual, "kind", None) != "vertex":
+        colors = getattr(geometry, "colors", None)
+    else:
+        colors = visual.vertex_colors
+    if colors is None or np.shape(colors) != (vertex_count, 4):
+        return None
+    return np.asarray(colors, np.uint8)
+
+
+def _material(
+    geometry: Any, images: Images
+) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
+    """Return texture coordinates, diffuse colour and texture. Coordinates without a use are None."""
+    visual = geometry.visual
+    if getattr(visual, "kind", None) == "face":
+        return None, _rgba(np.asarray(visual.main_color, np.float64) / 255.0), None
+    material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
+    if material is None:
+        return None, None, None
+    if _is_default(material):
+        return uv, None, None
+    texture = getattr(getattr(material, "baseColorTexture", None) or getattr(material, "image", None), "fp", None)
+    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2) and np.isfinite(uv).all()
+    image = images.add(texture.getvalue()) if has_uv and isinstance(texture, io.BytesIO) else None
+    statements = getattr(material, "kwargs", None) or {}
+    if image is None and isinstance(material, SimpleMaterial) and not statements:
+        return None, None, None  # an image without usable coordinates: the colour is trimesh's grey default
+    diffuse = getattr(material, "baseColorFactor", None)
+    diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
+    color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
+    color[3] *= _mtl_opacity(statements)
+    return uv if image is not None else None, _rgba(color), image
+
+
+def _rgba(color: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    r, g, b, a = color.tolist()
+    return r, g, b, a
+
+
+def _is_default(material: Any) -> bool:
+    """Return True for the grey material that trimesh gives OBJ files with texture coordinates but without an MTL file.
+
+    A material of an MTL file has its statements in ``kwargs``; the image of the grey material has no file.
+    """
+    if not isinstance(material, SimpleMaterial) or material.kwargs:
+        return False
+    return not isinstance(getattr(material.image, "fp", None), io.BytesIO)
+
+
+def _mtl_opacity(statements: dict[str, Any]) -> float:
+    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1.
+
+    A ``Tr`` of 1 is taken as opaque: exporters that wrote it meant the opposite, since invisible meshes make no sense.
+    """
+    for key in ("d", "tr"):
+        try:
+            value = float(statements[key][-1])
+        except (KeyError, IndexError, TypeError, ValueError):
+            continue
+        return value if key == "d" else 1.0 - value or 1.0
+    return 1.0

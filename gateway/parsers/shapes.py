@@ -1,0 +1,86 @@
+"""Converts arrays of parsers to shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gateway.parsers.mesh_data import MeshFaultError, Shape
+
+
+class Images:
+    """Encoded images that a file refers to, each once."""
+
+    def __init__(self, read_file: Callable[[str], bytes]) -> None:
+        self._read_file = read_file
+        self._index_by_name: dict[str, int | None] = {}
+        self._index_by_data: dict[bytes, int] = {}
+        self.found: list[bytes] = []
+
+    def index(self, name: str) -> int | None:
+        """Return the index of an image file in ``found``; None if it cannot be read."""
+        if name not in self._index_by_name:
+            try:
+                self._index_by_name[name] = self.add(self._read_file(name))
+            except OSError:
+                self._index_by_name[name] = None
+        return self._index_by_name[name]
+
+    def add(self, data: bytes) -> int:
+        """Return the index of an encoded image in ``found``, and add it if it is new."""
+        index = self._index_by_data.setdefault(data, len(self.found))
+        if index == len(self.found):
+            self.found.append(data)
+        return index
+
+
+def checked_triangles(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
+    """Return triangles, whose indices must be below ``vertex_count``; raises MeshFaultError."""
+    if faces.size and (faces.min() < 0 or faces.max() >= vertex_count):
+        worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
+        raise MeshFaultError(f"a face refers to vertex {worst} of {vertex_count}")
+    return faces
+
+
+def shape_of(
+    positions: ArrayLike,
+    triangles: NDArray[np.int64] | None,
+    *,
+    normals: ArrayLike | None = None,
+    uv: ArrayLike | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    color: tuple[float, float, float, float] | None = None,
+    image: int | None = None,
+) -> Shape | None:
+    """Return a shape; None if it draws nothing. Triangles with vertices that are not finite are left out.
+
+    Args:
+        uv: Texture coordinates whose origin is the image's bottom left corner. They are used only with an image.
+    """
+    points = np.ascontiguousarray(positions, np.float32)
+    if triangles is None:
+        return Shape(points.tobytes(), None, colors=None if colors is None else colors.tobytes())
+    if not len(triangles):
+        return None
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    if not finite.all():
+        triangles = triangles[finite[triangles].all(axis=1)]
+        points[~finite] = 0.0
+    shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color)
+    if normals is not None:
+        shape.normals = _unit_rows(np.asarray(normals, np.float64)).tobytes()
+    if colors is not None:
+        shape.colors = np.ascontiguousarray(colors, np.uint8).tobytes()
+    if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
+        flipped = np.array(uv, np.float32)
+        flipped[:, 1] = 1.0 - flipped[:, 1]
+        shape.uv, shape.image = flipped.tobytes(), image
+    return shape
+
+
+def _unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float32]:
+    with np.errstate(all="ignore"):
+        units = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.nan_to_num(units, posinf=0.0, neginf=0.0), np.float32)

@@ -1,0 +1,122 @@
+"""Opens files that somebody names. Only regular files are read: a named pipe or a device could block, or never end.
+
+A path that a person types on the command line may be a pipe: ``read_file_or_pipe``.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import select
+import stat
+from pathlib import Path
+from typing import BinaryIO, Final
+
+MAX_BYTES: Final = 1 << 30
+"""Maximum size of a file that is read into memory, where the caller has no lower limit."""
+_PIECE_BYTES: Final = 1 << 20
+"""Bytes that are read between two checks of the ``StopFlag``."""
+_POLL_MILLISECONDS: Final = 50
+"""Time between two checks of the ``StopFlag`` while a pipe has no data."""
+
+
+def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Args:
+        follow_links: False: a symbolic link as the last element of the path is an error.
+
+    Raises:
+        OSError: it cannot be opened, or is not a regular file.
+    """
+    # Without O_NONBLOCK, opening a named pipe would block for ever.
+    file = io.FileIO(_open(path, follow_links), "rb")
+    try:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "it is not a regular file", os.fspath(path))
+        return io.BufferedReader(file)
+    except BaseException:
+        file.close()
+        raise
+
+
+def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, follow_links: bool = True) -> bytes:
+    """Return the bytes of a regular file.
+
+    Raises:
+        OSError: it cannot be read, is not a regular file, or has more than ``max_bytes``.
+    """
+    with open_regular(path, follow_links=follow_links) as file:
+        if os.fstat(file.fileno()).st_size > max_bytes:
+            raise _too_large(path, max_bytes)
+        pieces: list[bytes] = []
+        remaining = max_bytes + 1
+        while remaining and (piece := file.read(min(remaining, _PIECE_BYTES))):
+            pieces.append(piece)
+            remaining -= len(piece)
+        if not remaining:  # it has grown, or the system does not tell its size
+            raise _too_large(path, max_bytes)
+    return b"".join(pieces)
+
+
+def read_text(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> str:
+    """Return the text of a regular file in UTF-8; raises as ``read_regular`` does, and UnicodeDecodeError."""
+    return read_regular(path, max_bytes).decode("utf-8")
+
+
+def read_file_or_pipe(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> bytes:
+    """Return the bytes of a file that a person typed on the command line, which may be a pipe: ``<(xacro …)``.
+
+    Raises:
+        OSError: as for ``read_regular``.
+        Exception: the error of the current ``StopFlag``, if it was set.
+    """
+    from renderers.stop import check_stop  # here: clients that read datasets load nothing of the server
+
+    with io.FileIO(_open(path, follow_links=True), "rb") as file:
+        poller = select.poll()
+        poller.register(file, select.POLLIN)
+        data = bytearray()
+        while True:
+            check_stop()
+            if not poller.poll(_POLL_MILLISECONDS):
+                continue
+            piece = file.read(_PIECE_BYTES)
+            if piece is None:  # another reader was quicker
+                continue
+            if not piece:
+                return bytes(data)
+            data += piece
+            if len(data) > max_bytes:
+                raise _too_large(path, max_bytes)
+
+
+def sha256_of(path: Path) -> str | None:
+    """Return the SHA-256 of a regular file as 64 hexadecimal digits; None if it is missing or cannot be read.
+
+    Raises:
+        Exception: the error of the current ``StopFlag``, if it was set.
+    """
+    from renderers.stop import check_stop  # as above
+
+    digest = hashlib.sha256()
+    try:
+        with open_regular(path) as file:
+            while piece := file.read(_PIECE_BYTES):
+                check_stop()
+                digest.update(piece)
+    except OSError:
+        check_stop()  # its error may be an OSError, too
+        return None
+    return digest.hexdigest()
+
+
+def _open(path: str | os.PathLike[str], follow_links: bool) -> int:
+    flags = os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    return os.open(path, flags | (0 if follow_links else getattr(os, "O_NOFOLLOW", 0)))
+
+
+def _too_large(path: str | os.PathLike[str], max_bytes: int) -> OSError:
+    return OSError(errno.EFBIG, f"it has more than {max_bytes} bytes, which is the limit", os.fspath(path))

@@ -1,0 +1,188 @@
+"""Hostile mesh files: limits hold before anything unfolds. They are read in this process, whose memory is measured."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
+from gateway.parsers.mesh import read_mesh
+from gateway.parsers.mesh_data import MeshData, MeshFault, MeshLimits
+from renderers.stop import StopFlag
+from tests.assets.mesh_files.files import DAE
+
+LIMITS = {name: getattr(MESH_LIMITS, name) for name in MeshLimits.__struct_fields__}
+PLAIN = DAE.format(asset="")
+LEAF = '<node id="n0"><instance_geometry url="#g"/></node>'
+VTK = b"# vtk DataFile Version 3.0\ntest\nASCII\nDATASET POLYDATA\n"
+
+
+def no_files(name: str) -> bytes:
+    raise FileNotFoundError(name)
+
+
+def read(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData | MeshFault:
+    raw = data.encode() if isinstance(data, str) else data
+    return read_mesh(no_files, raw, extension, LIMITS | limits, True)
+
+
+def fault(data: str | bytes, extension: str = "dae", **limits: int) -> str:
+    result = read(data, extension, **limits)
+    assert isinstance(result, MeshFault)
+    return result.text
+
+
+def content(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData:
+    result = read(data, extension, **limits)
+    assert isinstance(result, MeshData), result
+    return result
+
+
+def scene(library: str, nodes: str) -> str:
+    """Return a COLLADA document with ``library_nodes``."""
+    start, _, rest = PLAIN.partition("<library_visual_scenes>")
+    _, _, end = rest.partition("</library_visual_scenes>")
+    visual = f'<library_visual_scenes><visual_scene id="s">{nodes}</visual_scene></library_visual_scenes>'
+    return f"{start}<library_nodes>{library}</library_nodes>{visual}{end}"
+
+
+def nested(levels: int, copies: int, leaf: str = LEAF) -> str:
+    """Return a document whose nodes each have copies of the one below."""
+    library = leaf + "".join(
+        f'<node id="n{level}">{f"""<instance_node url="#n{level - 1}"/>""" * copies}</node>'
+        for level in range(1, levels + 1)
+    )
+    return scene(library, f'<node><instance_node url="#n{levels}"/></node>')
+
+
+def test_instances_of_nodes_share_their_shape() -> None:
+    result = content(nested(4, 3))
+    assert (len(result.shapes), len(result.instances)) == (1, 81)
+
+
+@pytest.mark.parametrize(
+    ("levels", "copies", "reason"),
+    [
+        (40, 2, r"it has more than 10\^12 parts, the limit is 200000"),
+        (18, 2, "it has 262144 parts, the limit is 200000"),
+        (200, 100, r"it has more than 10\^400 parts"),
+        (300, 1, "it has more than 256 levels of nodes"),
+    ],
+)
+def test_nested_nodes_are_counted_before_they_are_expanded(levels: int, copies: int, reason: str) -> None:
+    with pytest.raises(MeshFormatError, match=reason):
+        raise MeshFormatError(fault(nested(levels, copies)))
+
+
+def test_nodes_without_geometry_are_not_expanded() -> None:
+    library = nested(40, 2, '<node id="n0"/>').partition("<library_nodes>")[2].partition("</library_nodes>")[0]
+    nodes = '<node><instance_node url="#n40"/><instance_geometry url="#g"/></node>'
+    assert len(content(scene(library, nodes)).instances) == 1
+
+
+def test_many_nodes_above_few_parts_are_limited() -> None:
+    """2^17 parts below a chain of 200 nodes each."""
+    targets = ["n0", *(f"c{i}" for i in range(200)), *(f"f{i}" for i in range(17))]
+    library = LEAF + "".join(
+        f'<node id="{name}">{f"""<instance_node url="#{target}"/>""" * (2 if name.startswith("f") else 1)}</node>'
+        for target, name in pairwise(targets)
+    )
+    assert "nodes, the limit is 1000000" in fault(scene(library, '<node><instance_node url="#f16"/></node>'))
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (PLAIN.replace("0 1 2</p>", "0 1 4294967295</p>"), "an index of its vertices is not one of 0 to 2"),
+        (PLAIN.replace("0 1 2</p>", "0 1 -1</p>"), "an index of its vertices is not one of 0 to 2"),
+        (PLAIN.replace("0 1 2</p>", "0 1 3</p>"), "the file holds no triangles or points"),
+        (PLAIN.replace("</COLLADA>", "<a>" * 600 + "</a>" * 600 + "</COLLADA>"), "or more than 512 levels"),
+        (PLAIN.replace("</COLLADA>", "<a/>" * 1_000_001 + "</COLLADA>"), "more than 1000000 XML elements"),
+        ("<!DOCTYPE a [<!ENTITY x 'y'>]>" + PLAIN.partition("?>")[2], "with a DOCTYPE are refused"),
+        (PLAIN.replace("<asset>", '<asset><unit meter="0"/>'), "its unit of 0 m is out of range"),
+        ("PK\3\4" + PLAIN, "it cannot be read as DAE: not well-formed"),
+    ],
+)
+def test_damaged_collada(data: str, reason: str) -> None:
+    assert reason in fault(data)
+
+
+def test_collada_is_limited_by_triangles_and_by_drawn_triangles() -> None:
+    assert "it has more than 0 triangles" in fault(PLAIN, max_elements=0)
+    assert "its parts draw more than 26 triangles" in fault(nested(3, 3), max_drawn_elements=26)
+    assert len(content(nested(3, 3), max_drawn_elements=27).instances) == 27
+
+
+def test_a_polygon_of_a_million_corners_is_a_fan() -> None:
+    numbers = 1_000_002
+    data = (
+        VTK
+        + b"POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 %d\n%d " % (numbers + 1, numbers)
+        + b"0 1 2 " * (numbers // 3)
+    )
+    (shape,) = content(data, "vtk").shapes
+    assert shape.triangles is not None
+    assert len(shape.triangles) == 12 * 1_000_000
+    assert f"it has {numbers - 2} triangles, the limit is 999999" in fault(data, "vtk", max_elements=999_999)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [VTK + b" " * 20_000_000, VTK + b"x" * 20_000_000, VTK + b"POINTS 1 float 0 0 0\n" * 100_000],
+    ids=["spaces", "word", "arrays"],
+)
+def test_vtk_is_read_in_linear_time(data: bytes) -> None:
+    assert fault(data, "vtk") == "it has no points or no cells"
+
+
+@pytest.mark.parametrize(
+    ("extension", "data"),
+    [
+        ("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3" + b" " * 20_000_000),
+        ("dae", PLAIN.encode().replace(b"0 1 2</p>", b" " * 20_000_000 + b"0 1 2</p>")),
+    ],
+)
+def test_spaces_are_skipped(extension: str, data: bytes) -> None:
+    assert len(content(data, extension).instances) == 1
+
+
+def test_the_limits_grow_with_the_file() -> None:
+    small, large, huge = (PARSER_LIMITS.of(size) for size in (0, 30 << 20, 256 << 20))
+    assert small.memory_bytes == 256 << 20
+    assert small.seconds == 15
+    assert large.memory_bytes == (256 << 20) + 40 * (30 << 20)
+    assert huge.memory_bytes == 4 << 30
+
+
+def parse(data: str | bytes, extension: str = "dae", **limits: Any) -> int:
+    raw = data.encode() if isinstance(data, str) else data
+    return len(parse_mesh(raw, extension, no_files, dataclasses.replace(MESH_LIMITS, **limits)))
+
+
+def test_the_child_process_says_what_it_exceeds() -> None:
+    with pytest.raises(MeshFormatError, match=r"it has more than 10\^12 parts, the limit is 200000"):
+        parse(nested(40, 2))
+    polygons = '<polylist count="1">' + PLAIN.partition('<triangles count="1">')[2].partition("<p>")[0]
+    data = PLAIN.replace(PLAIN[PLAIN.index("<triangles") : PLAIN.index("</triangles>") + 12],
+                         f"{polygons}<vcount>2000000000</vcount><p>0 1 2</p></polylist>")  # fmt: skip
+    with pytest.raises(MeshFormatError, match=r"DAE: it failed, or needs more than 2684.* bytes of memory"):
+        parse(data)
+
+
+def test_the_stop_flag_ends_a_file_that_takes_long() -> None:
+    """References to nodes that follow are resolved again and again, by pycollada."""
+    library = "".join(f'<node id="n{i}"><instance_node url="#n{i - 1}"/></node>' for i in range(20_000, 0, -1)) + LEAF
+    document = scene(library, '<node><instance_node url="#n20000"/></node>')
+    flag = StopFlag()
+    threading.Timer(0.2, flag.set, (TimeoutError("late"),)).start()
+    with pytest.raises(TimeoutError, match="late"):
+        flag.run(lambda: parse(document))
+
+
+def test_results_are_plain_values() -> None:
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(read(PLAIN)), type=MeshData) == read(PLAIN)

@@ -1,0 +1,57 @@
+"""Files are read by ``gateway.runtime.regular_files`` only: a named pipe or a device must not hang a command."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+FOLDER = Path(__file__).parents[1] / "gateway"
+READERS = {"read_bytes", "read_text", "imread", "load", "fdopen", "open"}
+ALLOWED = {
+    "runtime/regular_files.py": "the module itself",
+    "runtime/limited_process_child.py": "/proc/self/statm",
+    "runtime/kernel_cache.py": "the kernel cache's own lock",
+    "runtime/worker_reports.py": "files of our own processes",
+    "runtime/diagnostics.py": "/proc",
+    "lcm/receive_buffer.py": "/proc",
+    "lcm/liblcm_transport.py": "/dev/null",
+    "state/database.py": "checks by itself that the file is regular, since it writes it",
+    "viewer/routes.py": "the page, a part of this package",
+    "cli/reference/grpc_page.py": "files of this package",
+    "cli/reference/lcm_page.py": "files of this package",
+    "stereo/pair_files.py": "np.load of an open regular file",
+    "testing/gateway.py": "its own log",
+    "datasets/files.py": "folders, and files that it writes",
+    "datasets/run.py": "the journal, which it writes",
+    "render/failures.py": "files that it writes",
+    "lcm/replay.py": "the log, which it writes; reading is by open_regular",
+    "client/imu.py": "the file that it writes",
+}
+"""Files that may open others, and what."""
+
+
+def reads(path: Path) -> list[str]:
+    """Return the calls that may read a file: methods and functions of these names with a path."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call):
+            continue
+        function = node.func
+        if isinstance(function, ast.Attribute):
+            name, owner = function.attr, ast.unparse(function.value)
+        elif ast.unparse(function) == "open":
+            name, owner = "open", ""
+        else:  # functions of regular_files, too
+            continue
+        if name == "load" and owner not in ("np", "numpy", "json", "tomllib", "pickle"):
+            continue
+        if name in READERS and owner != "webbrowser":
+            found.append(f"{name}, line {node.lineno}")
+    return found
+
+
+def test_files_are_opened_in_one_place() -> None:
+    found = {path.relative_to(FOLDER).as_posix(): reads(path) for path in FOLDER.rglob("*.py")}
+    others = {name: calls for name, calls in found.items() if calls and name not in ALLOWED}
+    assert not others, "use gateway.runtime.regular_files"
+    assert not [name for name in ALLOWED if not found[name]], "these open no file any more"
