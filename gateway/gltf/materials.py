@@ -26,6 +26,8 @@ _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _DIELECTRIC_REFLECTANCE: Final = 0.04
 """Reflectance at normal incidence for an index of refraction of 1.5."""
 
+_VARIANTS: Final = "KHR_materials_variants"
+
 _Extension = TypeVar("_Extension", bound=msgspec.Struct)
 
 
@@ -45,8 +47,15 @@ def label_from_material(material: Material) -> int:
 class Materials:
     """The materials of one document, each read at its first use."""
 
-    def __init__(self, document: schema.Document, textures: Textures) -> None:
+    def __init__(
+        self, document: schema.Document, textures: Textures, warnings: list[str], variant: str | None = None
+    ) -> None:
+        """
+        Args:
+            variant: Name of a variant of KHR_materials_variants; None: the default materials.
+        """
         self._sources = document.materials
+        self._variant = None if variant is None else _variant_index(document, variant, warnings)
         self._textures = textures
         self._from_drake = document.from_drake
         self._decodes_vertex_colors = not document.from_old_drake
@@ -64,7 +73,7 @@ class Materials:
         Raises:
             GltfError: An index is out of range, a factor is invalid, or images are beyond the limits.
         """
-        index = primitive.material
+        index = self._index(primitive, name)
         if index is None:
             return DEFAULT_MATERIAL
         vtk = self.is_from_vtk(primitive, name)
@@ -74,6 +83,18 @@ class Materials:
             source = checked_item(self._sources, index, "materials", f"{name}.material")
             material = self._materials[index, vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
         return material
+
+    def _index(self, primitive: schema.Primitive, name: str) -> int | None:
+        """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""
+        raw = None if self._variant is None else extension_json(primitive.extensions, _VARIANTS)
+        if raw is None:
+            return primitive.material
+        try:
+            mappings = msgspec.json.decode(raw, type=schema.VariantMappings).mappings or []
+        except msgspec.MsgspecError as error:
+            raise GltfError(f"{name}.extensions.{_VARIANTS}: {error}") from error
+        chosen = [each.material for each in mappings if each is not None and self._variant in (each.variants or ())]
+        return chosen[0] if chosen else primitive.material
 
     def is_from_vtk(self, primitive: schema.Primitive, name: str) -> bool:
         """Return True for a primitive that VTK's exporter wrote for Drake's client.
@@ -164,6 +185,21 @@ class Materials:
                 source.specular_glossiness_texture, f"{name}.specularGlossinessTexture"
             ),
         )
+
+
+def _variant_index(document: schema.Document, name: str, warnings: list[str]) -> int | None:
+    """Return the index of a variant; None and a warning if the document has none of this name."""
+    raw = extension_json(document.extensions, _VARIANTS)
+    try:
+        variants = [] if raw is None else msgspec.json.decode(raw, type=schema.Variants).variants or []
+    except msgspec.MsgspecError as error:
+        raise GltfError(f"extensions.{_VARIANTS}: {error}") from error
+    names = [variant.name if variant is not None else None for variant in variants]
+    if name in names:
+        return names.index(name)
+    listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
+    warnings.append(f"the file has no material variant {name!r:.60} (it has {listed}), the default materials are drawn")
+    return None
 
 
 def _looks_written_by_vtk(source: schema.Material) -> bool:

@@ -13,7 +13,7 @@ from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, Pose, deformation_of
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError
+from gateway.gltf.errors import GltfError, GltfLimitError
 from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json
@@ -166,7 +166,13 @@ class Meshes:
             if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
-            accessor = self._accessors.get(index, path)
+            try:
+                accessor = self._accessors.get(index, path)
+            except GltfLimitError:
+                raise
+            except GltfError as error:
+                self._warnings.append(f"{error}; {path} is ignored")
+                continue
             if accessor.components not in allowed:
                 self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
@@ -199,11 +205,11 @@ class Meshes:
         self._element_count += new_elements
         self._max_nbytes += _VERTEX_BYTES * new_vertices + _ELEMENT_BYTES * new_elements
         if self._vertex_count > limits.max_vertices:
-            raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
+            raise GltfLimitError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
         if self._element_count > limits.max_elements:
-            raise GltfError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
+            raise GltfLimitError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
         if self._max_nbytes > limits.max_mesh_bytes:
-            raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
+            raise GltfLimitError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
     def _read_new(self, checked: _CheckedPrimitive) -> Mesh | None:
         """Read a mesh from its accessors; return None if it has no complete element with finite positions."""
