@@ -1,4 +1,4 @@
-# Scenegate's recipes. Nothing but make and Python 3.11 - 3.13 has to be there beforehand.
+# Scenegate's recipes. Nothing but make and Python 3.11 - 3.14 has to be there beforehand.
 #
 #   make run                      set up, serve with the demo scene
 #   make run ARGS="--port 9000"   any flag of `scenegate serve`
@@ -7,7 +7,7 @@
 
 VENV ?= .venv
 SITE_VENV ?= .venv-site
-PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
+PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3.14 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
 COSMIC_RAY := 8.7.0
 KUBERNETES_VALIDATE := 1.37.0
@@ -32,7 +32,7 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all lint check lock generate docs web bench docs-site docs-serve mutants clean
+.PHONY: help run test test-all test-lowest lint check lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
@@ -50,6 +50,12 @@ test: $(VENV)/.installed-dev ## set up and run the tests that take seconds, all 
 
 test-all: $(VENV)/.installed-dev ## set up and run all tests
 	$(PYTEST) $(ARGS)
+
+test-lowest: $(VENV)/.tools ## run the fast tests with the lowest versions of libraries that pyproject.toml allows
+	$(UV) venv --quiet --clear --python $(BIN)/python .venv-lowest
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable '.[robots]'
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --group test ruamel.yaml
+	.venv-lowest/bin/python -m pytest -m "not slow" -W ignore::DeprecationWarning $(ARGS)
 
 lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .
@@ -80,7 +86,7 @@ dist-test: $(VENV)/.installed-dev dist ## install the wheel of dist/ in an empty
 	SCENEGATE_DIST=dist $(BIN)/python -m pytest tests/packaging $(ARGS)
 
 publish: $(VENV)/.tools ## upload dist/ to the package index (ARGS=--dry-run: check only)
-	@grep -q '^Repository = ' pyproject.toml || { echo "Set Repository in pyproject.toml: see [project.urls] there."; exit 1; }
+	@grep -q '^Repository = ' pyproject.toml || { echo "Set Repository in pyproject.toml: see Release in CONTRIBUTING.md."; exit 1; }
 	$(UV) publish $(ARGS) dist/*
 
 image: ## build the container image (ENGINE=podman, IMAGE=name, TAG=latest)
@@ -97,15 +103,8 @@ image-push: ## build and push the image of this machine's architecture, with SBO
 image-index: ## join the pushed TAG-amd64 and TAG-arm64 as TAG and latest
 	docker buildx imagetools create -t $(IMAGE):$(TAG) -t $(IMAGE):latest $(IMAGE):$(TAG)-amd64 $(IMAGE):$(TAG)-arm64
 
-release: $(VENV)/.tools ## set VERSION=1.2.3 where it is named, commit, tag; pushing the tag publishes
-	@echo "$(VERSION)" | grep -Eq '^[0-9]+\.[0-9]+\.[0-9]+$$' || { echo "make release VERSION=1.2.3"; exit 1; }
-	@git diff --quiet HEAD || { echo "There are changes that are not committed."; exit 1; }
-	$(BIN)/python -m hatchling version $(VERSION)
-	sed -i '/^date-released: /d; s/^version: .*/version: $(VERSION)\ndate-released: "'$$(date +%F)'"/' CITATION.cff
-	sed -i 's/^## \[Unreleased\].*/&\n\n## [$(VERSION)] - '$$(date +%F)'/' CHANGELOG.md
-	git commit --quiet --all -m "Release $(VERSION)"
-	git tag --annotate v$(VERSION) -m "Scenegate $(VERSION)"
-	@echo "Now: git push origin HEAD v$(VERSION)"
+release: ## set VERSION=1.2.3 in all files that name it, commit, tag; pushing the tag publishes
+	@$(PYTHON) release.py "$(VERSION)"
 
 bench: $(VENV)/.installed-dev ## measure against real peers, write docs/performance.md (BENCH=stream: that one only)
 	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write docs/performance.md) $(ARGS)
@@ -144,13 +143,13 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 		--group site -o requirements-site.lock
 
 clean: ## remove what the recipes made
-	rm -rf $(VENV) $(SITE_VENV) out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(SITE_VENV) .venv-lowest out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:
-	@test -n "$(PYTHON)" || { echo "No Python found; Scenegate needs 3.11, 3.12 or 3.13 (make PYTHON=/path/to/python3)."; exit 1; }
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || { \
-		echo "$$($(PYTHON) --version) is not supported; Scenegate needs 3.11, 3.12 or 3.13 (make PYTHON=/path/to/python3)."; exit 1; }
+	@test -n "$(PYTHON)" || { echo "No Python found; Scenegate needs 3.11 to 3.14 (make PYTHON=/path/to/python3)."; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || { \
+		echo "$$($(PYTHON) --version) is not supported; Scenegate needs 3.11 to 3.14 (make PYTHON=/path/to/python3)."; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "$(PYTHON) cannot make virtual environments (on Debian and Ubuntu: apt install python3-venv)."; exit 1; }
 	@touch $@

@@ -3,7 +3,10 @@
 Draws one fault a module at random (a boundary, a sign, a condition, a dropped check; operators of cosmic-ray), applies
 it in a copy of the repository, and runs the tests that mirror the module's room. A fault that no test notices is
 printed as a diff: either a test is missing, or the fault changes nothing (an equivalent mutant), which is for a person
-to judge. Modules with compiled kernels are left out: each fault would compile for a minute.
+to judge.
+
+Modules with compiled kernels have a sample of their own, ``--kernels``: a fault compiles the kernels that the tests of
+its room use, for about a minute, into a cache of its own.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import argparse
 import difflib
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -47,6 +51,18 @@ ROOMS = {
     "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
 }
 """Rooms of ``gateway`` and the tests that mirror them, nearest first."""
+KERNEL_ROOMS = {
+    "compiler": ("tests/renderers/compiler", "tests/renderers"),
+    "encode": ("tests/renderers",),
+    "gltf": ("tests/gltf",),
+    "raster": ("tests/renderers/raster", "tests/renderers"),
+    "renderers": ("tests/renderers",),
+    "scene": ("tests/scene",),
+    "shading": ("tests/renderers/shading", "tests/renderers"),
+    "stereo": ("tests/stereo",),
+    "treeviewer": ("tests/treeviewer",),
+}
+"""Rooms with kernels, of ``renderers`` and of ``gateway``; "renderers" is what lies in no room."""
 EQUIVALENT = ("_Eq_Is", "_NotEq_IsNot", "_Is_Eq", "_IsNot_NotEq")
 """Endings of operators that swap equality and identity: the same for None, booleans, enums and interned strings."""
 OPERATORS = (
@@ -70,8 +86,8 @@ OPERATORS = (
         if name.startswith("core/ReplaceComparisonOperator") and not name.endswith(EQUIVALENT)
     ),
 )
-KERNELS = ("kernel", "cached_njit", "njit")
-"""A module that defines one of these is left out."""
+KERNEL = re.compile(r"^\s*@(kernel|device_function|inlined|cached_njit|njit|intrinsic)\b", re.MULTILINE)
+"""Decorators of what is compiled."""
 TEST_SECONDS = 900
 """Longest run of a room's tests; a fault that makes them longer counts as noticed."""
 
@@ -86,30 +102,39 @@ class Fault:
     code: str
     """The whole module with the fault."""
 
+    @property
+    def room(self) -> str:
+        """Name in ``ROOMS`` or ``KERNEL_ROOMS``."""
+        return self.module.parts[1] if len(self.module.parts) > 2 else self.module.parts[0]
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
-    parser.add_argument("--rooms", nargs="*", default=sorted(ROOMS), choices=sorted(ROOMS), metavar="ROOM")
+    parser.add_argument("--kernels", action="store_true", help="faults in compiled kernels instead of the others")
+    parser.add_argument("--rooms", nargs="*", metavar="ROOM", help="only these")
     parser.add_argument("--sample", type=int, default=60, help="number of faults, at most one a module")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--list", action="store_true", help="print the faults and run nothing")
     options = parser.parse_args()
 
-    faults = draw_faults(options.rooms, options.sample, random.Random(options.seed))
+    tests = KERNEL_ROOMS if options.kernels else ROOMS
+    rooms = sorted(options.rooms or tests)
+    if unknown := set(rooms) - set(tests):
+        parser.error(f"there is no room {', '.join(sorted(unknown))}; there are {', '.join(sorted(tests))}")
+    faults = draw_faults(rooms, options.sample, random.Random(options.seed), options.kernels)
     if options.list:
         for fault in faults:
             print(f"{fault.module}:{fault.line} {fault.operator}", difference(fault), sep="\n")
         return
     caught: dict[str, list[bool]] = {}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        tree = copy_of_repository(Path(folder))
-        for room in sorted({fault.module.parts[1] for fault in faults}):
-            if tests_fail(tree, ROOMS[room]):
-                raise SystemExit(f"the tests of {room} fail without any fault: {' '.join(ROOMS[room])}")
+        tree = copy_of_repository(Path(folder, "tree"))
+        for room in sorted({fault.room for fault in faults}):
+            if tests_fail(tree, tests[room], recompile=False):
+                raise SystemExit(f"the tests of {room} fail without any fault: {' '.join(tests[room])}")
         for fault in faults:
-            room = fault.module.parts[1]
-            noticed = is_noticed(tree, fault)
-            caught.setdefault(room, []).append(noticed)
+            noticed = is_noticed(tree, fault, tests[fault.room])
+            caught.setdefault(fault.room, []).append(noticed)
             print(f"{'caught ' if noticed else 'MISSED '} {fault.module}:{fault.line} {fault.operator}", flush=True)
             if not noticed:
                 print(difference(fault), flush=True)
@@ -120,9 +145,13 @@ def main() -> None:
     print(f"{'all':<12} {sum(total):>6} / {len(total)}  {sum(total) / len(total):.0%}")
 
 
-def draw_faults(rooms: list[str], count: int, chance: random.Random) -> list[Fault]:
-    """Draw at most one fault a module, from rooms in turn, so that small rooms are in the sample."""
-    modules = {room: _modules(room) for room in rooms}
+def draw_faults(rooms: list[str], count: int, chance: random.Random, kernels: bool) -> list[Fault]:
+    """Draw at most one fault a module, from rooms in turn, so that small rooms are in the sample.
+
+    Args:
+        kernels: modules with kernels; else the others.
+    """
+    modules = {room: _modules(room, kernels) for room in rooms}
     for each in modules.values():
         chance.shuffle(each)
     faults: list[Fault] = []
@@ -138,11 +167,12 @@ def draw_faults(rooms: list[str], count: int, chance: random.Random) -> list[Fau
     return faults
 
 
-def _modules(room: str) -> list[Path]:
-    files = sorted((ROOT / "gateway" / room).rglob("*.py"))
-    return [
-        file.relative_to(ROOT) for file in files if not any(f"@{name}" in file.read_text("utf-8") for name in KERNELS)
-    ]
+def _modules(room: str, kernels: bool) -> list[Path]:
+    packages = ("gateway", "renderers") if kernels else ("gateway",)
+    files = sorted(file for package in packages for file in (ROOT / package / room).rglob("*.py"))
+    if room == "renderers":
+        files = sorted((ROOT / room).glob("*.py"))
+    return [file.relative_to(ROOT) for file in files if bool(KERNEL.search(file.read_text("utf-8"))) is kernels]
 
 
 def _faults_of(module: Path) -> Iterator[tuple[tuple[str, Operator], int, int]]:
@@ -169,27 +199,37 @@ def copy_of_repository(folder: Path) -> Path:
     return folder
 
 
-def is_noticed(tree: Path, fault: Fault) -> bool:
-    """Return True if a test that mirrors the fault's room fails with the fault in the copy."""
+def is_noticed(tree: Path, fault: Fault, tests: tuple[str, ...]) -> bool:
+    """Return True if one of the tests that mirror the fault's room fails with the fault in the copy."""
     file = tree / fault.module
-    mirror = Path("tests", *fault.module.parts[1:-1], f"test_{fault.module.name}")
+    package, *folders = fault.module.parts[:-1]
+    mirror = Path("tests", *(() if package == "gateway" else (package,)), *folders, f"test_{fault.module.name}")
     paths = (str(mirror),) if (tree / mirror).exists() else ()
     original = file.read_text("utf-8")
     file.write_text(fault.code, "utf-8")
     try:
-        return tests_fail(tree, (*paths, *ROOMS[fault.module.parts[1]]))
+        return tests_fail(tree, (*paths, *tests), recompile=bool(KERNEL.search(original)))
     finally:
         file.write_text(original, "utf-8")
 
 
-def tests_fail(tree: Path, paths: tuple[str, ...]) -> bool:
-    """Run the fast tests of these paths in the copy, in this order, up to the first failure."""
+def tests_fail(tree: Path, paths: tuple[str, ...], *, recompile: bool) -> bool:
+    """Run the fast tests of these paths in the copy, in this order, up to the first failure.
+
+    Args:
+        recompile: the kernels that the tests use are compiled into a folder of their own.
+    """
     python = os.environ.get("SCENEGATE_PYTHON", sys.executable)
     command = (python, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *paths)
-    try:
-        return subprocess.run(command, cwd=tree, capture_output=True, timeout=TEST_SECONDS, check=False).returncode != 0
-    except subprocess.TimeoutExpired:
-        return True
+    with tempfile.TemporaryDirectory(prefix="mutants-kernels-") as kernels:
+        environment = {**os.environ, **({"NUMBA_CACHE_DIR": kernels} if recompile else {})}
+        try:
+            ended = subprocess.run(
+                command, cwd=tree, env=environment, capture_output=True, timeout=TEST_SECONDS, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return True
+    return ended.returncode != 0
 
 
 def difference(fault: Fault) -> str:

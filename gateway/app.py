@@ -6,8 +6,10 @@ Its lifespan starts and stops every interface, including those that do not speak
 from __future__ import annotations
 
 import asyncio
+import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
@@ -23,19 +25,23 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.server import error_handlers, health, openapi
+from gateway.server.docs_page import docs_page
 from gateway.server.early_response import EarlyResponse
 from gateway.server.index_page import index_page
 from gateway.server.middleware import RequestContext
+from gateway.server.path_prefix import PathPrefix
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics
 from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
+from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 from gateway.wiring.worker_processes import write_worker_reports
+from renderers.cache import SHARED
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -59,10 +65,13 @@ def create_app(
         SettingsError: a token or certificate file cannot be used.
     """
     app: FastAPI = FastAPIOffline(
+        docs_url=None,  # its page has absolute addresses
         redoc_url=None,
+        redirect_slashes=False,  # Starlette's redirects have absolute addresses; error_handlers.not_found redirects
         title="Scenegate",
         version=__version__,
         description=DESCRIPTION,
+        servers=[{"url": ".", "description": "this gateway"}],  # relative to the description's own address
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=_lifespan,
         swagger_ui_parameters={"validatorUrl": None},  # no request to an online validator
@@ -89,17 +98,21 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Start the interfaces in a background task; stop them at the end."""
     context: Context = app.state.context
     process_tuning.tune()
+    SHARED.max_bytes = context.settings.cache_bytes
     context.registry.expect(KERNELS, *enabled_interfaces(context.settings))
     metrics.watch_process(context.metrics, context.registry, context.workers)
+    metrics.watch_caches(context.metrics, SHARED)
     metrics.watch_tree(context.metrics, context.tree)
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
+    idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:
         async with write_worker_reports(context):
             yield
     finally:
+        idle.cancel()
         await context.close()
 
 
@@ -125,12 +138,20 @@ def _add_routes(context: Context) -> None:
     @app.get("/", include_in_schema=False)
     async def index() -> HTMLResponse:
         view = {"view": "See the scene"} if "view" in interfaces else {}
-        return HTMLResponse(index_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
+        links = {**view, "docs": "HTTP interface", "metrics": "metrics"}
+        if documentation_url():
+            links[documentation_url()] = "documentation"
+        names = {name: (entry.title, documentation_of(name)) for name, entry in NAMES.items()}
+        return HTMLResponse(index_page(__version__, links, names))
+
+    @app.get("/docs", include_in_schema=False)
+    async def http_interface() -> HTMLResponse:
+        return docs_page(app)
 
 
 def _add_middleware(context: Context) -> None:
     """Add error responses and middleware; the last one added is the outermost."""
-    app, registry = context.app, context.registry
+    app = context.app
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
     app.add_exception_handler(RequestValidationError, error_handlers.invalid_parameters)
@@ -139,7 +160,7 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(
         StartGate,
         started=context.started,
-        problem=lambda: registry.entries[KERNELS].problem,
+        problem=lambda: context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
         compiling=lambda: context.compiling,
     )
@@ -147,6 +168,8 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(error_handlers.HeadAsGet)
     app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.MONITORING_PATHS | POLLED_PATHS)
     app.add_middleware(EarlyResponse)
+    if context.settings.root_path:
+        app.add_middleware(PathPrefix, prefix=context.settings.root_path)
 
 
 def __getattr__(name: str) -> Any:
@@ -157,4 +180,6 @@ def __getattr__(name: str) -> Any:
     if settings.workers > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
     logs.configure(settings.log_format, settings.log_level, log_uvicorn=True)
-    return create_app(settings)
+    application = create_app(settings)
+    application.state.context.on_fatal = partial(signal.raise_signal, signal.SIGTERM)  # uvicorn shuts down
+    return application

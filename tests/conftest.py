@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -41,6 +42,11 @@ def pytest_configure(config: pytest.Config) -> None:
         if not kernel_cache.are_cached(FUNCTION_COUNTS):
             print("Compiling the kernels, once for all processes: a minute ...", flush=True)
             kernel_cache.ensure_cached(FUNCTION_COUNTS)
+
+
+def pytest_collection_finish() -> None:
+    """Exempt modules and tests from garbage collection, which many tests ask for: their million objects stay anyway."""
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

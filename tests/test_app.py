@@ -162,17 +162,78 @@ async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypa
         assert "warning" not in states["stereo"]
 
 
-async def test_without_kernels_requests_get_503_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_kernels_requests_get_503_and_the_process_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
-        raise RuntimeError("no compiler backend")
+        raise kernel_cache.KernelError("no compiler in /home/robot")
 
     monkeypatch.setattr(warmup, "load_needed", broken)
     use_interfaces(monkeypatch, render=add_route)
+    app = gateway.app.create_app(Settings())
+    ended = asyncio.Event()
+    app.state.context.on_fatal = ended.set
+    with structlog.testing.capture_logs() as lines:
+        async with app.router.lifespan_context(app):
+            async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test") as client:
+                answer = await client.get("/example")
+                assert (answer.status_code, "/home" in answer.text, "log" in answer.text) == (503, False, True)
+                assert (await client.get("/readyz")).status_code == 503
+                assert (await client.get("/healthz")).json()["status"] == "failed"
+            await ended.wait()
+    assert any("no compiler in /home/robot" in line["event"] for line in lines)
+    assert not any("started" in line["event"] for line in lines)
+
+
+async def test_kernels_are_loaded_again_after_an_error_that_may_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    errors = [OSError(24, "Too many open files", "/home/robot/kernels"), MemoryError("no memory")]
+    loaded: list[bool] = []
+
+    def load() -> None:
+        if errors:
+            raise errors.pop()
+        loaded.append(True)
+
+    monkeypatch.setattr(startup, "START_RETRIES", (0.0,) * 4)
+    monkeypatch.setattr(warmup, "load_needed", load)
+    use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
-        answer = await client.get("/example")
-        assert (answer.status_code, answer.text) == (503, "The gateway did not start: no compiler backend\n")
-        assert (await client.get("/readyz")).status_code == 503
-        assert (await client.get("/healthz")).status_code == 200
+        assert (await client.get("/example")).status_code == 200
+        assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
+    assert loaded == [True]
+
+
+async def test_further_kernels_are_loaded_again_after_any_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    error: list[Exception] = [OSError(24, "Too many open files", "/home/robot/kernels")]
+    tried = asyncio.Event()
+    go_on = asyncio.Event()
+
+    def load(part: str) -> None:
+        if error:
+            raise error[0]
+        pending.finish(part)
+
+    async def wait(seconds: float) -> None:
+        tried.set()
+        await go_on.wait()
+
+    monkeypatch.setattr(warmup, "load_background", load)
+    monkeypatch.setattr(startup, "wait_before_retry", wait)
+    use_interfaces(monkeypatch, render=add_route)
+    async with running() as client:
+        assert (await client.get("/example")).status_code == 200
+        await tried.wait()
+        described = (await client.get("/readyz")).json()
+        assert described["status"] == "degraded"
+        assert "Too many open files" in described["interfaces"]["further_kernels"]["problem"]
+        with pytest.raises(kernel_cache.KernelsDelayed) as raised:
+            pending.wait_until_compiled("normals")
+        assert "/home" not in str(raised.value)
+        error.clear()
+        go_on.set()
+        await until(lambda: not pending.is_pending("formats"))
+        await asyncio.to_thread(pending.wait_until_compiled, "formats")
+        async with asyncio.timeout(SECONDS):
+            while (await client.get("/readyz")).json()["status"] != "ready":  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0)
 
 
 async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,7 +285,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
             assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
     said = [line for line in lines if "ompil" in line["event"] and "further" not in line["event"]]
     assert [line["event"] for line in said] == [
-        "Compiling the rendering kernels into the cache, once ...",
+        "Compiling the rendering kernels into the cache, once: 15 seconds on two idle cores ...",
         "Compiling the rendering kernels",
         "The rendering kernels are compiled",
     ]
@@ -325,7 +386,7 @@ async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: p
                 await asyncio.to_thread(asked.wait)
                 app.state.context.begin_shutdown()
                 answer = await waiting
-        assert (answer.status_code, answer.text) == (503, "The gateway did not start: it was told to stop\n")
+        assert (answer.status_code, answer.text) == (503, "The gateway did not start: it is stopping\n")
     finally:
         go_on.set()
 

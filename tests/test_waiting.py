@@ -25,9 +25,9 @@ MEASURED_IN_BYTES = {"recv"}
 
 def faults(source: str) -> Iterator[tuple[int, str]]:
     """Line and sentence of each call that could fail a test on a slow machine."""
-    tree = ast.parse(source)
-    polls = {id(each) for loop in ast.walk(tree) if isinstance(loop, ast.While) for each in ast.walk(loop)}
-    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+    nodes = list(ast.walk(ast.parse(source)))
+    polls = {id(each) for loop in nodes if isinstance(loop, ast.While) for each in ast.walk(loop)}
+    for call in (node for node in nodes if isinstance(node, ast.Call)):
         owner, name = owner_and_name(call.func)
         limits = [keyword.value for keyword in call.keywords if keyword.arg in ("timeout", "open_timeout")]
         if name in LIMITED and len(call.args) > LIMITED[name]:
@@ -44,7 +44,7 @@ def faults(source: str) -> Iterator[tuple[int, str]]:
             yield call.lineno, "a sleep outside of a loop that looks at a condition"
         if owner == "httpx2" and name in HTTP:
             yield call.lineno, f"httpx2.{name} gives up after five seconds; tests.support.clients has the same"
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node.module == "websockets.sync.client":
             yield node.lineno, "websockets gives up after ten seconds; tests.support.clients has the same"
 

@@ -22,7 +22,7 @@ from gateway.gltf import GltfError, GltfLimits
 from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
-from renderers.cache import Cache
+from renderers.cache import SHARED, Cache, CacheBudget
 
 SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
 """If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are
@@ -46,8 +46,6 @@ class MeshFileLimits:
     """Size of one file. A typical mesh for a viewer has 10 MB, a scan of ten million triangles in binary STL 500 MB."""
     max_total_bytes: int = 512 << 20
     """Total size of a mesh file and the files that it refers to."""
-    cache_bytes: int = 1 << 30
-    """Size of the cache of loaded files; the least recently used are dropped first."""
     gltf: GltfLimits = MESH_LIMITS
     """Limits of the content. Those on vertices, elements, instances and pixels hold for all formats."""
 
@@ -61,6 +59,8 @@ class _LoadedFile:
     """A mesh file in the cache."""
 
     parts: tuple[Part, ...]
+    warnings: tuple[str, ...]
+    """Sentences about content that is not shown."""
     stamps: tuple[_Stamp, ...]
     """Stamps of the file and of those files that it refers to and that could be read."""
     nbytes: int
@@ -70,10 +70,13 @@ class _LoadedFile:
 class MeshFiles:
     """Loads mesh files by the names that clients send, in the caller's thread. Thread-safe."""
 
-    def __init__(self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None) -> None:
+    def __init__(
+        self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None, caches: CacheBudget = SHARED
+    ) -> None:
         """
         Args:
             roots: Folders that may be read. Without any, no file is allowed.
+            caches: limit of the cache of loaded files, shared with other caches.
         """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._limits = MeshFileLimits() if limits is None else limits
@@ -81,15 +84,21 @@ class MeshFiles:
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
         """Locks by real path, so that threads that need the same file load it only once."""
-        self.cache: Cache[str, _LoadedFile] = Cache(self._limits.cache_bytes)
+        self.cache: Cache[str, _LoadedFile] = Cache("mesh_files", budget=caches)
         """Loaded files by real path."""
 
-    def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
+    def load(
+        self,
+        filename: str,
+        scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        warnings: list[str] | None = None,
+    ) -> tuple[Part, ...]:
         """Return the parts of a mesh file, Z up and in metres, scaled along its axes.
 
         Args:
             filename: ``package://name/path``, ``file:///path``, an absolute path, or a path relative to a root.
             scale: Factors along x, y, z.
+            warnings: Sentences about content that is not shown are appended to this list.
 
         Raises:
             MeshFileError: The file is not allowed, missing or unreadable.
@@ -104,10 +113,18 @@ class MeshFiles:
         finally:
             with self._lock:
                 self._loading.pop(key, None)
+        if warnings is not None:
+            warnings += loaded.warnings
         return _scaled(loaded.parts, scale)
 
     def parse(
-        self, data: bytes, extension: str, resolve: Resolve, name: str, scale: tuple[float, float, float]
+        self,
+        data: bytes,
+        extension: str,
+        resolve: Resolve,
+        name: str,
+        scale: tuple[float, float, float],
+        warnings: list[str],
     ) -> tuple[Part, ...]:
         """Return the parts of a mesh file that is in memory, Z up and in metres, scaled along its axes.
 
@@ -116,6 +133,7 @@ class MeshFiles:
             resolve: Returns the files that the mesh file refers to.
             name: Name for messages, and source of the parts.
             scale: Factors along x, y, z.
+            warnings: Sentences about content that is not shown are appended to this list.
 
         Raises:
             MeshFileError: The data cannot be used.
@@ -125,10 +143,12 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(name)} is not a file of a known format ({formats})")
         if len(data) > self._limits.max_bytes:
             raise MeshFileError(f"{quoted(name)} has {len(data)} bytes, the limit is {self._limits.max_bytes}")
+        found: list[str] = []
         try:
-            parts = parse_mesh(data, extension, resolve, self._limits.gltf)
+            parts = parse_mesh(data, extension, resolve, self._limits.gltf, found)
         except (MeshFormatError, GltfError) as error:
             raise MeshFileError(f"{quoted(name)}: {error}") from error
+        warnings += [f"{quoted(name)}: {text}" for text in found]
         return _scaled(tuple(msgspec.structs.replace(part, kind="mesh_file", source=name) for part in parts), scale)
 
     def read(self, filename: str) -> bytes:
@@ -207,15 +227,17 @@ class MeshFiles:
 
     def _load(self, path: Path, filename: str) -> _LoadedFile:
         reader = _FileReader(path, self._roots, self._limits)
+        warnings: list[str] = []
         try:
             data = reader.read(path)
-            parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf)
+            parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf, warnings)
         except (MeshFormatError, GltfError, _NotAllowedError) as error:
             raise MeshFileError(f"{quoted(filename)}: {error}") from error
         except OSError as error:
             raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
         parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
-        loaded = _LoadedFile(parts, tuple(reader.stamps), _nbytes(parts))
+        sentences = tuple(f"{quoted(filename)}: {text}" for text in warnings)
+        loaded = _LoadedFile(parts, sentences, tuple(reader.stamps), _nbytes(parts))
         self.cache.put(str(path), loaded, loaded.nbytes)
         return loaded
 

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.assets.scene_file import Up
 from gateway.gltf import GltfLimits, read_gltf
 from gateway.parsers.mesh_data import MeshData, MeshFault, MeshLimits
 from gateway.parsers.mesh_data import Shape as ParsedShape
@@ -68,7 +69,14 @@ class EmptyMeshError(MeshFormatError):
 
 
 def parse_mesh(
-    data: bytes, extension: str, resolve: Resolve, limits: GltfLimits, *, collada_up_axis: bool = True
+    data: bytes,
+    extension: str,
+    resolve: Resolve,
+    limits: GltfLimits,
+    warnings: list[str],
+    *,
+    collada_up_axis: bool = True,
+    gltf_up: Up = "auto",
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file, in metres and Z up.
 
@@ -81,7 +89,9 @@ def parse_mesh(
         extension: One of ``FORMATS``.
         resolve: Returns the files of materials and textures; those for which it raises an error are left out.
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
+        warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
+        gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake wrote.
 
     Raises:
         MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.
@@ -89,16 +99,20 @@ def parse_mesh(
         Exception: The current ``StopFlag`` was set, with its error.
     """
     if extension in _GLTF_FORMATS:
-        parts = _parts_of_gltf(data, resolve, limits)
+        parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
     else:
-        parts = _parts_of_content(_parse_in_child(data, extension, resolve, limits, collada_up_axis), limits)
+        content = _parse_in_child(data, extension, resolve, limits, collada_up_axis)
+        warnings += content.warnings
+        parts = _parts_of_content(content, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels)
 
 
-def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
+def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits, warnings: list[str], up: Up) -> tuple[Part, ...]:
     scene = read_gltf(data, resolve=resolve, limits=limits)
+    warnings += scene.warnings
+    is_z_up = up == "z" or (up == "auto" and scene.from_drake)
     parts: list[Part] = []
-    stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if scene.from_drake else Y_UP_TO_Z_UP)]
+    stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if is_z_up else Y_UP_TO_Z_UP)]
     while stack:
         node, parent = stack.pop()
         X = parent @ node.matrix

@@ -67,7 +67,7 @@ class Packages:
                 if remaining < 0:
                     return folders
                 if "package.xml" in files:
-                    name = _package_name(Path(folder) / "package.xml")
+                    name = package_name(Path(folder) / "package.xml")
                     if name is not None:
                         folders.setdefault(name, Path(folder))
                     subfolders.clear()
@@ -77,7 +77,8 @@ class Packages:
         return folders
 
 
-def _package_name(manifest: Path) -> str | None:
+def package_name(manifest: Path) -> str | None:
+    """Return the name in a ``package.xml``; None if there is none."""
     try:
         with open_regular(manifest) as file:
             match = _NAME.search(file.read(_MAX_MANIFEST_BYTES))

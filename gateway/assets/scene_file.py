@@ -31,6 +31,8 @@ class SceneFile:
     """The file's cameras, in the Z-up world."""
     warnings: tuple[str, ...] = ()
     """Sentences about properties that were ignored or repaired."""
+    notes: tuple[str, ...] = ()
+    """Sentences about choices that the reader made."""
     generator: str = ""
     """``asset.generator`` of a glTF file."""
     lights: tuple[Light, ...] = ()
@@ -93,15 +95,16 @@ def read_scene_file(
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:
         raise SceneFileError(f"{path}: {error}") from None
-    if up == "z" or (up == "auto" and scene.from_drake):
-        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator, scene.lights, files.digests)
+    file = SceneFile(scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests)
+    if up == "z" or (up == "auto" and file.from_drake):
+        return file
     root = scene.root
     rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
     lights = tuple(
         replace(light, position=_rotated(light.position), direction=_rotated(light.direction)) for light in scene.lights
     )
-    return SceneFile(rotated, cameras, scene.warnings, scene.generator, lights, files.digests)
+    return replace(file, root=rotated, cameras=cameras, lights=lights)
 
 
 def _rotated(vector: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from gateway.cli.robot_options import Joints, Roots
+from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes of OUT that mean one image."""
@@ -103,6 +103,9 @@ def render(
     ] = "auto",
     joint: Joints = None,
     root: Roots = None,
+    keyframe: Keyframe = "",
+    robot_gltf_up: GltfUp = "y",
+    strict: Strict = False,
     threads: Annotated[int, typer.Option(min=0, help="Number of cores to use; 0: all.")] = 0,
     timeout: Annotated[
         float,
@@ -123,7 +126,7 @@ def render(
     """
     image_types, color = _parse_types(types), _parse_color(background)
     if samples not in SAMPLES:
-        raise ValueError(f"--samples {samples} is none of 0, 1, 4, 8")
+        raise ValueError(f"--samples {samples} is not one of 0, 1, 4, 8")
     single = out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
     if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
         raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
@@ -167,6 +170,9 @@ def render(
         rig_sha256=None if rig is None else rig_digest(rig),
         joints=joints,
         roots=tuple(str(folder.absolute()) for folder in root or ()),
+        keyframe=keyframe,
+        robot_gltf_up=robot_gltf_up,
+        strict=strict,
     )
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),

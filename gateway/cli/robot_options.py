@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import typer
 
@@ -25,4 +25,17 @@ Roots: TypeAlias = Annotated[
         file_okay=False,
         help="Folder with the packages of a robot file's package:// names. Can be repeated.",
     ),
+]
+Keyframe: TypeAlias = Annotated[
+    str, typer.Option(metavar="NAME", help="Keyframe of an MJCF file, which has the joints' values.")
+]
+GltfUp: TypeAlias = Annotated[
+    Literal["y", "z", "auto"],
+    typer.Option(
+        "--robot-gltf-up",
+        help="Up axis of the glTF meshes of a URDF or SDF file; auto: the one that fits the collision geometry.",
+    ),
+]
+Strict: TypeAlias = Annotated[
+    bool, typer.Option("--strict", help="Refuse a file of which something cannot be drawn, instead of a warning.")
 ]

@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
-import asyncio
 import inspect
 import signal
-import socket
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
+from gateway.cli import first_line
 from gateway.settings import Settings, SettingsError, load, unknown_environment
 from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
-
-if TYPE_CHECKING:
-    from gateway.state.service import PersistentState
-    from gateway.wiring.context import Context
 
 HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
 Each flag is also an environment variable (SCENEGATE_HTTP_PORT=9000) and a key of the TOML file (http_port = 9000).
-Flags override the environment, which overrides the file.
+Flags override the environment, which overrides the file. --help-all lists all flags, --help the common ones.
 """
+COMMON = frozenset(
+    {
+        *("host", "http_port", "only", "demo"),
+        *("look", "samples", "backdrop", "keep_failures"),
+        *("lcm_url", "tcpq_port", "mesh_root"),
+        *("grpc_port", "stereo_scene", "stereo_pose", "stereo_profile"),
+        *("http_token_file", "state", "workers", "threads", "log_format"),
+    }
+)
+"""Settings that ``--help`` lists."""
 
 
 def add_serve(app: typer.Typer) -> None:
     """Add the command. Typer reads its flags from a signature that is made from the settings."""
 
-    def serve(config: Path | None, **flags: Any) -> None:
+    def serve(config: Path | None, help_all: bool | None, **flags: Any) -> None:
         given = {name: value for name, value in flags.items() if value is not None}
         try:
             settings = load(given, config)
@@ -40,13 +46,24 @@ def add_serve(app: typer.Typer) -> None:
         raise typer.Exit(run(settings))
 
     info = typer.Option("--config", help="TOML file with settings (also SCENEGATE_CONFIG).", dir_okay=False)
+    help_all = typer.Option("--help-all", help="Show all flags and exit.", is_eager=True, callback=_print_all_flags)
     parameters = [
         _parameter("config", Annotated[Path | None, info]),
+        _parameter("help_all", Annotated[bool | None, help_all]),
         *(_parameter(name, _flag(name, field)) for name, field in Settings.model_fields.items()),
     ]
     serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app.command("serve", help=HELP)(serve)
+
+
+def _print_all_flags(context: typer.Context, wanted: bool) -> None:
+    if not wanted:
+        return
+    for parameter in context.command.params:
+        parameter.hidden = False  # type: ignore[attr-defined]  # all are options
+    typer.echo(context.get_help())
+    raise typer.Exit
 
 
 def _parameter(name: str, annotation: Any) -> inspect.Parameter:
@@ -64,6 +81,7 @@ def _flag(name: str, field: FieldInfo) -> Any:
         rich_help_panel=group_of(field),
         metavar=None if switch else metavar_of(field),
         show_default=False,
+        hidden=name not in COMMON,
     )
     return Annotated[bool | None if switch else str | None, info]
 
@@ -74,8 +92,7 @@ def run(settings: Settings) -> int:
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
-    # The supervisor of --workers is uvicorn's: it logs which processes start and end.
-    logs.configure(settings.log_format, settings.log_level, log_uvicorn=settings.workers > 1)
+    logs.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
@@ -97,55 +114,30 @@ def run(settings: Settings) -> int:
         reason = process_tuning.listen_error(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
-    port = listener.getsockname()[1]
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "http" if tls is None else "https"
+    url = _url(settings.host, listener.getsockname()[1], tls is not None)
     pages = "/view, / and /docs" if settings.is_enabled("view") else "/ and /docs"
     workers = {"workers": settings.workers} if settings.workers > 1 else {}
-    log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}", **workers)
+    log.info(f"Scenegate listens; look at {pages}", url=url, **workers)
     if settings.workers > 1:
         from gateway.cli.serve_workers import serve_workers
 
         return serve_workers(settings, listener, tls)
-    return _serve(settings, listener, state, tls)
+    from gateway.app import create_app
+    from gateway.cli.serve_app import serve_app
+
+    log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
+    app = create_app(settings, state)
+    app.state.context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
+    code = serve_app(app, listener, tls)
+    log.info("Scenegate has stopped")
+    return code
+
+
+def _url(host: str, port: int, tls: bool) -> str:
+    """Return the address of the server for a browser on this machine."""
+    shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)  # noqa: S104
+    return f"{'https' if tls else 'http'}://{shown}:{port}"
 
 
 def _exit(*_: object) -> NoReturn:
     raise SystemExit(0)
-
-
-def _serve(
-    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None
-) -> int:
-    import structlog
-    import uvloop
-
-    from gateway.app import create_app
-    from gateway.runtime import process_tuning
-    from gateway.server import http_server
-
-    log = structlog.get_logger("gateway")
-    app = create_app(settings, state)
-    context: Context = app.state.context
-
-    def begin_shutdown() -> None:
-        log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
-        context.begin_shutdown()
-
-    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
-    server = http_server.MainServer(config, begin_shutdown)
-    fatal = False
-
-    def stop_with_error() -> None:
-        nonlocal fatal
-        fatal = server.should_exit = True
-
-    app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
-    context.on_started = process_tuning.freeze_gc
-    context.on_fatal = stop_with_error
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        runner.run(server.serve(sockets=[listener]))
-    log.info("Scenegate has stopped")
-    if fatal:
-        return 1
-    return 0 if server.started else 3

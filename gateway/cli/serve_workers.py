@@ -1,104 +1,125 @@
-"""``scenegate serve --workers``: several processes on one port, under uvicorn's supervisor."""
+"""``scenegate serve --workers``: several processes on one port, under a supervisor."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import shutil
 import signal
 import socket
+import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import structlog
 
 from gateway.runtime import logs, process_tuning
+from gateway.runtime.supervised_process import Heartbeat
+from gateway.runtime.supervisor import START_FAILED, Supervisor
 from gateway.runtime.worker_reports import WorkerReports
 from gateway.settings import Settings, SettingsError
 
-if TYPE_CHECKING:
-    from fastapi import FastAPI
-    from uvicorn import Config
-    from uvicorn.supervisors import Multiprocess
-
 RETRY_SECONDS: Final = 5.0
 """Time after which a process that cannot start ends, and the supervisor tries again."""
+_PREFIX: Final = "scenegate-workers-"
+"""Start of the names of the folders for reports."""
+_OLD_SECONDS: Final = 60.0
+"""Age of a folder that may be removed. Processes write their reports twice a second."""
 
 
 def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
-    """Serve until a signal, and return the exit code. The supervisor replaces processes that end.
+    """Serve until a signal, and return the exit code. The supervisor replaces processes that end or hang.
 
     Args:
         settings: settings of each process.
         listener: listening socket, from which all processes accept connections.
         tls: PEM files of certificate and key; None: plain HTTP.
     """
-    from uvicorn.config import STARTUP_FAILURE
-    from uvicorn.supervisors import Multiprocess
-
     log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
-    try:
-        temporary = tempfile.TemporaryDirectory(prefix="scenegate-workers-")
-    except OSError as error:
-        log.error(f"--workers needs a temporary folder, which TMPDIR names: {error.strerror}.")
-        return 1
-    with temporary as folder:
-        supervisor = Multiprocess(_config(settings, Path(folder), tls), [listener])
-        _notice_ended_processes(supervisor)
-        supervisor.run()
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(reports_folder())
+        except OSError as error:
+            log.error(f"--workers needs a temporary folder, which TMPDIR names: {error.strerror}.")
+            return 1
+        supervisor = Supervisor(
+            partial(run_worker, settings, folder, listener, tls),
+            settings.workers,
+            unresponsive_seconds=settings.unresponsive_seconds,
+            stop_seconds=settings.shutdown_seconds,
+        )
+        works = supervisor.run()
     log.info("Scenegate has stopped")
-    return 1 if any(process.exitcode == STARTUP_FAILURE for process in supervisor.processes) else 0
+    return 0 if works else 1
 
 
-def _notice_ended_processes(supervisor: Multiprocess) -> None:
-    """Let the supervisor replace a process at once that ends while the supervisor waits for its response.
-
-    uvicorn waits for ``http_server.UNRESPONSIVE_SECONDS``, and handles no signal meanwhile. It does not notice the end
-    of the process, because it keeps the process's end of their pipe open. Closing this end wakes it up.
-    """
-
-    def close_pipes(*_: object) -> None:
-        for process in supervisor.processes:
-            if process.pid is not None and _has_ended(process.pid):
-                process.child_conn.close()
-
-    signal.signal(signal.SIGCHLD, close_pipes)
-
-
-def _has_ended(pid: int) -> bool:
-    """Return whether a child process has ended. Its exit code stays for the supervisor."""
-    try:
-        return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
-    except ChildProcessError:
-        return True
-
-
-def _config(settings: Settings, folder: Path, tls: tuple[Path, Path] | None) -> Config:
-    from gateway.server.http_server import server_config
-
-    app = partial(create_worker, settings, folder)
-    return server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls, workers=settings.workers)
-
-
-def create_worker(settings: Settings, folder: Path) -> FastAPI:
-    """Create the application. uvicorn calls this in each new process.
+def run_worker(
+    settings: Settings, folder: Path, listener: socket.socket, tls: tuple[Path, Path] | None, connection: Connection
+) -> None:
+    """Serve in one process. Arguments as for ``serve_workers``.
 
     Args:
-        settings: settings of each process.
         folder: shared folder of the processes' reports.
+        connection: connection to the supervisor.
     """
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # until the server handles it; the supervisor sends SIGTERM
+    heartbeat = Heartbeat(connection)
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
+    from gateway.cli.serve_app import serve_app
 
     try:
         app = create_app(settings, reports=WorkerReports(folder, settings.workers))
     except SettingsError as error:  # a file has changed since the supervisor started
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)
-        raise SystemExit(1) from None
-    app.state.context.on_started = process_tuning.freeze_gc
-    return app
+        sys.exit(1)
+    app.state.context.heartbeat = heartbeat
+    sys.exit(START_FAILED if serve_app(app, listener, tls) else 0)
+
+
+@contextmanager
+def reports_folder() -> Iterator[Path]:
+    """Yield a new temporary folder. It is locked; those of supervisors that were killed are removed.
+
+    Raises:
+        OSError: the folder cannot be created.
+    """
+    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+        with suppress(OSError):  # it belongs to another user, or to a running supervisor
+            if time.time() - folder.lstat().st_mtime > _OLD_SECONDS:
+                os.close(_lock(folder))
+                shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix=_PREFIX, ignore_cleanup_errors=True) as folder_name:
+        descriptor = None
+        with suppress(OSError):  # a file system without locks: no other supervisor can lock the folder and remove it
+            descriptor = _lock(Path(folder_name))
+        try:
+            yield Path(folder_name)
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+
+
+def _lock(folder: Path) -> int:
+    """Lock a folder, and return the descriptor that holds the lock. The system releases it when the process ends.
+
+    Raises:
+        OSError: another process holds the lock, or the folder cannot be locked.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

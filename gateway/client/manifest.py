@@ -77,6 +77,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Joint values of robot files, as ``name=value``."""
     roots: tuple[str, ...] = ()
     """Folders with the packages that robot files name."""
+    keyframe: str = ""
+    """Keyframe of MJCF files; empty: the joints have the values of the model."""
+    robot_gltf_up: str = "y"
+    """Up axis of the glTF meshes of robot files: ``y``, ``z`` or ``auto``."""
+    strict: bool = False
+    """True: a scene with a warning is not rendered."""
 
 
 class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -198,12 +198,15 @@ def _connection_problem(target: str) -> str:
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
     except (ValueError, OverflowError):
-        return f"{target} is no HOST:PORT: {port!r} is no port"
+        return f"{target} is not HOST:PORT: {port!r} is not a port"
     except OSError:
-        return f"no answer from {target}"
+        return (
+            f"no answer from {target}: is a gateway running there, with its stereo camera on this port (--grpc-port, "
+            "50051 by default)? `scenegate serve --demo` starts one"
+        )
     return (
         f"{target} accepts connections, but does not answer: only one side uses TLS, its certificate is not made for "
-        "this name or not trusted, it wants one to be shown, or it is no gRPC server"
+        "this name or not trusted, it asks for a client certificate, or it is not a gRPC server"
     )
 
 

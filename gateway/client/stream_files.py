@@ -196,7 +196,7 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
     except cv2.error:
         encoded = False
     if not encoded:
-        raise OSError(f"cannot write {path}: {path.suffix!r} is no image format")
+        raise OSError(f"cannot write {path}: {path.suffix!r} is not an image format")
     path.write_bytes(data.tobytes())
 
 

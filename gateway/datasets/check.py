@@ -175,7 +175,7 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
     if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         yield "camera: X_world_camera has no last row 0, 0, 0, 1, or is not finite"
     elif (np.abs(rotation.T @ rotation - np.eye(3)) >= 3 * MAX_ROTATION_ERROR).any() or np.linalg.det(rotation) < 0.0:
-        yield "camera: X_world_camera is no rotation and translation"
+        yield "camera: X_world_camera is not a rotation and translation"
 
 
 _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {

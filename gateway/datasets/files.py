@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
+
+from gateway.runtime.file_lock import Lock, try_lock
 
 TEMPORARY_SUFFIX: Final = ".part"
 """Suffix of files that are being written."""
@@ -52,19 +53,15 @@ class InUseError(ValueError):
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a folder. The operating system releases it when the process ends.
+    """Hold an exclusive lock on a folder, where its file system has locks.
 
     Raises:
         InUseError: another process holds the lock.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InUseError(f"another run works on {folder}") from None
-        except OSError:  # NFS cannot lock folders, so there are no locks on NFS
-            pass
+        if try_lock(descriptor) is Lock.TAKEN:
+            raise InUseError(f"another run works on {folder}")
         yield
     finally:
         os.close(descriptor)

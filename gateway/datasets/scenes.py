@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 
 from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
-from gateway.assets.scene_file import FolderFiles, SceneFileError, Up
+from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.client import manifest
 from gateway.datasets.sources import Source, SourceKind
 from gateway.gltf import GltfCamera
@@ -21,7 +21,8 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
-from gateway.robots.scene_files import read_scene
+from gateway.robots.errors import joined_warnings
+from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -66,24 +67,19 @@ class LoadedScene:
     """Content of ``scene.json``."""
 
 
-@dataclass(frozen=True, slots=True)
-class LoadOptions:
-    """Options of loading scenes. Each applies to the kind of scene that it is for."""
-
-    up: Up = "auto"
-    """Up axis of glTF files. Scenes of other kinds are not rotated."""
-    joints: tuple[str, ...] = ()
-    """Joint values of robot files, as ``name=value``."""
-    roots: tuple[str, ...] = ()
-    """Folders with packages of robot files."""
-
-
-def load_options(settings: manifest.Settings) -> LoadOptions:
+def load_options(settings: manifest.Settings) -> SceneOptions:
     """Return the options in a dataset's settings."""
-    return LoadOptions(settings.up, settings.joints, settings.roots)  # type: ignore[arg-type]  # checked by the command
+    return SceneOptions(
+        settings.up,  # type: ignore[arg-type]  # checked by the command, as that of robots
+        settings.joints,
+        settings.roots,
+        settings.keyframe,
+        settings.robot_gltf_up,  # type: ignore[arg-type]
+        settings.strict,
+    )
 
 
-def load_scene(source: Source, options: LoadOptions = LoadOptions()) -> LoadedScene:
+def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> LoadedScene:
     """Load a scene.
 
     Args:
@@ -104,20 +100,20 @@ def load_scene(source: Source, options: LoadOptions = LoadOptions()) -> LoadedSc
         raise SceneError(str(error)) from None
 
 
-def _load_file(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
+def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Load a glTF file, a mesh or a robot."""
-    scene = read_scene(Path(source.path), up=options.up, joints=options.joints, roots=options.roots)
+    scene = read_scene(Path(source.path), options)
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera = scene.cameras[0] if scene.cameras else None
-    description = _describe(source, scene.digests, labels, scene.generator, scene.warnings)
+    description = _describe(source, scene.digests, labels, scene.generator, (*scene.warnings, *scene.notes))
     return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
 
 
-def _load_tree(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
+def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Apply a tree viewer request to an empty tree."""
     limits = Limits()
     live = LiveTree()
@@ -129,13 +125,15 @@ def _load_tree(source: Source, files: FolderFiles, options: LoadOptions) -> Load
     response = applier.response(0)
     if response.error:
         raise SceneError(response.error)
+    if options.strict and response.warnings:
+        raise SceneError(joined_warnings(response.warnings))
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
     return LoadedScene(root, draw_list, None, "studio", None, description)
 
 
-def _load_request(source: Source, files: FolderFiles, options: LoadOptions) -> LoadedScene:
+def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Parse a recorded render request."""
     config = RenderConfig()
     body = files.read_scene()
@@ -151,7 +149,7 @@ def _load_request(source: Source, files: FolderFiles, options: LoadOptions) -> L
     return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
 
 
-_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, LoadOptions], LoadedScene]]] = {
+_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {
     SourceKind.GLTF: _load_file,
     SourceKind.MESH: _load_file,
     SourceKind.ROBOT: _load_file,
@@ -166,11 +164,12 @@ class _MeshFileReader:
     def __init__(self, files: FolderFiles) -> None:
         self._files = files
 
-    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+    def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
         """Return the parts of a mesh file, scaled along x, y and z."""
-        parts = parse_mesh(
-            self._files.resolve(filename), Path(filename).suffix[1:].lower(), self._files.resolve, MESH_LIMITS
-        )
+        data, extension = self._files.resolve(filename), Path(filename).suffix[1:].lower()
+        found: list[str] = []
+        parts = parse_mesh(data, extension, self._files.resolve, MESH_LIMITS, found)
+        warnings += [f"{filename}: {text}" for text in found]
         X_scale = scaling(*scale)
         return tuple(msgspec.structs.replace(part, X_node_part=X_scale @ part.X_node_part) for part in parts)
 

@@ -98,7 +98,7 @@ def _named_source(path: Path) -> Source:
     """Return the scene file that a command names."""
     kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, .xml, {', '.join(_suffixes())}")
+        raise SourceError(f"{path} is not a scene: not .gltf, .glb, .json, .xml, {', '.join(_suffixes())}")
     return _make_source(path.name, path, kind)
 
 

@@ -17,10 +17,11 @@ from gateway.client.manifest import FailureRecord, ImageType, SampleRecord
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task
 from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, ignored_rig, render_images, style_of
-from gateway.datasets.scenes import LoadedScene, LoadOptions, SceneError, load_options, load_scene
+from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
 from gateway.render.errors import RequestError
+from gateway.robots.scene_files import SceneOptions
 from gateway.runtime import process_tuning
 from gateway.scene.cameras import CameraError
 from renderers.camera import Camera
@@ -125,7 +126,7 @@ def _load(task: Task) -> LoadedScene:
 
 
 @lru_cache(CACHED_SCENES)
-def _load_cached(source: Source, options: LoadOptions, modified_ns: int, size: int) -> LoadedScene:
+def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: int) -> LoadedScene:
     """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
     return load_scene(source, options)
 

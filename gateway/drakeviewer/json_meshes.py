@@ -57,12 +57,15 @@ class MeshText(msgspec.Struct):
 _decoder: Any = msgspec.json.Decoder(MeshText)
 
 
-def memory_mesh(text: str, scale: tuple[float, float, float], files: MeshFiles) -> tuple[Part, ...]:
+def memory_mesh(
+    text: str, scale: tuple[float, float, float], files: MeshFiles, warnings: list[str]
+) -> tuple[Part, ...]:
     """Return the parts of a mesh in JSON, scaled along x, y, z.
 
     Args:
         text: ``string_data`` of the geometry.
         files: Parses the mesh, and reads the supporting files that are given by name.
+        warnings: Sentences about content that is not shown are appended to this list.
 
     Raises:
         MessageError: The JSON is not a mesh.
@@ -81,4 +84,4 @@ def memory_mesh(text: str, scale: tuple[float, float, float], files: MeshFiles) 
         return supporting.data(files)
 
     name = source.filename_hint or f"mesh{source.extension}"
-    return files.parse(source.data(files), source.extension.lstrip(".").lower(), resolve, name, scale)
+    return files.parse(source.data(files), source.extension.lstrip(".").lower(), resolve, name, scale, warnings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -89,6 +90,8 @@ class RobotChannels:
     """Draw messages that were shown."""
     stale: int = 0
     """Draw messages that were ignored, because their links are not those that were loaded."""
+    seconds: float = -math.inf
+    """Time of the last draw message that was shown."""
     unloaded: int = 0
     """Draw messages that were ignored, because no load message was received."""
     _loaded: LoadedRobots | None = None

@@ -31,7 +31,7 @@ def read_geometries(
     parts: list[Part] = []
     for geometry in geometries:
         try:
-            parts += _parts_of(geometry, files, limits)
+            parts += _parts_of(geometry, files, limits, problems)
         except (MessageError, MeshFileError) as error:
             problems.append(str(error))
     return tuple(parts)
@@ -48,9 +48,9 @@ def transform_of(geometry: Geometry) -> NDArray[np.float64]:
     return from_pose(geometry.position, geometry.quaternion)
 
 
-def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits) -> tuple[Part, ...]:
+def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, problems: list[str]) -> tuple[Part, ...]:
     if geometry.type == GeometryType.MESH and geometry.text:
-        return _mesh_file(geometry, files)
+        return _mesh_file(geometry, files, problems)
     shape: Shape | None
     kind = "mesh_data"
     if geometry.type == GeometryType.MESH:
@@ -68,13 +68,13 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits) -> tuple[Par
     return (Part(shape, material(color_of(geometry)), transform_of(geometry), kind),)
 
 
-def _mesh_file(geometry: Geometry, files: MeshFiles) -> tuple[Part, ...]:
+def _mesh_file(geometry: Geometry, files: MeshFiles, problems: list[str]) -> tuple[Part, ...]:
     """Load a mesh file, or a mesh in JSON. The geometry's colour is for meshes without materials, as in Drake."""
     scale = _scale_of(geometry.floats.tolist())
     if geometry.text.startswith("{"):
-        loaded = memory_mesh(geometry.text, scale, files)
+        loaded = memory_mesh(geometry.text, scale, files, problems)
     else:
-        loaded = files.load(geometry.text, scale)
+        loaded = files.load(geometry.text, scale, problems)
     X_link_geometry = transform_of(geometry)
     own_color = material(color_of(geometry))
     return tuple(

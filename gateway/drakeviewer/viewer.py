@@ -36,6 +36,13 @@ POINT_CLOUD: Final = "DRAKE_POINT_CLOUD"
 """Prefix of the channels of point clouds."""
 FRAMES: Final = "DRAKE_DRAW_FRAMES"
 """Prefix of the channels of coordinate frames."""
+CLOUD_GROUP: Final = "point clouds"
+"""Name of the node above the point clouds."""
+FRAME_GROUP: Final = "frames"
+"""Name of the node above the frames."""
+RESTART_SECONDS: Final = 0.1
+"""A draw message whose time is earlier than the last one's by more than this starts a new simulation. UDP can swap
+messages that are milliseconds apart."""
 FAMILIES: Final = {
     "": ILLUSTRATION,
     "_ILLUSTRATION": ILLUSTRATION,
@@ -70,8 +77,8 @@ class _State:
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """Robots by family."""
-    loads: dict[str, bytes] = field(default_factory=dict)
-    """Last load message without mesh files, by channel."""
+    loads: dict[str, tuple[bytes, bool]] = field(default_factory=dict)
+    """Last load message of each channel, and whether it names files, which may change."""
     deformables: dict[str, DeformableChannel] = field(default_factory=dict)
     """Deformable bodies by channel."""
     frames: dict[str, FrameChannel] = field(default_factory=dict)
@@ -166,7 +173,9 @@ class DrakeViewer:
     def _read_load(self, channel: str, family: str, message: wire.Message) -> Edit | None:
         limits, loads = self._config.limits, self._state.loads
         data = bytes(message)
-        if loads.get(channel) == data:
+        last, named_files = loads.get(channel, (b"", False))
+        is_repeated = last == data
+        if is_repeated and not named_files:
             self.counters.repeated_loads += 1
             return None
         links = wire.decode_load_robot(data, limits)
@@ -175,11 +184,12 @@ class DrakeViewer:
 
         def apply(edit: TreeEdit) -> str:
             self._reserve_nodes(family, loaded.paths.values())
+            if not is_repeated:
+                self._clear_simulation(edit)
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
-            if not has_files:
-                loads[channel] = data
+            loads[channel] = (data, has_files)
             self.counters.loads += 1
             return _summary(loaded.problems)
 
@@ -192,7 +202,9 @@ class DrakeViewer:
         def apply(edit: TreeEdit) -> str:
             problem = robots.draw(draw, edit)
             if not problem:
-                self._state.seconds = draw.seconds
+                if draw.seconds < robots.seconds - RESTART_SECONDS:
+                    self._clear_simulation(edit)
+                self._state.seconds = robots.seconds = draw.seconds
             return problem
 
         return apply
@@ -217,11 +229,11 @@ class DrakeViewer:
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits))
-        path = _channel_path("point clouds", channel, POINT_CLOUD)
+        path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
         return _always_shown(lambda edit: edit.set_parts(path, parts))
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
-        shown = self._state.frames.get(channel) or FrameChannel(_channel_path("frames", channel, FRAMES))
+        shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
         draw = wire.decode_draw(message, self._config.limits, shown.names)
         paths = shown.paths_of(draw.names, self._config.limits)
         self._state.frames[channel] = shown
@@ -233,6 +245,15 @@ class DrakeViewer:
             return ""
 
         return apply
+
+    def _clear_simulation(self, edit: TreeEdit) -> None:
+        """Delete contacts, point clouds and frames: they belong to the last simulation."""
+        self._state.contacts.apply({}, edit)
+        for group in (CLOUD_GROUP, FRAME_GROUP):
+            edit.delete((ROOT, group))
+        for channel in self._state.frames:
+            self._state.nodes.pop(channel, None)
+        self._state.frames.clear()
 
     def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
         """Count the nodes of a family's links, or of a channel, in place of its earlier ones.

@@ -189,7 +189,8 @@ class Buffers:
         try:
             data = self._resolve(unquote(uri))
         except (OSError, ValueError, LookupError) as error:
-            raise GltfError(f"{path}: cannot read '{short_uri}': {error}") from error
+            reason = error.strerror if isinstance(error, OSError) else error  # without the path, for clients
+            raise GltfError(f"{path}: cannot read '{short_uri}': {reason}") from error
         self.count_bytes(len(data), path)
         return _hashed(data)
 

@@ -21,7 +21,7 @@ from gateway.gltf.container import Container
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import count_values
 from gateway.scene.geometry import Part
-from renderers.cache import Cache
+from renderers.cache import Cache, CacheBudget
 
 MIN_BYTES: Final = 4096
 """Minimum size of the text before the nodes. Parsing a shorter text costs no more than hashing it."""
@@ -106,10 +106,10 @@ class _Entry:
 
 
 class DocumentCache:
-    """Contents of documents by the digest of the text before their nodes. Thread-safe; bounded in bytes."""
+    """Contents of documents by the digest of the text before their nodes. Thread-safe."""
 
-    def __init__(self, max_bytes: int) -> None:
-        self.cache: Final[Cache[_Key, _Entry]] = Cache(max_bytes)
+    def __init__(self, budget: CacheBudget) -> None:
+        self.cache: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
 
     def find(
         self, document: HashedDocument, limits: GltfLimits, textures: bool

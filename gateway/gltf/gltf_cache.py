@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple, TypeAlias
 
 from gateway.gltf.document_cache import DocumentCache
-from renderers.cache import Cache
+from renderers.cache import SHARED, Cache, CacheBudget
 from renderers.drawlist import Image, Mesh
 
 IMAGE_BYTES: Final = 256
@@ -39,12 +39,6 @@ ContentKey: TypeAlias = MeshKey | ImageKey
 class GltfCache:
     """Document contents by the text before their nodes, and meshes and images by their bytes. Thread-safe."""
 
-    def __init__(self, max_bytes: int = 512 << 20, max_document_bytes: int | None = None) -> None:
-        """
-        Args:
-            max_bytes: Maximum size of the whole cache. The default is enough for ten scenes of 25 MB.
-            max_document_bytes: Part of ``max_bytes`` for document contents; None: half.
-        """
-        document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
-        self.documents: Final = DocumentCache(document_bytes)
-        self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache(max_bytes - document_bytes)
+    def __init__(self, budget: CacheBudget = SHARED) -> None:
+        self.documents: Final = DocumentCache(budget)
+        self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache("content", budget=budget)

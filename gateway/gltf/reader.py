@@ -35,6 +35,7 @@ from gateway.gltf.scene import GltfScene
 from gateway.gltf.schema import DRAKE_MERGER, Document
 from gateway.gltf.textures import Textures
 from gateway.scene.geometry import Part, Surface
+from renderers.cache import CacheBudget
 from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
@@ -72,7 +73,7 @@ def read_gltf(
     elif cache is not None and resolve is None:
         hashed = HashedDocument(bytes(data))
     if cache is None:
-        cache = GltfCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0)
+        cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
     if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)

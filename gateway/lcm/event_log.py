@@ -6,6 +6,7 @@ big-endian integers, then the channel and the data. Source: lcm/eventlog.c of LC
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -59,6 +60,7 @@ def read_events(file: BinaryIO) -> Iterator[Event]:
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
         valid = sync == SYNC and name_bytes <= MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
+        valid = valid and _has(file, name_bytes + data_bytes)
         body = file.read(name_bytes + data_bytes) if valid else b""
         if not valid or len(body) < name_bytes + data_bytes:
             has_damage = True
@@ -69,6 +71,16 @@ def read_events(file: BinaryIO) -> Iterator[Event]:
         yield Event(number, time_us, body[:name_bytes].decode("utf-8", "replace"), body[name_bytes:])
     if has_damage and not has_events:
         raise EventLogError("this is not an LCM log, it has no event")
+
+
+def _has(file: BinaryIO, size: int) -> bool:
+    """Return True if a file may have ``size`` more bytes. To read the rest at each fault would be quadratic."""
+    if size <= _SEARCH_BYTES:
+        return True
+    position = file.tell()
+    end = file.seek(0, io.SEEK_END)
+    file.seek(position)
+    return end - position >= size
 
 
 def _seek_sync(file: BinaryIO, position: int) -> bool:

@@ -8,8 +8,9 @@ from typing import Final
 from gateway.lcm.config import MAX_HEADER_BYTES, LcmConfig
 from gateway.lcm.liblcm_transport import LiblcmTransport
 from gateway.lcm.tcpq_transport import TcpqTransport
-from gateway.lcm.transport import Transport
+from gateway.lcm.transport import LcmUnavailableError, Transport
 from gateway.lcm.udpm_transport import UdpmTransport
+from gateway.settings.lcm_url import check_lcm_url
 
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
 """liblcm's default URL: multicast that stays on this machine."""
@@ -35,6 +36,10 @@ def open_transport(url: str, prefixes: tuple[str, ...], config: LcmConfig) -> Tr
     Raises:
         LcmUnavailableError: the transport cannot be opened.
     """
+    try:
+        check_lcm_url(url)
+    except ValueError as error:
+        raise LcmUnavailableError(f"LCM cannot join {url}: {error}") from None
     max_message = config.message_bytes + MAX_HEADER_BYTES
     match url.partition(":")[0]:
         case "tcpq":

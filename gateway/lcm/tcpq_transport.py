@@ -23,7 +23,7 @@ from gateway.lcm.tcpq import (
     publish_header,
     subscription_frame,
 )
-from gateway.lcm.transport import LcmUnavailableError, OnMessage
+from gateway.lcm.transport import OnMessage
 
 _log = structlog.get_logger("gateway.lcm")
 
@@ -52,14 +52,11 @@ class TcpqTransport:
             pattern: regular expression of the channels to receive.
             max_message: maximum bytes of one message.
         Raises:
-            LcmUnavailableError: the URL has no valid port.
+            ValueError: the URL has no valid port.
         """
         self.url = url
         parts = urlsplit(url)
-        try:
-            self.host, self.port = parts.hostname or "127.0.0.1", parts.port or DEFAULT_PORT
-        except ValueError:
-            raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number") from None
+        self.host, self.port = parts.hostname or "127.0.0.1", parts.port or DEFAULT_PORT
         self._pattern = pattern
         self._max_message = max_message
         self._connection: _Connection | None = None

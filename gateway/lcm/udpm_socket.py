@@ -8,68 +8,21 @@ import select
 import socket
 import struct
 import time
-from dataclasses import dataclass
 from typing import Final
-from urllib.parse import parse_qsl, urlsplit
 
 import structlog
 
 from gateway.lcm import udpm
 from gateway.lcm.transport import LcmUnavailableError
+from gateway.settings.lcm_url import UdpmUrl
 
 _log = structlog.get_logger("gateway.lcm")
 
-DEFAULT_ADDRESS: Final = "239.255.76.67"
-"""liblcm's default multicast address."""
-DEFAULT_PORT: Final = 7667
-"""liblcm's default port."""
 ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
 SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
 """Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0
 """Maximum time for a datagram to come back."""
-
-
-@dataclass(frozen=True, slots=True)
-class UdpmUrl:
-    """Parts of ``udpm://ADDRESS:PORT?ttl=N&recv_buf_size=N``."""
-
-    address: str
-    port: int
-    ttl: int
-    """Maximum number of routers that a datagram passes; 0: it stays on this machine."""
-    buffer_bytes: int
-    """Size of the receive buffer requested by ``recv_buf_size``; 0: not requested."""
-
-
-def parse_url(url: str) -> UdpmUrl:
-    """Parse a ``udpm://`` URL. Every part is optional.
-
-    Raises:
-        LcmUnavailableError: a part is invalid.
-    """
-    parts = urlsplit(url)
-    try:
-        address, port = parts.hostname or DEFAULT_ADDRESS, DEFAULT_PORT if parts.port is None else parts.port
-    except ValueError:
-        raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number of 0 to 65535") from None
-    try:
-        is_multicast = 224 <= socket.inet_aton(address)[0] <= 239
-    except OSError:
-        is_multicast = False
-    if not is_multicast:
-        reason = f"{address} is no multicast address (224.0.0.0 to 239.255.255.255)"
-        raise LcmUnavailableError(f"LCM cannot join {url}: {reason}")
-    numbers = {"ttl": 0, "recv_buf_size": 0}
-    for name, text in parse_qsl(parts.query):
-        if name not in numbers:
-            _log.warning("LCM's URL has an unknown option", url=url, option=name)
-            continue
-        maximum = 255 if name == "ttl" else 2**31 - 1
-        if not (text.isdecimal() and int(text) <= maximum):
-            raise LcmUnavailableError(f"LCM cannot join {url}: {name} must be a number of 0 to {maximum}, not {text!r}")
-        numbers[name] = int(text)
-    return UdpmUrl(address, port, numbers["ttl"], numbers["recv_buf_size"])
 
 
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:

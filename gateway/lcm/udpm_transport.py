@@ -19,6 +19,7 @@ from gateway.lcm.receive_queue import ReceiveQueue
 from gateway.lcm.transport import OnMessage
 from gateway.lcm.udpm_assembler import Assembler
 from gateway.lcm.udpm_sender import UdpmSender
+from gateway.settings.lcm_url import parse_udpm_url
 
 _log = structlog.get_logger("gateway.lcm")
 
@@ -40,10 +41,13 @@ class UdpmTransport:
             config: sizes of buffers and queues.
             max_message: maximum bytes of one message.
         Raises:
-            LcmUnavailableError: the URL is invalid, the port is in use, or there is no route.
+            ValueError: the URL is invalid.
+            LcmUnavailableError: the port is in use, or there is no route.
         """
         self.url = url
-        network = udpm_socket.parse_url(url)
+        network = parse_udpm_url(url)
+        if network.unknown_options:
+            _log.warning("LCM's URL has unknown options", url=url, options=network.unknown_options)
         self.queue = ReceiveQueue(config.queued_bytes)
         self._assembler = Assembler(tuple(map(str.encode, prefixes)), max_message, config.queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None

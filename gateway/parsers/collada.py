@@ -195,8 +195,16 @@ class _SceneReader:
             rgba = (r, g, b, a)
         transparent = effect.transparent
         if transparent is not None and not isinstance(transparent, collada.material.Map):
-            rgba = (*rgba[:3], float(transparent[3]))
+            rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
         return rgba, image
+
+
+def _opacity(transparent: tuple[float, ...], mode: str) -> float:
+    """Return the opacity of ``<transparent>`` (COLLADA 1.4, 7-5). ``<transparency>`` is ignored: exporters differ."""
+    if mode == collada.material.OPAQUE_MODE.RGB_ZERO:
+        r, g, b = transparent[:3]
+        return 1.0 - (0.212671 * r + 0.715160 * g + 0.072169 * b)
+    return float(transparent[3])
 
 
 def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str) -> NDArray[np.float32]:

@@ -43,7 +43,18 @@ def read_mesh(
         return MeshFault(f"it cannot be read as {extension.upper()}: {reason or type(error).__name__}")
     if not result.instances:
         return MeshFault("the file holds no triangles or points", is_empty=True)
+    _make_visible(result)
     return result
+
+
+def _make_visible(content: MeshData) -> None:
+    """Make all shapes opaque if each has an opacity of 0: exporters write that for opaque meshes."""
+    colors = [shape.color for shape in content.shapes]
+    if all(color is not None and color[3] <= 0.0 for color in colors):
+        for shape in content.shapes:
+            if shape.color is not None:
+                shape.color = (*shape.color[:3], 1.0)
+        content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
 
 
 def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool) -> MeshData:
@@ -168,14 +179,11 @@ def _is_default(material: Any) -> bool:
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:
-    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1.
-
-    A ``Tr`` of 1 is taken as opaque: exporters that wrote it meant the opposite, since invisible meshes make no sense.
-    """
+    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1."""
     for key in ("d", "tr"):
         try:
             value = float(statements[key][-1])
         except (KeyError, IndexError, TypeError, ValueError):
             continue
-        return value if key == "d" else 1.0 - value or 1.0
+        return value if key == "d" else 1.0 - value
     return 1.0

@@ -59,13 +59,8 @@ class RenderConfig:
     gltf: GltfLimits = field(default_factory=GltfLimits)
     """Limits on the content of the scene: nodes, vertices, decoded pixels."""
 
-    mesh_cache_bytes: int = 512 << 20
-    """Size of the cache of decoded geometry: Drake sends the whole scene for every image."""
-    scene_cache_bytes: int = 256 << 20
-    """Size of the cache of whole scenes, for cameras and objects that do not move. A scene counts with the size of its
-    glTF and its meshes."""
     scene_cache_count: int = 64
-    """Number of scenes in that cache."""
+    """Number of scenes in the cache of whole scenes, for cameras and objects that do not move."""
 
     keep_failures: Path | None = None
     """Folder in which failed requests are stored for replay; None: they are not stored."""

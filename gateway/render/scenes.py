@@ -8,7 +8,7 @@ from typing import Final
 from gateway.gltf import GltfCache, GltfCamera, HashedDocument, read_gltf
 from gateway.render.config import RenderConfig
 from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
-from renderers.cache import Cache
+from renderers.cache import SHARED, Cache, CacheBudget
 from renderers.drawlist import LABEL_NONE, DrawList, PosedInstances
 
 _MAX_TOPOLOGIES: Final = 16
@@ -44,11 +44,11 @@ class SceneStore:
     moving robots, whose meshes stay the same. ``topologies`` keeps what such robots' draw lists have in common.
     """
 
-    def __init__(self, config: RenderConfig) -> None:
+    def __init__(self, config: RenderConfig, caches: CacheBudget = SHARED) -> None:
         self._limits = config.gltf
-        self.scenes: Final[Cache[str, PreparedScene]] = Cache(config.scene_cache_bytes, config.scene_cache_count)
-        self.geometry: Final = GltfCache(config.mesh_cache_bytes)
-        self._topologies: Cache[TopologyKey, SceneTopology] = Cache(config.mesh_cache_bytes, _MAX_TOPOLOGIES)
+        self.scenes: Final[Cache[str, PreparedScene]] = Cache("scenes", config.scene_cache_count, budget=caches)
+        self.geometry: Final = GltfCache(caches)
+        self._topologies: Cache[TopologyKey, SceneTopology] = Cache("topologies", _MAX_TOPOLOGIES, budget=caches)
 
     def get(self, document: HashedDocument) -> PreparedScene:
         """Return the scene of a document.

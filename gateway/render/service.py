@@ -15,14 +15,11 @@ from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.render.scenes import SceneStore
-from gateway.runtime.kernel_wait import are_compiling, until_compiled
-from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull, WorkerPool
+from gateway.runtime.worker_pool import QueueFull, WorkerPool
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 
-_KERNEL_PARTS: Final = ("normals", "formats", "antialiasing")
-"""Parts of the kernels (``gateway.wiring.warmup``) that some requests need, compiled in the background."""
 _MEMORY_RETRY_SECONDS: Final = 5
 """Retry-After in seconds if ``max_inflight_bytes`` is reached."""
 
@@ -111,14 +108,6 @@ class RenderService:
             return self._pipeline.render(request), queue_seconds
 
         admission.release()
-        compiling = are_compiling(*_KERNEL_PARTS)
-        try:
-            return await self._workers.run(work, nbytes=len(request.scene))
-        except DeadlineExceeded:
-            if not compiling:
-                raise
-        # Soon after a first start, the time was perhaps spent waiting for kernels, and Drake's client never retries.
-        await until_compiled(*_KERNEL_PARTS)
         return await self._workers.run(work, nbytes=len(request.scene))
 
     def reserve_bytes(self, nbytes: int) -> None:

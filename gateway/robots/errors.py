@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 MAX_COMPARED_NAMES: Final = 1000
@@ -14,6 +14,12 @@ MAX_COMPARED_CHARS: Final = 100
 
 class RobotFileError(ValueError):
     """A robot file cannot be used. The message names the link or joint; ``read_robot`` adds the robot file's name."""
+
+
+def joined_warnings(warnings: Sequence[str], most: int = 3) -> str:
+    """Return the first warnings as one sentence for an error."""
+    more = f"; and {len(warnings) - most} more" if len(warnings) > most else ""
+    return "; ".join(warnings[:most]) + more
 
 
 def name_hint(name: str, names: Iterable[str]) -> str:

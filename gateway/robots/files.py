@@ -1,8 +1,6 @@
-"""Finds and reads the files that a robot file refers to: relative paths, ``package://``, ``file://``.
+"""Finds and reads the files that a robot file refers to: relative and absolute paths, ``package://``, ``file://``.
 
-Only files below these folders are read: the parent of the robot file's folder, packages that contain the robot file,
-packages that it names, and the roots. Symbolic links are resolved before the check. The root of the file system and
-folders that contain the user's home folder count neither as packages nor as the parent folder.
+Robot files are named by the user, so they may name any file that the user can read.
 """
 
 from __future__ import annotations
@@ -10,18 +8,26 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
 
-from gateway.assets.ros_packages import Packages
+from gateway.assets.ros_packages import Packages, package_name
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.regular_files import read_file_or_pipe, read_regular
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+PATH_VARIABLES: Final = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
+"""Environment variables of ROS and Gazebo with folders of packages and models."""
+_NO_PACKAGES: Final = ("", ".", "..")
+_MAX_CONFIG_BYTES: Final = 1 << 16
+"""Maximum size of a ``model.config``: they have less than 2 kB."""
+_CONFIG_FILE: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
+"""Name of an SDF file in a ``model.config``."""
 
 
 class RobotFiles:
@@ -39,19 +45,11 @@ class RobotFiles:
         self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
         self._folder = self.path.parent
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
-        self._packages = Packages(self._roots)
+        self._package_roots = (*self._roots, *(folder for name in PATH_VARIABLES for folder in _folders_of(name)))
+        """Folders that contain packages at any depth."""
+        self._packages = Packages(self._package_roots)
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
-        self._enclosing_packages = [folder for folder in self.path.parents if (folder / "package.xml").is_file()]
-        self._folders_by_package: dict[str, list[Path]] = {}
-        self._package_parents = [
-            *self._roots,
-            *filter(_is_specific, (self._folder.parent, *(folder.parent for folder in self._enclosing_packages))),
-        ]
-        """Folders in which packages lie side by side."""
-        self._allowed = [*self._roots, self._folder, *self._enclosing_packages]
-        if _is_specific(self._folder.parent):
-            self._allowed.append(self._folder.parent)
         self.digests: dict[str, str] = {}
         """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
 
@@ -66,39 +64,47 @@ class RobotFiles:
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
 
+        A backslash separates folders, and ``%20`` is a space, where no file has the literal name.
+
         Args:
             name: File name or URL.
 
         Raises:
-            RobotFileError: There is no such file, or it is not below an allowed folder.
+            RobotFileError: There is no such file.
         """
         if not name or "\0" in name or len(name) > 4096:
             raise RobotFileError(f"{name[:100]!r} is not a file name")
         scheme, separator, rest = name.partition("://")
-        hint = ""
-        if not separator:
-            candidates = [folder / name for folder in (self._folder, *self._roots)]
-        elif scheme in _PACKAGE_SCHEMES:
-            package, _, path_in_package = rest.lstrip("/").partition("/")
-            folders = self._package_folders(package)
-            if not folders:
-                raise RobotFileError(
-                    f"{name} is in the package {package!r}, which is not around the robot file"
-                    f"{' nor below --root' if self._roots else ''}; name a folder that contains it with --root"
-                )
-            candidates, hint = [folder / path_in_package for folder in folders], f" in {folders[0]}"
-        elif scheme == "file":
-            candidates = [Path("/" + unquote(rest).lstrip("/"))]
-        else:
-            raise RobotFileError(f"{name}: only package:// and file:// can be read, nothing is fetched")
-        paths = [Path(os.path.realpath(candidate)) for candidate in candidates]
-        existing = [path for path in paths if path.is_file()]
-        for path in existing:
-            if self._is_allowed(path):
-                return path
-        if existing:
-            raise RobotFileError(f"{name} lies outside of the robot's folders; name a folder above it with --root")
-        raise RobotFileError(f"the file {name} does not exist{hint}")
+        if separator and scheme not in (*_PACKAGE_SCHEMES, "file"):
+            raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
+        missing: list[Path] = []
+        for spelling in _spellings(rest if separator else name):
+            for candidate in self._candidates(scheme if separator else "", spelling):
+                if candidate.is_file():
+                    return Path(os.path.realpath(candidate))
+                missing.append(candidate)
+        raise RobotFileError(self._not_found(name, scheme if separator else "", missing))
+
+    def find_model(self, uri: str, folder: Path) -> Path:
+        """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
+
+        Args:
+            uri: File or folder. The ``model.config`` of a folder names the file, else it is ``model.sdf``.
+            folder: Folder of the file that includes it.
+        """
+        scheme, separator, rest = uri.partition("://")
+        for candidate in self._candidates(scheme, rest) if separator else (folder / uri,):
+            if candidate.is_file():
+                return candidate
+            if candidate.is_dir():
+                for name in (*_files_of_config(candidate / "model.config"), "model.sdf"):
+                    if (candidate / name).is_file():
+                        return candidate / name
+        raise RobotFileError(self._not_found(uri, scheme if separator else "", []))
+
+    def find_package(self, name: str) -> Path | None:
+        """Return the folder of a package; None if there is none."""
+        return None if name in _NO_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
 
     def read(self, path: Path) -> bytes:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
@@ -111,51 +117,58 @@ class RobotFiles:
             mesh: Path of the mesh file.
             name: Path relative to the mesh file, with URL escapes.
         """
-        path = Path(os.path.realpath(mesh.parent / unquote(name).replace("\\", "/")))
-        if not self._is_allowed(path):
-            raise RobotFileError(f"{name} lies outside of the robot's folders")
-        return self.read(path)
+        paths = [mesh.parent / spelling for spelling in _spellings(name)]
+        return self.read(next((path for path in paths if path.is_file()), paths[0]))
 
-    def _package_folders(self, package: str) -> list[Path]:
-        """Return the existing folders that may be a package, and add them to the allowed folders.
+    def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
+        """Yield the paths that a file may have, the best first."""
+        if scheme == "file":
+            yield Path("/" + path.lstrip("/"))
+        elif not scheme:
+            yield from (folder / path for folder in (self._folder, *self._roots))
+        else:
+            package, _, path_in_package = path.lstrip("/").partition("/")
+            if package not in _NO_PACKAGES:
+                yield from (folder / path_in_package for folder in self._package_folders(package))
+                # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
+                yield from (folder / path_in_package for folder in self.path.parents)
 
-        They are in this order:
+    def _package_folders(self, package: str) -> Iterator[Path]:
+        """Yield folders that may be a package.
 
-        - folders that contain the robot file, with that folder name or package name,
-        - folders of that name in a root, beside the robot file's folder, or beside a package that contains it,
-        - roots of that name,
-        - the package below the roots with that package name.
+        - Folders that contain the robot file, with that folder name or package name.
+        - Folders with that folder name or package name at or below a root, then ``ROS_PACKAGE_PATH``.
+        - The package below a prefix of ``AMENT_PREFIX_PATH``.
+        - Folders of that name beside the robot file, or beside a folder that contains it.
         """
-        folders = [] if package in ("", ".", "..") else self._folders_by_package.get(package)
-        if folders is None:
-            enclosing = [
-                folder
-                for folder in self.path.parents
-                if (folder.name == package and _is_specific(folder)) or self._has_package_name(folder, package)
-            ]
-            siblings = [
-                folder
-                for folder in (parent / package for parent in self._package_parents)
-                if folder.is_dir() and self._is_beside_packages(folder)
-            ]
-            below_roots = self._packages.folder(package)
-            named_roots = [root for root in self._roots if root.name == package]
-            folders = [*enclosing, *siblings, *named_roots, *([below_roots] if below_roots is not None else [])]
-            self._folders_by_package[package] = folders
-            self._allowed += [Path(os.path.realpath(folder)) for folder in folders]
-        return folders
+        for folder in self.path.parents:
+            if folder.name == package or package_name(folder / "package.xml") == package:
+                yield folder
+        for root in self._package_roots:
+            yield root / package
+            if root.name == package:
+                yield root
+        if (found := self._packages.folder(package)) is not None:
+            yield found
+        yield from (prefix / "share" / package for prefix in _folders_of("AMENT_PREFIX_PATH"))
+        yield from (folder / package for folder in self.path.parents)
 
-    def _has_package_name(self, folder: Path, package: str) -> bool:
-        """Return True if a folder that contains the robot file has a ``package.xml`` with that package name."""
-        return folder in self._enclosing_packages and Packages((folder,)).folder(package) == folder
-
-    def _is_beside_packages(self, folder: Path) -> bool:
-        """Return False for symbolic links to folders elsewhere, which could open any folder."""
-        real = Path(os.path.realpath(folder))
-        return any(real.is_relative_to(parent) for parent in self._package_parents)
-
-    def _is_allowed(self, path: Path) -> bool:
-        return any(path.is_relative_to(folder) for folder in self._allowed)
+    def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
+        """Return why a file is not found: another spelling that exists, or where it was looked for."""
+        for candidate in candidates:
+            other = _other_case(candidate)
+            if other is not None:
+                return f"there is no such file, but one whose name differs in upper and lower case: {other}"
+        if scheme not in _PACKAGE_SCHEMES:
+            return "there is no such file"
+        package = name.partition("://")[2].lstrip("/").partition("/")[0]
+        folder = self.find_package(package)
+        if folder is not None:
+            return f"there is no such file in {folder}"
+        return (
+            f"the package {package!r} is not above or beside the robot file, nor in ROS_PACKAGE_PATH or "
+            "AMENT_PREFIX_PATH; name a folder that contains it with --root"
+        )
 
     def _read(self, path: Path, limit: int) -> bytes:
         remaining = min(limit, self._remaining_bytes)
@@ -172,7 +185,39 @@ class RobotFiles:
         return data
 
 
-def _is_specific(folder: Path) -> bool:
-    """Return False for the root of the file system, and for folders that contain the user's home folder."""
-    home = Path(os.path.realpath(os.path.expanduser("~")))  # noqa: PTH111 - works without a home folder
-    return folder != Path(folder.anchor) and not home.is_relative_to(folder)
+def _folders_of(variable: str) -> list[Path]:
+    """Return the existing folders of an environment variable such as ROS_PACKAGE_PATH."""
+    folders = [Path(text) for text in os.environ.get(variable, "").split(os.pathsep) if text]
+    return [folder for folder in folders if folder.is_dir()]
+
+
+def _files_of_config(config: Path) -> list[str]:
+    """Return the SDF files that a ``model.config`` names, the last one first: that is the newest version."""
+    try:
+        text = read_regular(config, _MAX_CONFIG_BYTES).decode("utf-8", "replace")
+    except OSError:
+        return []
+    return [name.strip() for name in _CONFIG_FILE.findall(text)[::-1]]
+
+
+def _spellings(name: str) -> list[str]:
+    """Return a name as it is, with slashes in place of backslashes, and without URL escapes."""
+    slashes = name.replace("\\", "/")
+    return list(dict.fromkeys((name, slashes, unquote(slashes))))
+
+
+def _other_case(path: Path) -> Path | None:
+    """Return a file whose path differs from a missing one in upper and lower case only."""
+    existing = next((folder for folder in path.parents if folder.is_dir()), None)
+    if existing is None:
+        return None
+    found = existing
+    for name in path.relative_to(existing).parts:
+        try:
+            matches = [entry for entry in found.iterdir() if entry.name.casefold() == name.casefold()]
+        except OSError:
+            return None
+        if not matches:
+            return None
+        found = min(matches)
+    return found if found.is_file() else None

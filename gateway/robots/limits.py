@@ -35,6 +35,10 @@ class RobotLimits:
     """Seconds of CPU time for which that process may run: the slowest of these files takes 3 s."""
     max_model_bytes: int = 1 << 30
     """Maximum size of the compiled model of an MJCF file."""
+    max_xacro_bytes: int = 1 << 30
+    """Address space of the process in which xacro expands a file: robots need less than 0.1 GB."""
+    max_xacro_seconds: int = 60
+    """Seconds for which that process may run: robots take less than 2."""
     mesh: GltfLimits = MESH_LIMITS
     """Limits of the content of each mesh file."""
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError
+from gateway.robots.errors import RobotFileError, name_hint
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.mjcf_compiler import compile_mjcf
@@ -21,17 +21,18 @@ from gateway.robots.xml_text import Element
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
-def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits) -> Robot:
+def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str, limits: RobotLimits) -> Robot:
     """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
 
     Args:
         root: Root element of the file.
         files: Reads the file and those that it refers to.
         use: Geometry to return.
+        keyframe: Name of the ``<key>`` with the joints' default values; empty: those of the model.
         limits: Limits of the file and of the compiled model.
 
     Raises:
-        RobotFileError: MuJoCo cannot compile the file, or a limit is exceeded.
+        RobotFileError: MuJoCo cannot compile the file, it has no such keyframe, or a limit is exceeded.
         ImportError: The package ``mujoco`` is not installed.
     """
     mujoco = _mujoco()
@@ -46,7 +47,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
     check_count(model.nmeshvert, limits.mesh.max_vertices, "vertices")
     check_count(model.nmeshface, limits.mesh.max_elements, "triangles")
     links = _unique_names(mujoco, model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, "body")
-    joints = _joints(mujoco, model)
+    joints = _joints(mujoco, model, _keyframe_values(mujoco, model, keyframe))
     converter = MjcfGeometry(mujoco, model)
     parts = converter.parts_by_body(use)
     warnings = tuple(
@@ -56,9 +57,8 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotL
     kinematics = _Kinematics(
         mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
     )
-    return Robot(
-        name, links, joints, parts, kinematics, (*warnings, *converter.warnings, *compiler_warnings), files.digests
-    )
+    warnings = (*warnings, *converter.warnings, *compiler_warnings)
+    return Robot(name, links, joints, parts, kinematics, warnings, digests=files.digests)
 
 
 def _mujoco() -> Any:
@@ -99,8 +99,24 @@ class _Kinematics:
         return X_robot_link
 
 
-def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
-    """Return the joints by name, in the model's order."""
+def _keyframe_values(mujoco: Any, model: Any, keyframe: str) -> NDArray[np.float64]:
+    """Return the joint values of a keyframe, (nq,) float64; those of the model if the name is empty."""
+    if not keyframe:
+        values: NDArray[np.float64] = model.qpos0
+        return values
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
+    if index < 0:
+        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_KEY, key) for key in range(model.nkey)]
+        raise RobotFileError(f"it has no keyframe {keyframe!r}{name_hint(keyframe, filter(None, names))}")
+    return np.asarray(model.key_qpos[index], np.float64)
+
+
+def _joints(mujoco: Any, model: Any, defaults: NDArray[np.float64]) -> dict[str, Joint]:
+    """Return the joints by name, in the model's order.
+
+    Args:
+        defaults: (nq,) default values of all joints.
+    """
     kinds: dict[int, JointKind] = {
         int(mujoco.mjtJoint.mjJNT_FREE): "floating",
         int(mujoco.mjtJoint.mjJNT_BALL): "ball",
@@ -112,7 +128,7 @@ def _joints(mujoco: Any, model: Any) -> dict[str, Joint]:
     joints = {}
     for index, name in enumerate(names):
         kind, address = kinds[int(model.jnt_type[index])], int(model.jnt_qposadr[index])
-        default = tuple(model.qpos0[address : address + _VALUE_COUNTS[kind]].tolist())
+        default = tuple(defaults[address : address + _VALUE_COUNTS[kind]].tolist())
         lower, upper = model.jnt_range[index].tolist()
         limits = (lower, upper) if model.jnt_limited[index] and len(default) == 1 else None
         joints[name] = Joint(name, kind, default, limits, mimics.get(name))

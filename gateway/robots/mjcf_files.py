@@ -82,7 +82,8 @@ class MjcfFiles:
                     continue
                 seen.add(os.path.realpath(path))
                 try:
-                    included = parse_xml(self._files.read(path), self._limits.max_elements)
+                    # Without warnings: MuJoCo reads the file itself.
+                    included = parse_xml(self._files.read(path), self._limits.max_elements, [])
                 except (OSError, RobotFileError) as error:
                     if path.exists() and not path.is_file():  # MuJoCo would wait for a named pipe
                         raise RobotFileError(f"{include.get('file')} is not a regular file") from error

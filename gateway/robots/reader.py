@@ -1,4 +1,4 @@
-"""Reads robot files: URDF or MJCF, decided by the root element."""
+"""Reads robot files: URDF, SDF or MJCF, decided by the root element."""
 
 from __future__ import annotations
 
@@ -7,16 +7,21 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.errors import RobotFileError
+from gateway.robots.errors import RobotFileError, joined_warnings
 from gateway.robots.files import RobotFiles
+from gateway.robots.gltf_up import RobotGltfUp, nearer_up
 from gateway.robots.limits import RobotLimits
-from gateway.robots.robot import GeometryUse, Robot, check_mimics
+from gateway.robots.robot import GeometryUse, Robot, without_invalid_mimics
+from gateway.robots.sdf import parse_sdf
 from gateway.robots.urdf import parse_urdf
 from gateway.robots.urdf_kinematics import UrdfKinematics
+from gateway.robots.urdf_model import UrdfModel
 from gateway.robots.urdf_parts import UrdfParts
-from gateway.robots.xml_text import Element, parse_xml
+from gateway.robots.xacro_files import expand_xacro
+from gateway.robots.xml_text import parse_xml, uses_xacro
+from gateway.scene.geometry import Part
 
-SUFFIXES: Final = (".urdf", ".xml", ".mjcf")
+SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
 """Suffixes of robot files."""
 
 
@@ -25,55 +30,93 @@ def read_robot(
     *,
     roots: Iterable[str | Path] = (),
     geometry: GeometryUse = "visual",
+    keyframe: str = "",
+    gltf_up: RobotGltfUp = "y",
+    strict: bool = False,
     limits: RobotLimits | None = None,
 ) -> Robot:
-    """Read a robot file.
+    """Read a robot file. All that can be drawn is drawn; ``Robot.warnings`` has a sentence for each thing that cannot.
 
     Args:
-        path: A URDF or MJCF file; for URDF, it may be a pipe.
+        path: A URDF, SDF, MJCF or xacro file.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
+        keyframe: Name of an MJCF file's ``<key>``, which has the joints' default values. Empty: those of the model.
+        gltf_up: Up axis of glTF meshes in URDF and SDF.
+        strict: True: a warning is an error.
         limits: Limits; None: ``RobotLimits()``.
 
     Raises:
-        RobotFileError: The file or one that it refers to is missing, invalid or beyond a limit. The message names the
-            robot file and the reason.
-        ImportError: The file is MJCF, and the package ``mujoco`` is not installed.
+        RobotFileError: The file cannot be read, has no tree of links, or is beyond a limit; or ``strict`` is true and
+            it has a warning. The message names the robot file and the reason.
+        ImportError: The file is MJCF or has xacro elements, and the package ``mujoco`` or ``xacro`` is not installed.
     """
     try:
-        return _read(Path(path), tuple(Path(root) for root in roots), geometry, limits or RobotLimits())
+        reader = _Reader(Path(path), tuple(Path(root) for root in roots), limits or RobotLimits())
+        robot = reader.read(geometry, keyframe, gltf_up)
+        if strict and robot.warnings:
+            raise RobotFileError(joined_warnings(robot.warnings))
+        return robot
     except RobotFileError as error:
         raise RobotFileError(f"{os.fspath(path)}: {error}") from None
     except OSError as error:
         raise RobotFileError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
 
 
-def _read(path: Path, roots: tuple[Path, ...], use: GeometryUse, limits: RobotLimits) -> Robot:
-    if path.suffix.lower() == ".xacro":
-        raise RobotFileError("xacro files must be expanded first: xacro robot.urdf.xacro > robot.urdf")
-    files = RobotFiles(path, roots, limits)
-    root = parse_xml(files.read_robot_file(), limits.max_elements)
-    if root.tag == "robot":
-        return _read_urdf(root, files, use, limits)
-    if root.tag == "mujoco":
-        if files.is_pipe:
-            raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
-        from gateway.robots.mjcf import read_mjcf
+class _Reader:
+    """Reads one robot file."""
 
-        return read_mjcf(root, files, use, limits)
-    raise RobotFileError(f"its first element is <{root.tag[:60]}>; URDF starts with <robot>, MJCF with <mujoco>")
+    def __init__(self, path: Path, roots: tuple[Path, ...], limits: RobotLimits) -> None:
+        self._files = RobotFiles(path, roots, limits)
+        self._limits = limits
+        self._warnings: list[str] = []
+        self._root = parse_xml(self._files.read_robot_file(), limits.max_elements, self._warnings)
+        if path.suffix.lower() == ".xacro" or uses_xacro(self._root):
+            self._root = parse_xml(expand_xacro(self._files, limits), limits.max_elements, self._warnings)
 
+    def read(self, use: GeometryUse, keyframe: str, gltf_up: RobotGltfUp) -> Robot:
+        if self._root.tag == "mujoco":
+            if self._files.is_pipe:
+                raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
+            from gateway.robots.mjcf import read_mjcf
 
-def _read_urdf(root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits) -> Robot:
-    model = parse_urdf(root, limits)
-    names = tuple(link.name for link in model.links)
-    kinematics = UrdfKinematics(names, model.joints)
-    joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
-    check_mimics(joints)
-    converter = UrdfParts(files, limits)
-    parts = tuple(
-        converter.parts_of(link.name, link.visual if use == "visual" else link.collision) for link in model.links
-    )
-    return Robot(
-        model.name or files.path.stem, names, joints, parts, kinematics, tuple(converter.warnings), files.digests
-    )
+            return read_mjcf(self._root, self._files, use, keyframe, self._limits)
+        if keyframe:
+            raise RobotFileError("only MJCF files have keyframes")
+        model = self._parse(use, self._warnings)
+        joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
+        joints = without_invalid_mimics(joints, self._warnings)
+        kinematics = UrdfKinematics(model)
+        parts, notes = self._parts(model, use, gltf_up)
+        return Robot(
+            model.name or self._files.path.stem,
+            tuple(link.name for link in model.links),
+            joints,
+            parts,
+            kinematics,
+            tuple(dict.fromkeys(self._warnings)),
+            notes,
+            self._files.digests,
+        )
+
+    def _parse(self, use: GeometryUse, warnings: list[str]) -> UrdfModel:
+        """Return the content of a URDF or SDF file."""
+        if self._root.tag == "robot":
+            return parse_urdf(self._root, use, self._limits, warnings)
+        if self._root.tag == "sdf":
+            return parse_sdf(self._root, self._files, use, self._limits, warnings)
+        start = f"its first element is <{self._root.tag[:60]}>"
+        raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
+
+    def _parts(
+        self, model: UrdfModel, use: GeometryUse, gltf_up: RobotGltfUp
+    ) -> tuple[tuple[tuple[Part, ...], ...], tuple[str, ...]]:
+        """Return the parts of all links, and sentences about choices."""
+        if gltf_up != "auto":
+            return UrdfParts(self._files, self._limits, self._warnings, gltf_up).parts_of_links(model.links), ()
+        y_up = UrdfParts(self._files, self._limits, self._warnings, "y").parts_of_links(model.links)
+        z_up = UrdfParts(self._files, self._limits, [], "z").parts_of_links(model.links)
+        collision = UrdfParts(self._files, self._limits, [], "y").parts_of_links(self._parse("collision", []).links)
+        up = nearer_up(y_up, z_up, collision)
+        note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
+        return (z_up if up == "z" else y_up), (note,)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -31,6 +31,8 @@ NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
 }
 """Values of the zero configuration. Angles are in radians, lengths in metres. ``ball``: a quaternion [w, x, y, z].
 ``planar``: x, y and the angle. ``floating``: x, y, z and a quaternion [w, x, y, z]."""
+
+_UNITS: Final[Mapping[JointKind, Literal["rad", "m"]]] = {"revolute": "rad", "prismatic": "m"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,11 @@ class Joint:
     mimic: Mimic | None = None
     """Rule that applies while no value is given for the joint; None: the default applies."""
 
+    @property
+    def unit(self) -> Literal["rad", "m", ""]:
+        """Unit of the value and its limits; empty for joints with several values, see ``NEUTRAL``."""
+        return _UNITS.get(self.kind, "")
+
 
 class Kinematics(Protocol):
     """Forward kinematics: computes the poses of links."""
@@ -87,6 +94,8 @@ class Robot:
     kinematics: Kinematics
     warnings: tuple[str, ...] = ()
     """Sentences about content of the file that is not shown."""
+    notes: tuple[str, ...] = ()
+    """Sentences about choices that the reader made."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the robot file's folder. The robot file
     is first."""
@@ -162,28 +171,34 @@ class Robot:
         return value
 
 
-def check_mimics(joints: Mapping[str, Joint]) -> None:
-    """Check the joints that mimic others.
+def without_invalid_mimics(joints: Mapping[str, Joint], warnings: list[str]) -> dict[str, Joint]:
+    """Return the joints. Rules that cannot be followed are left out, each with a warning.
 
-    Raises:
-        RobotFileError: A leader does not exist, a joint has several values, or joints mimic each other in a cycle.
+    Their leader does not exist, has several values, or follows the joint itself; or the chain of leaders is too long.
     """
+    valid = dict(joints)
     for joint in joints.values():
-        follower, seen = joint, {joint.name}
-        while follower.mimic is not None:
-            leader = joints.get(follower.mimic.joint)
-            if leader is None:
-                raise RobotFileError(
-                    f"joint {follower.name!r} mimics {follower.mimic.joint!r}, which is not a joint that moves"
-                    f"{name_hint(follower.mimic.joint, joints)}"
-                )
-            if len(leader.default) != 1 or len(follower.default) != 1:
-                raise RobotFileError(f"joint {follower.name!r} cannot mimic {leader.name!r}: one has several values")
-            if leader.name in seen:
-                raise RobotFileError(f"the joints {', '.join(sorted(seen))} mimic each other in a circle")
-            if len(seen) > MAX_MIMIC_CHAIN:
-                raise RobotFileError(
-                    f"joint {joint.name!r} mimics a chain of more than {MAX_MIMIC_CHAIN} joints, which is the limit"
-                )
-            seen.add(leader.name)
-            follower = leader
+        reason = _mimic_problem(joint, valid)
+        if reason is not None:
+            warnings.append(f"joint {joint.name!r}: {reason}; it does not follow another joint")
+            valid[joint.name] = replace(joint, mimic=None)
+    return valid
+
+
+def _mimic_problem(joint: Joint, joints: Mapping[str, Joint]) -> str | None:
+    """Return the reason why a joint cannot follow its leader; None if it can, or follows none."""
+    follower, chain = joint, [joint.name]
+    while follower.mimic is not None:
+        leader = joints.get(follower.mimic.joint)
+        if leader is None:
+            name = follower.mimic.joint
+            return f"it mimics {name!r}, which is not a joint that moves{name_hint(name, joints)}"
+        if len(leader.default) != 1 or len(follower.default) != 1:
+            return f"it cannot mimic {leader.name!r}, as one of them has several values"
+        if leader.name in chain:
+            return f"the joints {', '.join(chain)} mimic each other in a circle"
+        if len(chain) > MAX_MIMIC_CHAIN:
+            return f"it mimics a chain of more than {MAX_MIMIC_CHAIN} joints, which is the limit"
+        chain.append(leader.name)
+        follower = leader
+    return None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
 from gateway.gltf import GltfError
-from gateway.robots.errors import RobotFileError
+from gateway.robots.errors import RobotFileError, joined_warnings
+from gateway.robots.gltf_up import RobotGltfUp
 from gateway.robots.joint_text import parse_joints
 from gateway.robots.reader import SUFFIXES, read_robot
 from gateway.scene.tree import Node
@@ -19,44 +20,68 @@ SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMAT
 """Suffixes of scene files."""
 
 
-def read_scene(
-    path: Path, *, up: Up = "auto", joints: Iterable[str] = (), roots: Iterable[str | Path] = ()
-) -> SceneFile:
+@dataclass(frozen=True, slots=True)
+class SceneOptions:
+    """Options of scene files. Each applies to the kind of file that it is for."""
+
+    up: Up = "auto"
+    """Up axis of a glTF file, see ``read_scene_file``. Other files are not rotated."""
+    joints: tuple[str, ...] = ()
+    """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
+    roots: tuple[str | Path, ...] = ()
+    """Folders with the packages of a robot's ``package://`` names."""
+    keyframe: str = ""
+    """Keyframe of an MJCF robot."""
+    gltf_up: RobotGltfUp = "y"
+    """Up axis of a robot's glTF meshes."""
+    strict: bool = False
+    """True: a warning is an error."""
+
+
+DEFAULT_OPTIONS: Final = SceneOptions()
+
+
+def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
     """Read a scene file. A mesh becomes a node with the file's name; a robot becomes a node with a child for each link.
 
-    Args:
-        up: Up axis of a glTF file, see ``read_scene_file``. Other files are not rotated.
-        joints: Joint values of a robot, as ``name=value``. Other joints have the values of the file.
-        roots: Folders with the packages of a robot's ``package://`` names.
-
     Raises:
-        SceneFileError: The file or a joint value is invalid, or a limit is exceeded. The message names the file.
+        SceneFileError: The file or a joint value is invalid, a limit is exceeded, or there is a warning and
+            ``options.strict`` is true. The message names the file.
     """
+    scene = _read(path, options)
+    if options.strict and scene.warnings:
+        raise SceneFileError(f"{path}: {joined_warnings(scene.warnings)}")
+    return scene
+
+
+def _read(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
     if suffix in _GLTF_SUFFIXES:
-        return read_scene_file(path, up=up)
+        return read_scene_file(path, up=options.up)
     if suffix in SUFFIXES:
-        return _read_robot(path, joints, roots)
+        return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:
         return _read_mesh(path, suffix)
-    raise SceneFileError(f"{path}: its suffix is none of {', '.join(SCENE_SUFFIXES)}")
+    raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
 
 
-def _read_robot(path: Path, joints: Iterable[str], roots: Iterable[str | Path]) -> SceneFile:
+def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
     try:
-        robot = read_robot(path, roots=roots)
-        root = robot.tree(parse_joints(joints))
+        robot = read_robot(path, roots=options.roots, keyframe=options.keyframe, gltf_up=options.gltf_up)
+        root = robot.tree(parse_joints(options.joints))
     except (RobotFileError, ImportError) as error:
         raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    return SceneFile(root, warnings=robot.warnings, digests=robot.digests)
+    return SceneFile(root, warnings=robot.warnings, notes=robot.notes, digests=robot.digests)
 
 
 def _read_mesh(path: Path, suffix: str) -> SceneFile:
     files = FolderFiles(path)
+    warnings: list[str] = []
     try:
-        parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS)
+        parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS, warnings)
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except (MeshFormatError, GltfError) as error:
         raise SceneFileError(f"{path}: {error}") from None
-    return SceneFile(Node(None, children={path.stem: Node(parts)}), digests=files.digests)
+    root = Node(None, children={path.stem: Node(parts)})
+    return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

@@ -1,4 +1,4 @@
-"""Forward kinematics of a URDF robot."""
+"""Forward kinematics of a tree of links and joints."""
 
 from __future__ import annotations
 
@@ -7,30 +7,33 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError, name_hint
-from gateway.robots.urdf_model import UrdfJoint
-from gateway.scene.transforms import from_pose
+from gateway.robots.errors import RobotFileError
+from gateway.robots.urdf_model import UrdfJoint, UrdfModel
+from gateway.scene.transforms import IDENTITY, from_pose
 
 
 class UrdfKinematics:
-    """Forward kinematics of a tree of joints. The frame of a link without a parent is the robot's frame."""
+    """Forward kinematics of a tree of joints."""
 
-    def __init__(self, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
+    def __init__(self, model: UrdfModel) -> None:
         """
         Raises:
-            RobotFileError: A joint names a link that does not exist, a link has two parents, or joints form a cycle.
+            RobotFileError: A link has two parents, or joints form a cycle.
         """
-        self._link_count = len(links)
-        ordered = _parents_first(links, joints)
+        links = [link.name for link in model.links]
+        ordered = _parents_first(links, model.joints)
+        self._X_rest = np.array([model.X_robot_root.get(name, IDENTITY) for name in links])
+        """X_robot_link of links without a parent, (number of links, 4, 4)."""
         index = {name: number for number, name in enumerate(links)}
         self._ends = [(index[joint.parent], index[joint.child]) for joint in ordered]
         """Indices of the parent and child link of each joint, parents first."""
         self._X_parent_joint = np.array([joint.X_parent_joint for joint in ordered]).reshape(-1, 4, 4)
+        self._X_joint_child = np.array([joint.X_joint_child for joint in ordered]).reshape(-1, 4, 4)
         kinds = [joint.motion.kind if joint.motion is not None else None for joint in ordered]
         self._revolute = np.array([i for i, kind in enumerate(kinds) if kind == "revolute"], np.intp)
         self._prismatic = np.array([i for i, kind in enumerate(kinds) if kind == "prismatic"], np.intp)
-        self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("planar", "floating")]
-        """Index and kind of each planar or floating joint."""
+        self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("ball", "planar", "floating")]
+        """Index and kind of each joint with several values."""
         self._names = [joint.name for joint in ordered]
         axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
         self._axes = axes
@@ -40,18 +43,21 @@ class UrdfKinematics:
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
-        X_joint_child = np.tile(np.eye(4), (len(self._ends), 1, 1))
+        X_motion = np.tile(np.eye(4), (len(self._ends), 1, 1))
         if len(self._revolute):  # Rodrigues: R = I + sin q K + (1 - cos q) K²
             q = np.array([values[self._names[i]][0] for i in self._revolute])[:, None, None]
-            X_joint_child[self._revolute, :3, :3] += np.sin(q) * self._K + (1.0 - np.cos(q)) * self._K_squared
+            X_motion[self._revolute, :3, :3] += np.sin(q) * self._K + (1.0 - np.cos(q)) * self._K_squared
         if len(self._prismatic):
             q = np.array([values[self._names[i]] for i in self._prismatic])
-            X_joint_child[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
+            X_motion[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
         for i, kind in self._other_joints:
             value = values[self._names[i]]
-            X_joint_child[i] = from_pose(value[:3], value[3:]) if kind == "floating" else _planar(self._axes[i], value)
-        X_parent_child = self._X_parent_joint @ X_joint_child
-        X_robot_link = np.tile(np.eye(4), (self._link_count, 1, 1))
+            if kind == "planar":
+                X_motion[i] = _planar(self._axes[i], value)
+            else:
+                X_motion[i] = from_pose(value[:-4] or (0.0, 0.0, 0.0), value[-4:])
+        X_parent_child = self._X_parent_joint @ X_motion @ self._X_joint_child
+        X_robot_link = self._X_rest.copy()
         for (parent, child), X in zip(self._ends, X_parent_child, strict=True):
             X_robot_link[child] = X_robot_link[parent] @ X
         return X_robot_link
@@ -86,13 +92,9 @@ def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.f
 
 def _parents_first(links: Sequence[str], joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     """Return the joints, each after the joints above it. Raises RobotFileError if they do not form a tree."""
-    known = set(links)
     children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     parent_of: dict[str, UrdfJoint] = {}
     for joint in joints:
-        for end in (joint.parent, joint.child):
-            if end not in known:
-                raise RobotFileError(f"joint {joint.name!r}: there is no link {end!r}{name_hint(end, links)}")
         other = parent_of.setdefault(joint.child, joint)
         if other is not joint:
             raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")

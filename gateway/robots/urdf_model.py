@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.robot import Joint
-from gateway.scene.geometry import Box, Capsule, Cylinder, Sphere
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from gateway.scene.transforms import IDENTITY
+
+UrdfShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | UrdfMesh"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +40,7 @@ class UrdfMaterial:
 class UrdfGeometry:
     """Visual or collision geometry of a link."""
 
-    shape: Box | Sphere | Cylinder | Capsule | UrdfMesh
+    shape: UrdfShape
     X_link_geometry: NDArray[np.float64]
     """(4, 4) float64: pose of the geometry in the link's frame."""
     material: UrdfMaterial | None
@@ -47,8 +52,8 @@ class UrdfLink:
     """A link."""
 
     name: str
-    visual: tuple[UrdfGeometry, ...]
-    collision: tuple[UrdfGeometry, ...]
+    geometries: tuple[UrdfGeometry, ...]
+    """Visual or collision geometries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,11 +66,13 @@ class UrdfJoint:
     child: str
     """Name of the child link."""
     X_parent_joint: NDArray[np.float64]
-    """(4, 4) float64: pose of the joint's frame in the parent's. It is the child's frame at the neutral value."""
+    """(4, 4) float64: pose of the joint's frame in the parent's."""
     axis: tuple[float, float, float]
     """Unit vector in the joint's frame."""
     motion: Joint | None
     """Kind, default value, limits and mimic rule; None: the joint is fixed."""
+    X_joint_child: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
+    """(4, 4) float64: pose of the child in the joint's frame at the neutral value. In URDF it is the identity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,3 +82,5 @@ class UrdfModel:
     name: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
+    X_robot_root: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """(4, 4) float64: poses of links without a parent, by name; the identity for others. In URDF there are none."""

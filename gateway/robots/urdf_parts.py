@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
@@ -12,16 +12,16 @@ import numpy as np
 from gateway.assets.mesh_formats import (
     FORMATS,
     PLAIN_MATERIAL,
-    EmptyMeshError,
     MeshFormatError,
     diffuse_material,
     parse_mesh,
 )
+from gateway.assets.scene_file import Up
 from gateway.gltf import GltfError
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfMesh
+from gateway.robots.urdf_model import UrdfGeometry, UrdfLink, UrdfMaterial, UrdfMesh
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling
@@ -36,26 +36,25 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 class UrdfParts:
     """Converts geometry to parts. A mesh file that several geometries use is read once."""
 
-    def __init__(self, files: RobotFiles, limits: RobotLimits) -> None:
+    def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
+        """
+        Args:
+            warnings: Warnings are appended to this list. A mesh that cannot be read is left out.
+            gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
+        """
+        self._gltf_up: Up = "auto" if gltf_up == "y" else "z"
         self._files = files
         self._limits = limits
         self._meshes: dict[Path, tuple[Part, ...]] = {}
         self._textures: dict[str, tuple[Image, tuple[float, float, float]] | str] = {}
         """Image and mean colour of each texture, or the reason why it cannot be read, by file name or URL."""
-        self.warnings: dict[str, None] = {}
-        """Sentences about content that is not shown, as keys: an ordered set."""
+        self._warnings = warnings
 
-    def parts_of(self, link: str, geometries: tuple[UrdfGeometry, ...]) -> tuple[Part, ...]:
-        """Return the parts of a link, in the link's frame.
-
-        Args:
-            link: Name of the link, for errors.
-            geometries: Its visual or collision geometries.
-
-        Raises:
-            RobotFileError: A mesh file is missing or cannot be read.
-        """
-        return tuple(part for geometry in geometries for part in self._parts(link, geometry))
+    def parts_of_links(self, links: tuple[UrdfLink, ...]) -> tuple[tuple[Part, ...], ...]:
+        """Return the parts of each link, in the link's frame."""
+        return tuple(
+            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
+        )
 
     def _parts(self, link: str, geometry: UrdfGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
@@ -63,15 +62,11 @@ class UrdfParts:
         if not isinstance(shape, UrdfMesh):
             return [Part(shape, material, X)]
         try:
-            parts = self._mesh(shape.filename)
-        except EmptyMeshError as error:
-            self.warnings[f"link {link!r}: {shape.filename} is not shown: {error}"] = None
+            parts = self._mesh(link, shape.filename)
+        except (RobotFileError, MeshFormatError, GltfError, OSError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            self._warnings.append(f"link {link!r}: the mesh {shape.filename} is not shown: {reason}")
             return []
-        except (RobotFileError, MeshFormatError, GltfError) as error:
-            name = "" if shape.filename in str(error) else f"{shape.filename}: "
-            raise RobotFileError(f"link {link!r}: {name}{error}") from None
-        except OSError as error:
-            raise RobotFileError(f"link {link!r}: {shape.filename} cannot be read: {error.strerror}") from None
         X = X @ scaling(*shape.scale)
 
         def material_of(part: Part) -> Material:
@@ -98,7 +93,7 @@ class UrdfParts:
         if texture is None:
             texture = self._textures[name] = self._texture(name)
         if isinstance(texture, str):
-            self.warnings[f"link {link!r}: the texture {name} of its material is not shown: {texture}"] = None
+            self._warnings.append(f"link {link!r}: the texture {name} of its material is not shown: {texture}")
             return plain, plain
         image, mean = texture
         textured = diffuse_material(rgba, image)
@@ -116,23 +111,27 @@ class UrdfParts:
         except OSError as error:
             return str(error.strerror)
 
-    def _mesh(self, name: str) -> tuple[Part, ...]:
+    def _mesh(self, link: str, name: str) -> tuple[Part, ...]:
         """Return the parts of a mesh file; raises OSError, RobotFileError, MeshFormatError or GltfError."""
         extension = Path(name).suffix[1:].lower()
         if extension not in FORMATS:
-            raise RobotFileError(f"{name} is none of the formats {', '.join(sorted(FORMATS))}")
+            raise RobotFileError(f"it is not one of the formats {', '.join(sorted(FORMATS))}")
         path = self._files.find(name)
         if path not in self._meshes:
             data = self._files.read(path)
             if data.startswith(_LFS_POINTER):
-                raise RobotFileError(f"{name} is a pointer of Git LFS, not the mesh: run git lfs pull")
+                raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
+            warnings: list[str] = []
             self._meshes[path] = parse_mesh(
                 data,
                 extension,
                 lambda other: self._files.read_beside(path, other),
                 self._limits.mesh,
+                warnings,
                 collada_up_axis=False,
+                gltf_up=self._gltf_up,
             )
+            self._warnings += [f"link {link!r}, {name}: {text}" for text in warnings]
         return self._meshes[path]
 
 

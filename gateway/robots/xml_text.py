@@ -1,93 +1,189 @@
-"""Parses XML and attributes, with errors that name the element.
+"""Parses XML and attributes.
 
-All functions raise RobotFileError. ``where`` is the start of its message: the link or joint of the element.
+In all functions, ``where`` is the start of a warning: the link or joint of the element. Warnings are appended to
+the list ``warnings``.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final, NoReturn
 from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError
 
 Element = ElementTree.Element
 
-
 MAX_DEPTH: Final = 10_000
 """Maximum depth of XML elements. Bodies of MJCF files contain each other: a chain of 1000 links has as many levels."""
 
 
-class _TreeBuilder(ElementTree.TreeBuilder):
-    """Builds elements. A DOCTYPE is an error: its entities could expand to gigabytes."""
+def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
+    """Return the root element. Tags and attributes keep their prefixes, which need no declaration: ``drake:capsule``.
 
-    def __init__(self, max_elements: int) -> None:
-        super().__init__()
-        self._max_elements = max_elements
-        self._count = self._depth = 0
+    White space before the XML declaration is accepted; ``--`` in comments, and Latin-1 in place of UTF-8, with a
+    warning, as the readers of ROS, Drake and MuJoCo do.
 
-    def start(self, tag: str, attrs: dict[Any, Any]) -> Element:
-        self._count, self._depth = self._count + 1, self._depth + 1
-        if self._count > self._max_elements:
-            raise RobotFileError(f"it has more than {self._max_elements} XML elements, which is the limit")
-        if self._depth > MAX_DEPTH:
-            raise RobotFileError(f"its XML has more than {MAX_DEPTH} levels, which is the limit")
-        return super().start(tag, attrs)
-
-    def end(self, tag: str) -> Element:
-        self._depth -= 1
-        return super().end(tag)
-
-    def doctype(self, name: str, public_id: str | None, system_id: str | None) -> None:
-        raise RobotFileError("XML with a DOCTYPE is refused")
-
-
-def parse_xml(data: bytes, max_elements: int) -> Element:
-    """Return the root element.
+    Args:
+        warnings: Warnings are appended to this list.
 
     Raises:
-        RobotFileError: The data is not XML, has a DOCTYPE, or more elements than allowed.
+        RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
     """
-    parser = ElementTree.XMLParser(target=_TreeBuilder(max_elements))  # noqa: S314 - no entities
+    data = data.strip(b" \t\r\n\0")
     try:
-        return ElementTree.fromstring(data, parser)  # noqa: S314
-    except RobotFileError:
-        raise
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise RobotFileError(f"it is not XML: {error}") from None
+        return _parse(data, max_elements)
+    except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
+        reason = str(error)
+    without_comments = _remove_comments(data)
+    attempts = (
+        (without_comments, None, "comments with -- inside, which XML forbids, are ignored"),
+        (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
+    )
+    for text, encoding, warning in attempts:
+        try:
+            root = _parse(text, max_elements, encoding)
+        except (expat.ExpatError, LookupError):
+            continue
+        warnings.append(warning)
+        return root
+    raise RobotFileError(f"it is not XML: {reason}")
 
 
-def required(element: Element, attribute: str, where: str) -> str:
-    """Return a required attribute without surrounding space. An empty one counts as missing."""
-    text = element.get(attribute)
-    if text is None or not text.strip():
-        raise RobotFileError(f"{where}: <{element.tag}> has no {attribute}")
-    return text.strip()
+def _parse(data: bytes, max_elements: int, encoding: str | None = None) -> Element:
+    # Without a namespace separator, expat accepts prefixes that are not declared.
+    parser = expat.ParserCreate(encoding)
+    builder = ElementTree.TreeBuilder()
+    count = depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > max_elements:
+            raise RobotFileError(f"it has more than {max_elements} XML elements, which is the limit")
+        if depth > MAX_DEPTH:
+            raise RobotFileError(f"its XML has more than {MAX_DEPTH} levels, which is the limit")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def entity(name: str, *_: object) -> NoReturn:  # entities could expand to gigabytes
+        raise RobotFileError(f"it declares the XML entity {name[:60]!r}: files with entities are refused")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = entity
+    parser.Parse(data, True)
+    return builder.close()
 
 
-def numbers(element: Element | None, attribute: str, default: tuple[float, ...], where: str) -> tuple[float, ...]:
-    """Return as many finite numbers as the default has; the default if the attribute is missing."""
-    text = element.get(attribute) if element is not None else None
-    if text is None or element is None:
+def uses_xacro(root: Element) -> bool:
+    """Return True if a document has elements of xacro, by whatever prefix it declares for them."""
+    prefixes = {"xacro"}
+    for element in root.iter():
+        prefixes |= {name[6:] for name, url in element.items() if name.startswith("xmlns:") and "xacro" in url}
+    return any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag)
+
+
+def _remove_comments(data: bytes) -> bytes:
+    """Return the data without comments, whatever they contain."""
+    pieces, position = [], 0
+    while (start := data.find(b"<!--", position)) >= 0 and (end := data.find(b"-->", start + 4)) >= 0:
+        pieces.append(data[position:start])
+        position = end + 3
+    return b"".join((*pieces, data[position:]))
+
+
+class InvalidAttributeError(ValueError):
+    """An attribute that is missing or invalid. The message has its name and value."""
+
+
+def attribute(element: Element | None, name: str) -> str:
+    """Return an attribute without surrounding space; empty if it is missing."""
+    return "" if element is None else (element.get(name) or "").strip()
+
+
+def numbers(
+    element: Element | None, name: str, default: tuple[float, ...], where: str, warnings: list[str]
+) -> tuple[float, ...]:
+    """Return as many finite numbers as the default has; the default if the attribute is missing or invalid.
+
+    An invalid attribute adds a warning.
+    """
+    if element is None or name not in element.attrib:
         return default
     try:
-        values = tuple(float(number) for number in text.split())
-    except ValueError:
-        values = ()
-    if len(values) != len(default) or not all(map(math.isfinite, values)):
-        raise RobotFileError(
-            f"{where}: {attribute}={text[:60]!r} of <{element.tag}> must be {len(default)} finite numbers"
-        )
-    return values
+        return required_numbers(element, name, len(default), where, warnings)
+    except InvalidAttributeError as error:
+        used = " ".join(f"{value:g}" for value in default)
+        warnings.append(f"{where}: {error}, {used} {'is' if len(default) == 1 else 'are'} used")
+        return default
 
 
-def positive_number(element: Element, attribute: str, where: str) -> float:
-    """Return a required attribute as a finite number above zero."""
-    text = required(element, attribute, where)
+def required_numbers(element: Element, name: str, count: int, where: str, warnings: list[str]) -> tuple[float, ...]:
+    """Return the first ``count`` numbers of an attribute, which are finite.
+
+    Commas separate numbers like spaces. They, and numbers too many, add a warning.
+
+    Raises:
+        InvalidAttributeError: The attribute is missing or has fewer numbers.
+    """
+    if name not in element.attrib:
+        raise InvalidAttributeError(f"<{element.tag}> has no {name}")
+    text = element.attrib[name]
+    values = finite_numbers(text)
+    shown = f"{name}={text[:60]!r} of <{element.tag}>"
+    if len(values) < count:
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise InvalidAttributeError(f"{shown} must be {expected}")
+    if len(values) > count:
+        warnings.append(f"{where}: {shown} has {len(values)} numbers, the first {count} are used")
+    elif "," in text:
+        warnings.append(f"{where}: {shown} has commas, which are read as spaces")
+    return values[:count]
+
+
+def finite_numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text, separated by white space or commas; none if one of them is not a finite number."""
     try:
-        value = float(text)
+        values = tuple(float(number) for number in text.replace(",", " ").split())
     except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise RobotFileError(f"{where}: {attribute}={text[:60]!r} of <{element.tag}> must be a number above 0")
-    return value
+        return ()
+    return values if all(map(math.isfinite, values)) else ()
+
+
+def origin(element: Element, where: str, warnings: list[str]) -> NDArray[np.float64]:
+    """Return the (4, 4) pose of ``<origin xyz rpy>``, metres and radians; the identity if there is none."""
+    child = element.find("origin")
+    if child is None:
+        return np.eye(4)
+    rpy = numbers(child, "rpy", (0.0, 0.0, 0.0), where, warnings)
+    return pose_of_rpy(numbers(child, "xyz", (0.0, 0.0, 0.0), where, warnings), rpy)
+
+
+def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float64]:
+    """Return a (4, 4) pose with R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).tolist(), np.cos(rpy).tolist()
+    X = np.eye(4)
+    X[:3, :3] = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    X[:3, 3] = xyz
+    return X
+
+
+def with_attributes(element: Element) -> Element:
+    """Return an element of SDF as URDF would write it: the texts of its children are attributes."""
+    texts = {child.tag: (child.text or "").strip() for child in element if not len(child)}
+    return ElementTree.Element(element.tag, {**texts, **element.attrib})

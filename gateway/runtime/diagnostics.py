@@ -1,4 +1,4 @@
-"""Checks of the installation and of this machine, for ``scenegate doctor``."""
+"""Checks of this machine for ``scenegate doctor``: limits, kernels, ports, multicast."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ import platform
 import resource
 import socket
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
-from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from gateway import __version__
 from gateway.runtime import kernel_cache, process_tuning
+from gateway.runtime.installation import Finding, Verdict
 from gateway.runtime.instance_probe import RunningInstance, probe_instance
 from renderers.compiler import cache_folder
 
-LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
 _OPEN_FILES = 4096
@@ -27,32 +23,10 @@ _RECEIVE_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
-class Verdict(Enum):
-    OK = "ok"
-    NOTE = "note"
-    """Works with restrictions."""
-    ERROR = "error"
-    """Scenegate, or one of its interfaces, does not work."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One row of the table."""
-
-    subject: str
-    verdict: Verdict
-    detail: str
-    """What was found."""
-    meaning: str = ""
-    """What does not work because of it, one sentence; empty if all is well."""
-    remedy: str = ""
-    """What to do, such as a command."""
-
-
 def findings(
     host: str, ports: Mapping[str, tuple[str, int]], threads: int, kernel_parts: Collection[str]
 ) -> Iterator[Finding]:
-    """Run all checks.
+    """Run all checks of the machine.
 
     Args:
         host: address on which the interfaces would listen.
@@ -60,10 +34,7 @@ def findings(
         threads: number of rendering threads.
         kernel_parts: names of all parts that the kernel cache should contain.
     """
-    yield Finding("scenegate", Verdict.OK, __version__)
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
-    for name in LIBRARIES:
-        yield _library(name)
     yield _glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
@@ -73,14 +44,6 @@ def findings(
         yield _port(name, host, port, flag, instances)
     yield _multicast()
     yield _receive_buffer()
-
-
-def _library(name: str) -> Finding:
-    try:
-        return Finding(name, Verdict.OK, version(name))
-    except PackageNotFoundError:
-        meaning, remedy = "Scenegate does not start without it.", "install Scenegate again: pip install scenegate"
-        return Finding(name, Verdict.ERROR, "not installed", meaning, remedy)
 
 
 def _glib() -> Finding:

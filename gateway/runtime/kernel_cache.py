@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
 import json
 import os
 import signal
@@ -19,6 +18,7 @@ from contextlib import AbstractContextManager, asynccontextmanager, contextmanag
 from pathlib import Path
 from typing import Any
 
+from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
@@ -38,6 +38,22 @@ async def _ignore(part: str) -> None:
 
 class KernelError(RuntimeError):
     """The kernels could not be compiled or loaded; the message is one sentence."""
+
+
+class KernelLoadError(KernelError):
+    """A kernel could not be loaded from the cache, which should have it: it is damaged, or could not be read."""
+
+
+class KernelsDelayed(KernelError):  # noqa: N818 - an expected outcome, not a fault
+    """Kernels of the background are not loaded yet, because of an error. Clients get the message: it has no reason."""
+
+    def __init__(self, retry_after: int) -> None:
+        super().__init__(retry_after)
+        self.retry_after = retry_after
+        """Seconds until loading is tried again."""
+
+    def __str__(self) -> str:
+        return "kernels that this needs could not be loaded, which is tried again; the server's log has the reason"
 
 
 def configure() -> Path:
@@ -113,13 +129,10 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
             "written: NUMBA_CACHE_DIR chooses another one"
         )
     with (folder / "lock").open("wb") as lock:
-        while True:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                progress.set_waiting(True)
-                await asyncio.sleep(_LOCK_SECONDS)
+        # On a file system without locks, two processes compile the same kernels at the same time.
+        while try_lock(lock.fileno()) is Lock.TAKEN:
+            progress.set_waiting(True)
+            await asyncio.sleep(_LOCK_SECONDS)
         progress.set_waiting(False)
         yield
 
@@ -219,7 +232,7 @@ def _description(returncode: int) -> str:
 
 @contextmanager
 def forbid_compiling() -> Iterator[None]:
-    """Raise KernelError if this process compiles a kernel inside the block, instead of loading it from the cache.
+    """Raise KernelLoadError if this process compiles a kernel inside the block, instead of loading it from the cache.
 
     The manifest of the cache is wrong then. It is removed, so that the next start compiles the kernels.
     """
@@ -229,7 +242,7 @@ def forbid_compiling() -> Iterator[None]:
             return
         with contextlib.suppress(OSError):
             cache_folder.remove_manifest()
-        raise KernelError(
+        raise KernelLoadError(
             f"the kernel {kernel} could not be loaded from {cache_folder.folder()}, and the server compiles none: "
             "`scenegate warmup`, or another start, compiles all of them"
         )

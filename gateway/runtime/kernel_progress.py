@@ -109,7 +109,8 @@ def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: 
             log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
         elif percent > logged:
             logged = percent
-            log("Compiling the rendering kernels", percent=percent, seconds=progress.seconds)
+            left = {} if progress.seconds_left is None else {"seconds_left": progress.seconds_left}
+            log("Compiling the rendering kernels", percent=percent, seconds=progress.seconds, **left)
 
     progress.on_change = log_line
     yield
@@ -119,9 +120,10 @@ def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: 
 def show_progress_on_stderr(progress: KernelProgress) -> Iterator[None]:
     """Show progress while the block runs, for commands: a bar on a terminal, else lines on stderr."""
 
-    def write(event: str, *, seconds: float, percent: int | None = None) -> None:
+    def write(event: str, *, seconds: float, percent: int | None = None, seconds_left: int | None = None) -> None:
         position = "" if percent is None else f", {percent} %"
-        sys.stderr.write(f"{event}{position}, {seconds:.0f} s\n")
+        left = "" if seconds_left is None else f", about {seconds_left} s left"
+        sys.stderr.write(f"{event}{position}, {seconds:.0f} s{left}\n")
 
     with show_progress(progress, write):
         yield

@@ -13,16 +13,10 @@ _POLL_SECONDS: Final = 0.1
 async def until_compiled(*parts: str) -> None:
     """Return once none of these parts is being compiled.
 
-    A call that needs a part waits for it by itself, but in a worker thread, which other calls could use meanwhile, and
-    within its time limit.
+    A call that needs a part waits for it by itself, but in a worker thread, which other calls could use meanwhile.
     """
-    while are_compiling(*parts):  # noqa: ASYNC110 - other threads load them
+    while any(is_compiling(part) for part in parts):  # noqa: ASYNC110 - other threads load them
         await asyncio.sleep(_POLL_SECONDS)
-
-
-def are_compiling(*parts: str) -> bool:
-    """Return whether one of these parts is being compiled."""
-    return any(is_compiling(part) for part in parts)
 
 
 def parts_of_look(look: str, samples: int) -> tuple[str, ...]:

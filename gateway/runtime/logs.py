@@ -36,6 +36,9 @@ def configure(
         worker: process id to add to each line, if there are several processes (``--workers``).
     """
 
+    # The core of gRPC writes lines of its own to stderr, such as failed TLS handshakes; errors of calls tell enough.
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")
+
     def add_worker(_logger: object, _method: str, event: EventDict) -> EventDict:
         return {**event, "worker": worker}
 

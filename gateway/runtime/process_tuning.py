@@ -128,7 +128,7 @@ def listen_error(error: OSError, host: str, port: int) -> str:
         return f"the host {host!r} is unknown"
     reasons = {
         errno.EADDRINUSE: "another program listens there",
-        errno.EADDRNOTAVAIL: f"{host} is no address of this machine",
-        errno.EACCES: "not allowed to",
+        errno.EADDRNOTAVAIL: f"{host} is not an address of this machine",
+        errno.EACCES: "permission denied",
     }
     return reasons.get(error.errno or 0, error.strerror or str(error)) + f" ({host} port {port})"

@@ -31,6 +31,8 @@ MAX_RETRY_AFTER: Final = 60
 """Maximum Retry-After in seconds; longer estimates are not reliable."""
 STOPPING_SECONDS: Final = 0.5
 """Time in which a call whose stop flag was set ends."""
+_MIN_PAUSE_SECONDS: Final = 0.01
+"""Minimum time between two checks of the time limits: the time of a call stands still while it waits for kernels."""
 _SMOOTHING: Final = 0.1
 """Weight of the newest duration in the moving average behind ``Retry-After``."""
 
@@ -91,6 +93,10 @@ class _Call:
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
 
+    def seconds(self, now: float) -> float:
+        """Return the time that counts towards the limit, at the monotonic time ``now``."""
+        return now - self.started - self.stop.waited_seconds
+
 
 class WorkerPool:
     """Runs functions in daemon threads, which start on demand. Callers may live in different event loops."""
@@ -114,7 +120,8 @@ class WorkerPool:
                 that no request is impossible.
             name: name of the threads, for debuggers.
             niceness: niceness of the threads, relative to the process.
-            seconds: time limit of a running call, without its time in the queue; None: no limit.
+            seconds: time limit of a running call, without its time in the queue and in ``StopFlag.waiting``; None: no
+                limit.
             limit_name: name of ``seconds`` in error messages.
         """
         self.threads = threads if threads is not None else usable_cpus()
@@ -213,7 +220,7 @@ class WorkerPool:
     def stats(self) -> PoolStats:
         """Snapshot of the counters."""
         with self._lock:
-            slow_since = time.monotonic() - self.seconds / 2 if self.seconds is not None else -math.inf
+            now, slow_seconds = time.monotonic(), self.seconds / 2 if self.seconds is not None else math.inf
             return PoolStats(
                 threads=self.threads,
                 running=len(self._running),
@@ -222,7 +229,7 @@ class WorkerPool:
                 done=self._done,
                 rejected=self._rejected,
                 abandoned=self._abandoned,
-                slow=sum([call.started < slow_since for call in self._running]),
+                slow=sum([call.seconds(now) > slow_seconds for call in self._running]),
                 timed_out=self._timed_out,
             )
 
@@ -345,14 +352,14 @@ class WorkerPool:
         assert self.seconds is not None
         pause = self.seconds
         while not self._all_ended.wait(pause):
-            pause = self._stop_late_calls(self.seconds)
+            pause = max(_MIN_PAUSE_SECONDS, self._stop_late_calls(self.seconds))
 
     def _stop_late_calls(self, seconds: float) -> float:
         """Set the stop flags of calls that have run for ``seconds``; return the time until the next one is due."""
         now, pause = time.monotonic(), seconds
         with self._lock:
             for call in self._running:
-                left = call.started + seconds - now
+                left = seconds - call.seconds(now)
                 if left > 0.0:
                     pause = min(pause, left)
                 elif not call.stop.is_set:

@@ -128,7 +128,7 @@ def parse_camera(text: str) -> CameraSpec:
     if "=" in stripped:
         return _parse_look_at(stripped)
     raise CameraError(
-        f"camera {quoted(text)} is none of 'stereo', 'fit', 'path:[\"name\", ...]' and 'eye=x,y,z;target=x,y,z'"
+        f"camera {quoted(text)} is not one of 'stereo', 'fit', 'path:[\"name\", ...]' and 'eye=x,y,z;target=x,y,z'"
     )
 
 
@@ -158,7 +158,7 @@ def _parse_look_at(text: str) -> LookAtCamera:
         name, equals, value = part.partition("=")
         name = name.strip()
         if not equals or name not in ("eye", "target", "up", "fovy"):
-            raise CameraError(f"camera part {quoted(part)} is none of eye=, target=, up= and fovy=")
+            raise CameraError(f"camera part {quoted(part)} is not one of eye=, target=, up= and fovy=")
         if name in values:
             raise CameraError(f"camera part {quoted(part)} repeats {name}=")
         values[name] = value

@@ -12,6 +12,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from gateway.server.error_handlers import redirect
 from gateway.server.tokens import COOKIE_SECONDS, Tokens
 
 COOKIE_NAME: Final = "scenegate"
@@ -41,16 +42,19 @@ class Access:
         *,
         tokens: Tokens,
         open_paths: Collection[str] = (),
+        cookie_path: str = "/",
         clock: Callable[[], float] = time.time,
     ) -> None:
         """
         Args:
             open_paths: paths that need no token, such as health; ``AUTHORIZED`` in the scope says if there was one.
+            cookie_path: path for which browsers send the cookie: that of the gateway on the host that they see.
             clock: returns Unix time in seconds, for the age of cookies.
         """
         self._app = app
         self._tokens = tokens
         self._open_paths = open_paths
+        self._cookie_path = cookie_path
         self._clock = clock
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -77,14 +81,19 @@ class Access:
         tokens = [value for name, value in query if name == TOKEN_PARAMETER]
         if scope["method"] == "GET" and tokens and self._tokens.accept(tokens[0]):
             other_parameters = urlencode([(name, value) for name, value in query if name != TOKEN_PARAMETER])
-            # One slash: "//host" would be another host.
-            path = "/" + quote(scope["path"].lstrip("/"))
-            response = Response(
-                status_code=303, headers={"Location": f"{path}?{other_parameters}" if other_parameters else path}
-            )
+            # The last part only, after "./": "//host" and "name:" would be other places.
+            response = redirect(f"./{quote(scope['path'].rpartition('/')[2])}", other_parameters, 303)
             secure = scope.get("scheme") == "https"
             cookie = self._tokens.cookie(tokens[0], self._clock())
-            response.set_cookie(COOKIE_NAME, cookie, COOKIE_SECONDS, httponly=True, samesite="lax", secure=secure)
+            response.set_cookie(
+                COOKIE_NAME,
+                cookie,
+                COOKIE_SECONDS,
+                path=self._cookie_path,
+                httponly=True,
+                samesite="lax",
+                secure=secure,
+            )
             response.headers["Cache-Control"] = "no-store"
             response.headers["Referrer-Policy"] = "no-referrer"
             return response

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Final
+from urllib.parse import quote
 
 from fastapi.exceptions import RequestValidationError
 from starlette.requests import Request
@@ -49,6 +50,11 @@ JSON_PATHS: Final = ("/api/", "/stereo/")
 """Beginnings of the paths whose error responses are JSON, as the stereo camera's; all others are text."""
 
 
+def redirect(path: str, query: str, status: int) -> Response:
+    """Return a redirect to a path relative to that of the request: a proxy may have removed the beginning of it."""
+    return Response(status_code=status, headers={"Location": f"{path}?{query}" if query else path})
+
+
 async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
     """Return 405 with all methods of the path in Allow (RFC 9110, 15.5.6); Starlette has those of one route only."""
     allowed = [
@@ -63,9 +69,12 @@ async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
     return PlainTextResponse(f"{request.method} is not possible here; {methods or 'nothing'} is.\n", 405, headers)
 
 
-async def not_found(request: Request, error: Exception) -> PlainTextResponse:
-    """Return 404 for a path without a route."""
-    path = request.url.path[:_MAX_ECHO]
+async def not_found(request: Request, error: Exception) -> Response:
+    """Return 404 for a path without a route; one with a slash at its end is redirected to the path without it."""
+    path = request.url.path
+    if (name := path.rstrip("/").rpartition("/")[2]) and path.endswith("/"):
+        return redirect(f"../{quote(name)}", request.url.query, 307)
+    path = path[:_MAX_ECHO]
     return PlainTextResponse(
         f"Nothing is at {path} here. /docs describes what there is; /healthz tells which interfaces run.\n", 404
     )

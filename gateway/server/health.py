@@ -14,6 +14,7 @@ from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_reports import WorkerReports
 from gateway.server.access import AUTHORIZED
 from gateway.server.openapi import Responses, json_example
+from renderers.cache import SHARED
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 """Paths that need no token, for monitoring."""
@@ -58,12 +59,17 @@ def router(
             described["status"], described["workers"] = await asyncio.to_thread(reports.describe, own_readiness())
         return described
 
-    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_EXAMPLE}))
+    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": "1.2.3", **_EXAMPLE}))
     async def healthz(request: Request) -> JSONResponse:
         """200 while the event loop runs. The body has the state of each interface, its figures and its problems; if the
-        gateway has a token, figures and problems need it. With --workers, the body has the state of each process, too,
+        gateway has a token, figures and problems need it. ``caches`` has the bytes that each cache holds, and the limit
+        of all together. With --workers, the body has the state of each process, too,
         and the interfaces are those of the responding process."""
-        return JSONResponse({"version": version, **await describe(request)})
+        described = {"version": version, **await describe(request)}
+        if _may_see_details(request):
+            bytes_by_cache = {name: cache.nbytes for name, cache in SHARED.figures().items()}
+            described["caches"] = {"limit_bytes": SHARED.max_bytes, "bytes": bytes_by_cache}
+        return JSONResponse(described)
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
@@ -87,8 +93,13 @@ def router(
     return routes
 
 
+def _may_see_details(request: Request) -> bool:
+    authorized: bool = request.scope.get(AUTHORIZED, True)
+    return authorized
+
+
 def _health(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
     """Return the state of the interfaces, with figures and problems if the request is authorized."""
-    if request.scope.get(AUTHORIZED, True):
+    if _may_see_details(request):
         return registry.describe()
     return {**registry.describe(details=False), "details": _DETAILS}

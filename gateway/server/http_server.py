@@ -20,13 +20,10 @@ MAX_WEBSOCKET_BYTES: Final = 64 << 10
 """WebSocket message from a client; those of the browser view have at most 256 characters."""
 KEEP_ALIVE_SECONDS: Final = 60
 """Time for the next request on a connection."""
-UNRESPONSIVE_SECONDS: Final = 60
-"""Time after which uvicorn's supervisor replaces a process that does not respond. New processes do not respond during
-their imports, which take less time than this even on an overloaded machine."""
 
 
 def server_config(
-    app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, Path] | None = None, workers: int = 1
+    app: FastAPI, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, Path] | None = None
 ) -> uvicorn.Config:
     """Return uvicorn's configuration for all servers of the gateway.
 
@@ -34,8 +31,6 @@ def server_config(
         grace_seconds: time for requests to finish at shutdown.
         lifespan: False for an application whose lifespan is managed elsewhere.
         tls: certificate and key, PEM.
-        workers: number of processes. If there are several, ``app`` must be a function that returns the application,
-            and must be picklable.
     """
     return uvicorn.Config(
         app,
@@ -52,9 +47,6 @@ def server_config(
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=grace_seconds,  # type: ignore[arg-type]  # a float works
         backlog=2048,
-        workers=workers,
-        factory=workers > 1,
-        timeout_worker_healthcheck=UNRESPONSIVE_SECONDS,
     )
 
 

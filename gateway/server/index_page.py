@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from html import escape
 
 _PAGE = """<!doctype html>
@@ -22,11 +24,18 @@ _PAGE = """<!doctype html>
 <table id="interfaces"></table>
 <script>
   const table = document.getElementById("interfaces");
+  const names = {names};
   async function show() {{
     const health = await (await fetch("healthz")).json();
     table.replaceChildren(...Object.entries(health.interfaces).map(([name, entry]) => {{
       const row = document.createElement("tr");
-      for (const text of [name, entry.state, entry.problem || entry.where || ""]) {{
+      const kind = name.split(" ")[0];  // further cameras are "stereo 1" and so on
+      const [title, page] = names[kind] ?? [kind, ""];
+      const link = document.createElement(page ? "a" : "span");
+      if (page) link.href = page;
+      link.textContent = title + name.slice(kind.length);
+      row.insertCell().append(link);
+      for (const text of [entry.state, entry.problem || entry.where || ""]) {{
         const cell = row.insertCell();
         cell.textContent = text;
         if (text === "failed") cell.className = "failed";
@@ -41,11 +50,12 @@ _PAGE = """<!doctype html>
 """
 
 
-def index_page(version: str, links: dict[str, str]) -> str:
+def index_page(version: str, links: Mapping[str, str], names: Mapping[str, tuple[str, str]]) -> str:
     """Return the page as HTML.
 
     Args:
-        links: link texts by path relative to the page.
+        links: link texts by path relative to the page, or URL.
+        names: title of each interface, and the address of its documentation or "", by name in ``/healthz``.
     """
     link_list = " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links.items())
-    return _PAGE.format(version=escape(version), links=link_list)
+    return _PAGE.format(version=escape(version), links=link_list, names=json.dumps(names))

@@ -66,7 +66,8 @@ class Security:
     def protect(self, app: FastAPI) -> None:
         """Add middleware: token, CSRF protection, CORS, trusted hosts, URL limit and headers for browsers."""
         if self.http is not None:
-            app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS)
+            cookie_path = self.settings.root_path or "/"
+            app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS, cookie_path=cookie_path)
         app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
         if self.settings.cors_origins:
             # Outside of the token check: browsers send preflight requests without it.
@@ -79,7 +80,7 @@ class Security:
             )
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
         app.add_middleware(TargetLimit)
-        app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
+        app.add_middleware(SecurityHeaders, origins=(*self.settings.cors_origins, *self.settings.frame_origins))
 
     def log_exposure(self) -> None:
         """Log the interfaces that other machines reach, with a warning if they lack TLS or a token."""

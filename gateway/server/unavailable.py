@@ -1,19 +1,19 @@
-"""503 responses for work that was not done: no worker was free, it took too long, or its kernels cannot be used."""
+"""503 responses for work that was not done: no worker was free, it took too long, or its kernels are not loaded."""
 
 from __future__ import annotations
 
 from fastapi.responses import PlainTextResponse
 
-from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 
-UnavailableErrors = (QueueFull, PoolClosed, DeadlineExceeded, KernelError)
-"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be compiled."""
+UnavailableErrors = (QueueFull, PoolClosed, DeadlineExceeded, KernelsDelayed)
+"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be loaded yet."""
 
 
 def retry_after(error: Exception) -> dict[str, str]:
     """Return the Retry-After header for one of ``UnavailableErrors``; none if the same request would fail again."""
-    if isinstance(error, (DeadlineExceeded, KernelError)):
+    if isinstance(error, DeadlineExceeded):
         return {}
     return {"Retry-After": str(getattr(error, "retry_after", 1))}
 

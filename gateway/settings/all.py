@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import Self
 
 from pydantic import model_validator
 from pydantic_settings import SettingsConfigDict
 
 from gateway.settings.interfaces import InterfaceSettings
+from gateway.settings.lcm_url import check_lcm_url
 from gateway.settings.option import ENV_PREFIX
 from gateway.settings.process import ProcessSettings
 from gateway.settings.stereo import StereoSettings
@@ -26,6 +28,16 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
             raise ValueError("--http-certificate and --http-key need each other")
         if self.grpc_client_ca is not None and self.grpc_certificate is None:
             raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
+        return self
+
+    @model_validator(mode="after")
+    def _default_lcm_url(self) -> Self:
+        url = os.environ.get("LCM_DEFAULT_URL")
+        if url and self.lcm_url is None and self.is_enabled("treeviewer"):
+            try:
+                check_lcm_url(url)
+            except ValueError as error:
+                raise ValueError(f"LCM_DEFAULT_URL: {error}, got {url!r}") from None
         return self
 
     @model_validator(mode="after")

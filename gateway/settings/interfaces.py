@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples
+from gateway.settings.types import Color, Interfaces, LcmUrl, Paths, Port, PortOrOff, Samples
 
 
 class InterfaceSettings(BaseSettings):
@@ -72,6 +72,17 @@ class InterfaceSettings(BaseSettings):
         "Up axis of glTF files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, "
         "else Y.",
     )
+    robot_gltf_up: Literal["y", "z", "auto"] = option(
+        "y",
+        "Render endpoint",
+        "Up axis of the glTF meshes of a robot in --backdrop and --stereo-scene; 'auto': what fits the collision "
+        "geometry.",
+    )
+    strict: bool = option(
+        False,
+        "Render endpoint",
+        "Refuse a file of --backdrop or --stereo-scene of which something cannot be drawn, instead of a warning.",
+    )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder in which rejected render requests are stored for replay."
     )
@@ -85,7 +96,7 @@ class InterfaceSettings(BaseSettings):
     )
 
     # --- Tree viewer
-    lcm_url: str | None = option(
+    lcm_url: LcmUrl | None = option(
         None, "Tree viewer", "LCM network, in the format of LCM_DEFAULT_URL, which is the default; 'off': no LCM."
     )
     tcpq_port: PortOrOff = option(

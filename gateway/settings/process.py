@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import Names
+from gateway.settings.types import FrameOrigins, Names, RootPath
 
 
 class ProcessSettings(BaseSettings):
@@ -49,6 +49,18 @@ class ProcessSettings(BaseSettings):
         "Web origins (https://example.org) whose pages may use the HTTP interface, separated by commas; '*' allows "
         "all. Pages of other origins can neither read responses nor change anything, nor show /view in a frame.",
     )
+    frame_origins: FrameOrigins = option(
+        (),
+        "Access",
+        "Web origins whose pages may show /view in a frame, separated by commas, such as a notebook's "
+        "http://localhost:8888; '*' allows all. Unlike pages of --cors-origins, they can read nothing else.",
+    )
+    root_path: RootPath = option(
+        "",
+        "Access",
+        "Path prefix that a proxy serves the gateway below and keeps in its requests, such as /user/ann/proxy/8000. A "
+        "proxy that removes the prefix needs no setting.",
+    )
 
     # --- State
     state: Path | None = option(
@@ -66,6 +78,13 @@ class ProcessSettings(BaseSettings):
         "than 1 needs --only render. All limits of this group hold for each process.",
         ge=1,
         le=256,
+    )
+    unresponsive_seconds: float = option(
+        30.0,
+        "Speed and limits",
+        "Time after which a process of --workers that does not respond is killed and replaced.",
+        ge=1,
+        le=3600,
     )
     threads: int = option(
         0,
@@ -85,8 +104,8 @@ class ProcessSettings(BaseSettings):
     render_seconds: float = option(
         30.0,
         "Speed and limits",
-        "Maximum time for reading a scene and rendering one image, without the time in the queue. Beyond it the "
-        "response is 503 without Retry-After.",
+        "Maximum time for reading a scene and rendering one image, without the time in the queue and that for which it "
+        "waits for kernels. Beyond it the response is 503 without Retry-After.",
         gt=0,
         le=86_400,
     )
@@ -137,11 +156,13 @@ class ProcessSettings(BaseSettings):
         ge=1,
         le=1 << 28,
     )
-    mesh_cache_mb: int = option(
-        512, "Speed and limits", "Maximum size of the cache of posted geometry, in MiB.", ge=0, le=1 << 20
-    )
-    scene_cache_mb: int = option(
-        256, "Speed and limits", "Maximum size of the cache of whole posted scenes, in MiB.", ge=0, le=1 << 20
+    cache_bytes: int = option(
+        1 << 30,
+        "Speed and limits",
+        "Maximum size in bytes of all caches of a process together: posted scenes, mesh files, and what is derived "
+        "from them. /metrics and /healthz have the size of each.",
+        ge=0,
+        le=1 << 40,
     )
     shutdown_seconds: float = option(
         10.0,

@@ -69,7 +69,7 @@ def unknown_environment() -> list[str]:
     """Return a sentence for each SCENEGATE_* variable that is not a setting, such as a misspelt one."""
     known = {env_of(name) for name in Settings.model_fields} | OTHER_ENV
     return [
-        f"{name} is no setting{_suggestion(name, known)}"
+        f"{name} is not a setting{_suggestion(name, known)}"
         for name in sorted(os.environ)
         if name.startswith(ENV_PREFIX) and name not in known
     ]
@@ -103,7 +103,9 @@ def _read_file(path: Path) -> dict[str, Any]:
         raise SettingsError(f"The configuration file {path} is not TOML: {error}.") from None
     values = {name.replace("-", "_"): value for name, value in values.items()}
     known = Settings.model_fields
-    if unknown := [f"{name} in {path} is no setting{_suggestion(name, known)}" for name in values if name not in known]:
+    if unknown := [
+        f"{name} in {path} is not a setting{_suggestion(name, known)}" for name in values if name not in known
+    ]:
         raise SettingsError("\n".join(unknown))
     return values
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated, Literal
+from urllib.parse import unquote
 
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_settings import NoDecode
 
+from gateway.settings.lcm_url import check_lcm_url
 from renderers.stereo.realism import RealismPart, parse_realism
 
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
@@ -56,10 +59,24 @@ def _split_realism(value: object) -> object:
     return parse_realism(value) if isinstance(value, str) else value
 
 
+def _check_root_path(path: str) -> str:
+    path = path.rstrip("/")
+    if path and not re.fullmatch(r"(/[^/\s?#]+)+", path):
+        raise ValueError("must be a path such as /user/ann/scenegate")
+    return unquote(path)
+
+
+def _check_frame_origin(origin: str) -> str:
+    if not re.fullmatch(r"\*|[A-Za-z][A-Za-z0-9+.-]*:(//[^\s;,'\"/?#]+)?", origin):
+        raise ValueError("must be '*', an origin such as http://localhost:8888, or a scheme such as vscode-webview:")
+    return origin
+
+
 def _to_number(value: object) -> object:
     return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
 
+LcmUrl = Annotated[str, AfterValidator(check_lcm_url)]
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
@@ -71,5 +88,7 @@ Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]
 Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, BeforeValidator(_split_realism)]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
+FrameOrigins = Annotated[tuple[Annotated[str, AfterValidator(_check_frame_origin)], ...], NoDecode, _split(",")]
+RootPath = Annotated[str, AfterValidator(_check_root_path)]
 Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]

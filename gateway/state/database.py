@@ -8,7 +8,6 @@ transactions; the file stays consistent.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import sqlite3
 import stat
@@ -17,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from gateway.runtime.file_lock import Lock, try_lock
 from gateway.state.errors import StateError
 from gateway.state.schema import APPLICATION_ID, MIGRATIONS
 
@@ -53,11 +53,13 @@ class Database:
         """
         self.path = path
         with contextlib.ExitStack() as undo:
-            self._lock = _lock_file(path)
+            self._lock, lock = _lock_file(path)
+            self.is_locked = lock is Lock.HELD
+            """False if the file system has no locks, so that nothing keeps a second gateway away."""
             undo.callback(os.close, self._lock)
             is_new = _check_header(path, self._lock)
             with _state_errors(path):
-                self.connection = _connect(path, checkpoint_bytes)
+                self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
                 undo.callback(self.connection.close)
                 if not is_new:
                     _check_integrity(path, self.connection)
@@ -99,8 +101,8 @@ def _state_errors(path: Path) -> Iterator[None]:
         raise StateError(f"The state file {path} cannot be used: {reason_of(error)}.") from None
 
 
-def _lock_file(path: Path) -> int:
-    """Return a descriptor with an exclusive ``flock``, which only one gateway can hold."""
+def _lock_file(path: Path) -> tuple[int, Lock]:
+    """Return a descriptor of the file, and whether it holds the lock, which only one gateway can hold."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
@@ -109,16 +111,12 @@ def _lock_file(path: Path) -> int:
         os.close(descriptor)
         raise StateError(f"The state file {path} is not a regular file.")
     deadline = time.monotonic() + LOCK_SECONDS
-    while True:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            if time.monotonic() < deadline:
-                time.sleep(0.02)
-                continue
+    while (lock := try_lock(descriptor)) is Lock.TAKEN:
+        if time.monotonic() >= deadline:
             os.close(descriptor)
-            raise StateError(f"The state file {path} is in use by another gateway.") from None
-        return descriptor
+            raise StateError(f"The state file {path} is in use by another gateway.")
+        time.sleep(0.02)
+    return descriptor, lock
 
 
 def _check_header(path: Path, descriptor: int) -> bool:
@@ -137,10 +135,12 @@ def _check_header(path: Path, descriptor: int) -> bool:
     return False
 
 
-def _connect(path: Path, checkpoint_bytes: int) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.Connection:
+    uri = path.absolute().as_uri() + ("" if with_locks else "?vfs=unix-none")  # the latter asks for no locks
+    connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     (page_bytes,) = connection.execute("PRAGMA page_size").fetchone()
     for pragma in (
+        *(() if with_locks else ("locking_mode = EXCLUSIVE",)),  # the write-ahead log needs locks otherwise
         "synchronous = NORMAL",
         f"wal_autocheckpoint = {max(1, checkpoint_bytes // page_bytes)}",
         f"journal_size_limit = {checkpoint_bytes}",  # otherwise the log never shrinks

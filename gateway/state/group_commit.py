@@ -141,7 +141,7 @@ class GroupCommit:
             if isinstance(error, sqlite3.Error):
                 return reason_of(error)
             if isinstance(error, OSError):
-                return str(error)
+                return error.strerror or type(error).__name__  # without a path, for clients
             _log.exception("state commit failed")
             return f"internal error: {type(error).__name__}: {error}"
         self.stats.last_commit_seconds = seconds = time.perf_counter() - start_time

@@ -29,6 +29,10 @@ class PersistentState:
         """
         self._config = config
         self.database = Database(config.path, config.checkpoint_bytes)
+        if not self.database.is_locked:
+            _log.warning(
+                "The file system of the state file has no locks: use it in one gateway only", path=str(config.path)
+            )
         self.commits = GroupCommit(self.database, config)
         self._restored_nodes = 0
         self._timer: asyncio.TimerHandle | None = None

@@ -98,7 +98,7 @@ class FrameScheduler:
     async def run(self) -> None:
         """Capture frames until cancelled.
 
-        The first one waits for the kernels: compiling them is no part of a frame's time limit.
+        The first one waits for the kernels: compiling them is not part of a frame's time limit.
         """
         try:
             await until_compiled(*_KERNEL_PARTS)

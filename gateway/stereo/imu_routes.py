@@ -33,7 +33,7 @@ _RESPONSES: Final[Responses] = {
     **error_responses(
         {
             404: "There is no such pipeline, or the camera shows recorded pairs.",
-            503: "Too many clients, or the camera does not run.",
+            503: "Too many clients, or the camera is not running.",
         }
     ),
 }

@@ -24,7 +24,7 @@ def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
         ValueError: there are no pairs, or more than ``max_pairs``; one sentence.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder")
+        raise ValueError(f"{folder} is not a folder")
     images = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
     if not images:
         raise ValueError(f"{folder} holds no images ({', '.join(_SUFFIXES)})")

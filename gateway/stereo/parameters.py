@@ -124,7 +124,7 @@ def check_value(spec: Spec, value: object) -> Value:
             raise ParameterError(f"{spec.name}: {_shown_value(value)} is not a string")
         value = spec.aliases.get(value, value)
         if value not in spec.choices:
-            raise ParameterError(f"{spec.name}: {_shown_value(value)} is none of {', '.join(spec.choices)}")
+            raise ParameterError(f"{spec.name}: {_shown_value(value)} is not one of {', '.join(spec.choices)}")
         return value
     if spec.type == "bool":
         if isinstance(value, (bool, int, float)) and value in (0, 1):

@@ -47,13 +47,13 @@ def clean_environment() -> dict[str, str]:
 class Gateway:
     """A running gateway and its addresses."""
 
-    def __init__(self, flags: tuple[str, ...], folder: Path, start_seconds: float) -> None:
+    def __init__(self, flags: tuple[str, ...], folder: Path, seconds: float) -> None:
         """Start a gateway and wait until every interface has started or failed.
 
         Args:
             flags: Flags of ``scenegate serve``.
             folder: Folder for the log.
-            start_seconds: Maximum time until the gateway has started, seconds.
+            seconds: Maximum time until the gateway has started, or has answered a request.
 
         Raises:
             RuntimeError: The process ended or took too long. The message contains its log.
@@ -69,8 +69,9 @@ class Gateway:
                 stderr=log,
             )
         self._log_offset = 0
+        self._seconds = seconds
         try:
-            self.http_url: str = self._wait_for_start(start_seconds)
+            self.http_url: str = self._wait_for_start()
             """``http://127.0.0.1:port``"""
         except BaseException:
             self.kill()
@@ -103,7 +104,8 @@ class Gateway:
 
     def get(self, path: str) -> bytes:
         """Return the body of ``GET path``. Raises ``urllib.error.HTTPError`` for a status of 400 or more."""
-        with urllib.request.urlopen(self.http_url + path, timeout=60) as response:  # noqa: S310 - http only
+        url = self.http_url + path
+        with urllib.request.urlopen(url, timeout=self._seconds) as response:  # noqa: S310 - http only
             return bytes(response.read())
 
     def health(self) -> Mapping[str, Any]:
@@ -135,7 +137,7 @@ class Gateway:
         Raises:
             RuntimeError: The response has a negative status.
         """
-        return publish(self.lcm_url, request)
+        return publish(self.lcm_url, request, self._seconds)
 
     def reset(self, scene: Path | None = None) -> None:
         """Empty the live tree, then publish the file ``scene``; None: leave the tree empty."""
@@ -168,9 +170,9 @@ class Gateway:
         self.process.kill()
         self.process.wait()
 
-    def _wait_for_start(self, start_seconds: float) -> str:
+    def _wait_for_start(self) -> str:
         """Return the gateway's URL, which its log contains after the start."""
-        deadline = time.monotonic() + start_seconds
+        deadline = time.monotonic() + self._seconds
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
                 raise RuntimeError(f"the gateway ended with exit code {self.process.returncode}:\n{self.log()}")
@@ -178,20 +180,20 @@ class Gateway:
             if any(str(event.get("event")).startswith("Scenegate has started") for event in events):
                 return next(str(event["url"]) for event in events if "url" in event)
             time.sleep(0.05)
-        raise RuntimeError(f"the gateway did not start within {start_seconds:g} s:\n{self.log()}")
+        raise RuntimeError(f"the gateway did not start within {self._seconds:g} s:\n{self.log()}")
 
 
 class GatewayPool:
     """Running gateways by their flags, shared by tests with the same flags."""
 
-    def __init__(self, make_log_folder: Callable[[], Path], start_seconds: float) -> None:
+    def __init__(self, make_log_folder: Callable[[], Path], seconds: float) -> None:
         """
         Args:
             make_log_folder: Returns a new folder for the log of one gateway.
-            start_seconds: Maximum time until a gateway has started, seconds.
+            seconds: As for ``Gateway``.
         """
         self._make_log_folder = make_log_folder
-        self._start_seconds = start_seconds
+        self._seconds = seconds
         self._gateways: dict[tuple[str, ...], Gateway] = {}
 
     def get(self, flags: tuple[str, ...], scene: Path | None, *, fresh: bool) -> Gateway:
@@ -208,7 +210,7 @@ class GatewayPool:
             flags = (*flags, "--mesh-root", str(scene.parent))
         gateway = None if fresh else self._gateways.get(flags)
         if gateway is None or gateway.process.poll() is not None:
-            gateway = Gateway(flags, self._make_log_folder(), self._start_seconds)
+            gateway = Gateway(flags, self._make_log_folder(), self._seconds)
             if not fresh:
                 self._gateways[flags] = gateway
         gateway.mark_log()

@@ -25,7 +25,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     parser.addini(
         "scenegate_seconds",
-        "maximum seconds until a gateway has started, compilation of its kernels included",
+        "maximum seconds until a gateway has started or answered a request, compilation of its kernels included",
         "string",
         "300",
     )

@@ -14,8 +14,6 @@ from urllib.parse import urlsplit
 from gateway.runtime.regular_files import read_regular
 from gateway.treeviewer import wire
 
-_TIMEOUT: Final = 60.0
-"""Maximum seconds to wait for data."""
 _GREETING: Final = struct.pack(">II", 0x287617FB, 0x0100)
 """The greeting of a TCPQ client: magic number and protocol version (lcm/lcm_tcpq.c)."""
 _PUBLISH: Final = 1
@@ -28,17 +26,18 @@ _RESPONSE: Final = f"DIRECTOR_TREE_VIEWER_RESPONSE_<{_CLIENT_ID}>"
 _IDENTITY: Final = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
-def publish(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
+def publish(url: str, request: Mapping[str, Any], seconds: float) -> dict[str, Any]:
     """Send a request and return its response.
 
     Args:
         url: ``tcpq://host:port``.
+        seconds: Maximum time to wait for data.
 
     Raises:
         RuntimeError: The response has a negative status, or the gateway closed the connection.
     """
     parts = urlsplit(url)
-    with socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 7700), timeout=_TIMEOUT) as hub:
+    with socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 7700), timeout=seconds) as hub:
         received = hub.makefile("rb")
         pattern, channel = re.escape(_RESPONSE).encode(), _REQUEST.encode()
         message = wire.encode(json.dumps({"utime": 0, **request}).encode())

@@ -13,8 +13,8 @@ from gateway.treeviewer.number_arrays import NumberArrays
 class MeshLoader(Protocol):
     """Loader of the files of ``mesh_file`` geometries. ``gateway.assets.mesh_files.MeshFiles`` implements it."""
 
-    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
-        """Return the parts of a mesh file, scaled along x, y, z.
+    def load(self, filename: str, scale: tuple[float, float, float], warnings: list[str]) -> tuple[Part, ...]:
+        """Return the parts of a mesh file, scaled along x, y, z. Append warnings about its content.
 
         Raises:
             ValueError: the file cannot be loaded; the attribute ``missing`` is True if it does not exist.

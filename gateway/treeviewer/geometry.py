@@ -140,11 +140,12 @@ def _mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part,
         raise CommandError("filename: no folder of mesh files is open to clients")
     scale = _mesh_file_scale(params)
     try:
-        parts = context.meshes.load(filename, scale)
+        parts = context.meshes.load(filename, scale, context.warnings)
     except (ValueError, OSError) as error:
         if getattr(error, "missing", isinstance(error, FileNotFoundError)):
             raise NothingToDraw(f"{error}, so nothing is drawn") from None
-        raise CommandError(f"filename: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) else error  # without a path, for clients
+        raise CommandError(f"filename: {reason}") from None
     return tuple(
         msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts

@@ -27,6 +27,8 @@ from renderers.images import image_from_bytes
 _RGBA_CONVERSIONS: Final = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_RGB2RGBA}
 """OpenCV's conversion to RGBA, by number of channels."""
 _MAX_CACHED_IMAGES: Final = 10_000
+_PROPERTIES_BYTES: Final = 256
+"""Approximate size of an entry of the cache of images' properties."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +44,10 @@ class CheckedImage:
     """True if a pixel is not opaque."""
 
 
-_cached_properties: Final[Cache[Image, tuple[int, int, bool]]] = Cache(_MAX_CACHED_IMAGES, weak=True)
-"""Width, height and ``has_alpha`` of decoded images. Each image counts as one byte of the cache's size."""
+_cached_properties: Final[Cache[Image, tuple[int, int, bool]]] = Cache(
+    "image_properties", _MAX_CACHED_IMAGES, weak=True
+)
+"""Width, height and ``has_alpha`` of decoded images."""
 
 
 def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage | None:
@@ -77,7 +81,7 @@ def check_image(data: bytes, max_pixels: int) -> CheckedImage:
     if properties is None:
         pixels = image.decode()
         properties = pixels.shape[1], pixels.shape[0], bool((pixels[:, :, 3] < 255).any())
-        _cached_properties.put(image, properties, 1)
+        _cached_properties.put(image, properties, _PROPERTIES_BYTES)
     return CheckedImage(image, *properties)
 
 

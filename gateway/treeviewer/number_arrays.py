@@ -164,7 +164,7 @@ class NumberArrays:
 
 
 def _checked_columns(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
-    """Return the array's number of columns; raise ArrayError if it is none of ``columns`` or has too many rows."""
+    """Return the array's number of columns; raise ArrayError if it is not one of ``columns`` or has too many rows."""
     nested = array.dimensions == 2
     rows = array.rows if nested else array.count
     column_count = array.columns if nested else 1

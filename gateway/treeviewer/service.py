@@ -20,6 +20,7 @@ from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
+from gateway.settings.lcm_url import OFF
 from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
@@ -28,7 +29,6 @@ from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-OFF: Final = "off"
 """LCM URL that disables the transport, but not the TCPQ hub."""
 _LOCAL_HOSTS: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - compared only
 

@@ -33,8 +33,6 @@ MAX_BLOCKING_SECONDS: Final = 0.002
 """Maximum time that encoding blocks the event loop. Encoding a scene of 50,000 nodes takes two seconds in total."""
 MAX_UPDATES: Final = 8
 """Maximum number of encoded updates in the cache. Most browsers need one of the newest."""
-MAX_UPDATE_BYTES: Final = 256 << 20
-"""Maximum bytes of all updates in the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +60,7 @@ class Encoder:
         self._max_node_ids = max_node_ids
         self._ids: dict[Path, int] = {(): 0}
         """Id of each path."""
-        self._updates: Cache[tuple[int, int], Update] = Cache(MAX_UPDATE_BYTES, MAX_UPDATES)
+        self._updates: Cache[tuple[int, int], Update] = Cache("browser_updates", MAX_UPDATES)
         """Encoded updates by their old and new revision."""
         self._encode_lock = asyncio.Lock()
         """Held while an update is encoded, so that two browsers do not encode the same update."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary, finalize
 
 import numpy as np
@@ -19,9 +19,6 @@ from renderers.color import srgb_colors_from_linear
 from renderers.drawlist import Image, Mesh, Topology
 
 T = TypeVar("T")
-
-MESH_FRAME_BYTES: Final = 256 << 20
-"""Maximum bytes of all encoded meshes in the cache."""
 
 
 class WeakIds(Generic[T]):
@@ -53,12 +50,12 @@ class Resources:
     Only ``mesh_frame`` is thread-safe. The other methods are called in the event loop.
     """
 
-    def __init__(self, mesh_frame_bytes: int = MESH_FRAME_BYTES) -> None:
+    def __init__(self) -> None:
         self._meshes: WeakIds[Mesh] = WeakIds()
         self._images: WeakIds[Image] = WeakIds()
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         """Point clouds by the id of the mesh that draws them."""
-        self._mesh_frames: Cache[Mesh, bytes] = Cache(mesh_frame_bytes, weak=True)
+        self._mesh_frames: Cache[Mesh, bytes] = Cache("browser_meshes", weak=True)
         self._removed_meshes: deque[int] = deque()
         """Ids of meshes that were garbage-collected. Any thread may append to it."""
 

@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
+from gateway.runtime import process_tuning
 from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry
@@ -23,20 +24,25 @@ from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
 from gateway.settings import Settings
+from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
     from gateway.render.events import RenderRecord
+    from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
     from gateway.viewer.sources import StereoSource
+    from renderers.raster import CpuRenderer
 
 _log = structlog.get_logger("gateway")
 
 QUEUE_SHARE: Final = 0.9
 """Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
+IDLE_SECONDS: Final = 10.0
+"""Time without rendering after which the memory of earlier frames is returned to the system."""
 KERNELS: Final = "kernels"
 """Name of the compiled kernels in the service registry."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
@@ -69,6 +75,8 @@ class Context:
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
     """Reports of all processes, if there are several (``--workers``)."""
+    heartbeat: Heartbeat | None = None
+    """Connection to their supervisor."""
 
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """Returns the left stereo camera in the live tree, if any."""
@@ -81,7 +89,11 @@ class Context:
     """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
+    not_started_reason: str = ""
+    """Why the gateway did not start, a clause for clients; empty before and after a start."""
     startup: asyncio.Task[None] | None = None
+    page_url: str = ""
+    """Address of the page to open first, for the log; empty where it is not known."""
     on_started: Callable[[], None] = lambda: None
     """Called once, when every interface is ready or has failed."""
     on_fatal: Callable[[], None] = lambda: None
@@ -89,7 +101,7 @@ class Context:
     exit_stack: ExitStack = field(default_factory=ExitStack)
     """Context managers that are closed by ``close``."""
 
-    _renderer: Renderer | None = None
+    _renderer: CpuRenderer | None = None
     _mesh_files: MeshFiles | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
@@ -118,6 +130,19 @@ class Context:
 
             self._mesh_files = MeshFiles(self.settings.mesh_root)
         return self._mesh_files
+
+    async def return_memory_when_idle(self) -> None:
+        """Return the memory of earlier frames to the system when nothing has been rendered for a while; never ends."""
+        before = returned = 0
+        while True:
+            await asyncio.sleep(IDLE_SECONDS)
+            stats = self.workers.stats
+            if stats.running == 0 and stats.done == before != returned:
+                returned = before
+                if self._renderer is not None:
+                    self._renderer.release_memory()
+                await asyncio.to_thread(process_tuning.return_memory)
+            before = stats.done
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
@@ -159,7 +184,7 @@ class Context:
         problem = one_line(error)
         self.registry.fail(name, problem)
         expected = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
-        _log.error(f"{name} does not run: {problem}", exc_info=None if expected else error)
+        _log.error(f"{title_of(name)} cannot be used: {problem}", exc_info=None if expected else error)
 
     def begin_shutdown(self) -> None:
         """End all streams and services now, and let accepted requests finish until ``--shutdown-seconds``.
@@ -177,8 +202,16 @@ class Context:
         if not self.started.is_set():
             if self.startup is not None:
                 self.startup.cancel()
-            self.registry.fail(KERNELS, "it was told to stop")
-            self.started.set()
+            self.reject_requests("it was told to stop")
+
+    def reject_requests(self, reason: str) -> None:
+        """Reject all requests with 503, because the gateway did not start.
+
+        Args:
+            reason: a clause for clients, without details of the server.
+        """
+        self.not_started_reason = reason
+        self.started.set()
 
     async def _close_queue(self, seconds: float) -> None:
         """Reject the calls that still wait for a thread after ``seconds``."""

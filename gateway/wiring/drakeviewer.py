@@ -12,4 +12,4 @@ async def setup(context: Context) -> None:
     """Run the service; the tree viewer's transports pass messages to it."""
     service = DrakeViewerService(context.tree, context.mesh_files)
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
-    context.run_service("drakeviewer", service, where=", ".join(f"{prefix}*" for prefix in PREFIXES))
+    context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")

@@ -16,7 +16,7 @@ from gateway.runtime.metrics_registry import Metrics, Reading
 from gateway.runtime.service_registry import ServiceRegistry, State
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
-from renderers.cache import Cache
+from renderers.cache import CacheBudget
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
@@ -103,6 +103,34 @@ def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPo
     )
 
 
+def watch_caches(metrics: Metrics, caches: CacheBudget) -> None:
+    """Add the metrics of the caches, which share one limit."""
+    watch = partial(_watch, metrics)
+    watch(
+        "scenegate_cache_hits_total",
+        "Number of cache hits, by cache.",
+        lambda: {name: cache.hits for name, cache in caches.figures().items()},
+        label="cache",
+    )
+    watch(
+        "scenegate_cache_misses_total",
+        "Number of cache misses, by cache.",
+        lambda: {name: cache.misses for name, cache in caches.figures().items()},
+        label="cache",
+    )
+    watch(
+        "scenegate_cache_bytes",
+        "Bytes held by the caches, approximately, by cache.",
+        lambda: {name: cache.nbytes for name, cache in caches.figures().items()},
+        label="cache",
+    )
+    watch(
+        "scenegate_cache_limit_bytes",
+        "Bytes that all caches together may hold (--cache-bytes).",
+        lambda: caches.max_bytes,
+    )
+
+
 def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
     """Add the metrics of the live scene."""
     watch = partial(_watch, metrics)
@@ -124,33 +152,8 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
 
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:
-    """Add the metrics of the render endpoint's caches; ``count_render`` counts its requests."""
-
-    store = service.scenes
-    caches: dict[str, Cache[Any, Any]] = {
-        "scenes": store.scenes,
-        "documents": store.geometry.documents.cache,
-        "content": store.geometry.content,
-    }
+    """Add the metrics of the render endpoint; ``count_render`` counts its requests."""
     watch = partial(_watch, metrics)
-    watch(
-        "scenegate_cache_hits_total",
-        "Number of cache hits of the render endpoint, by cache.",
-        lambda: {name: cache.hits for name, cache in caches.items()},
-        label="cache",
-    )
-    watch(
-        "scenegate_cache_misses_total",
-        "Number of cache misses of the render endpoint, by cache.",
-        lambda: {name: cache.misses for name, cache in caches.items()},
-        label="cache",
-    )
-    watch(
-        "scenegate_cache_bytes",
-        "Bytes held by the caches of the render endpoint, approximately, by cache.",
-        lambda: {name: cache.nbytes for name, cache in caches.items()},
-        label="cache",
-    )
     watch(
         "scenegate_render_body_bytes",
         "Bytes of render request bodies that are being received, wait or are rendered.",

@@ -55,8 +55,6 @@ def _config(settings: Settings) -> RenderConfig:
             max_drawn_elements=settings.max_triangles,
             max_image_pixels=settings.max_image_pixels,
         ),
-        mesh_cache_bytes=settings.mesh_cache_mb * MIB,
-        scene_cache_bytes=settings.scene_cache_mb * MIB,
         keep_failures=settings.keep_failures,
     )
 

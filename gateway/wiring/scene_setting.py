@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Final
 
 import structlog
 
 from gateway.assets.scene_file import SceneFile
-from gateway.robots.scene_files import read_scene
+from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.runtime.worker_pool import CallerCancelled
 from gateway.settings import Settings
 from renderers.stop import StopFlag
 
 _log = structlog.get_logger("gateway")
+
+MAX_LOGGED: Final = 20
+"""Maximum number of warnings about a file in the log."""
 
 
 async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
@@ -21,17 +25,23 @@ async def read_scene_setting(file: str, settings: Settings) -> SceneFile:
 
     Args:
         file: path of the file.
-        settings: settings with the up axis and the folders of robot packages (``--up``, ``--mesh-root``).
+        settings: settings with the options of scene files (``--up``, ``--mesh-root``, ``--strict``, …).
 
     Raises:
         SceneFileError: see ``read_scene``.
     """
     _log.info("Reading a scene file", file=file)
+    options = SceneOptions(
+        settings.up, roots=settings.mesh_root, gltf_up=settings.robot_gltf_up, strict=settings.strict
+    )
     stop = StopFlag()
     try:
-        return await asyncio.to_thread(
-            stop.run, lambda: read_scene(Path(file), up=settings.up, roots=settings.mesh_root)
-        )
+        scene = await asyncio.to_thread(stop.run, lambda: read_scene(Path(file), options))
     except asyncio.CancelledError:
         stop.set(CallerCancelled("the gateway stops"))
         raise
+    for warning in scene.warnings[:MAX_LOGGED]:
+        _log.warning("Part of a scene file is not shown", file=file, reason=warning)
+    for note in scene.notes:
+        _log.info("A scene file was read", file=file, choice=note)
+    return scene

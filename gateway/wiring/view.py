@@ -15,6 +15,7 @@ from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import Context
+from gateway.wiring.interface_names import documentation_of, title_of
 from gateway.wiring.metrics import watch_view
 
 
@@ -44,7 +45,12 @@ def gateway_status(context: Context) -> dict[str, Any]:
     for name, entry in context.registry.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
-        interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
+        interfaces[name] = {
+            "state": described["state"],
+            "title": title_of(name),
+            "documentation": documentation_of(name),
+            **({"problem": str(problem)} if problem else {}),
+        }
         details[name] = described
     stats = context.workers.stats
     facts: list[dict[str, Any]] = []

@@ -1,16 +1,18 @@
-"""Tasks of one process under ``--workers``: write its reports, and begin its shutdown at a signal."""
+"""Tasks of one process under ``--workers``: write its reports, and tell the supervisor that it responds."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
-from types import FrameType
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import Final
 
 from gateway.runtime.worker_reports import INTERVAL_SECONDS, WorkerReports
 from gateway.wiring.context import Context
+
+_POLL_SECONDS: Final = 0.1
 
 
 @asynccontextmanager
@@ -24,18 +26,26 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
     if reports is None:
         yield
         return
-    await asyncio.to_thread(reports.register)
-    task = asyncio.create_task(_write_repeatedly(context, reports), name="reports")
-    with _shutdown_at_signals(context):
-        if reports.is_replacement:
-            await context.started.wait()
-        try:
-            yield
-        finally:
+    with contextlib.suppress(OSError):
+        await asyncio.to_thread(reports.register)
+    tasks = [asyncio.create_task(_write_repeatedly(context, reports), name="reports")]
+    if context.heartbeat is not None:
+        is_ready = partial(_is_ready, context)
+        tasks.append(asyncio.create_task(context.heartbeat.beat(is_ready), name="heartbeat"))
+    while reports.is_replacement and not context.started.is_set() and not context.app.state.closing():  # noqa: ASYNC110
+        await asyncio.sleep(_POLL_SECONDS)  # uvicorn tells nobody of a signal before the block has started
+    try:
+        yield
+    finally:
+        for task in tasks:
             task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-            with contextlib.suppress(OSError):
-                await _write(context, reports)
+        await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(OSError):
+            await _write(context, reports)
+
+
+def _is_ready(context: Context) -> bool:
+    return context.readiness() in ("ready", "degraded", "busy")
 
 
 async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
@@ -48,27 +58,3 @@ async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
 
 async def _write(context: Context, reports: WorkerReports) -> None:
     await asyncio.to_thread(reports.write, context.readiness(), context.metrics.exposition().decode())
-
-
-@contextmanager
-def _shutdown_at_signals(context: Context) -> Iterator[None]:
-    """Call ``context.begin_shutdown`` at SIGTERM and SIGINT, after the handlers that uvicorn has installed.
-
-    uvicorn itself ends the application's lifespan only after the last request.
-    """
-    loop = asyncio.get_running_loop()
-    previous_handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-
-    def handle_signal(number: int, frame: FrameType | None) -> None:
-        handler = previous_handlers[signal.Signals(number)]
-        if callable(handler):
-            handler(number, frame)
-        loop.call_soon_threadsafe(context.begin_shutdown)
-
-    for number in previous_handlers:
-        signal.signal(number, handle_signal)
-    try:
-        yield
-    finally:
-        for number, handler in previous_handlers.items():
-            signal.signal(number, handler)

@@ -11,14 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from renderers.stop import check_stop
+from renderers.stop import current_stop
 
 _POLL_SECONDS: Final = 0.1
 """Time between two checks of the stop flag."""
 _changed: Final = threading.Condition()
 _thread: Final = threading.local()
 _pending: Final[dict[str, Exception | None]] = {}
-"""By part, None while it is being compiled, or the error of its compilation."""
+"""By part, None while it is being compiled or loaded, or the error of that."""
 
 
 @contextmanager
@@ -42,8 +42,12 @@ def finish(part: str) -> None:
         _changed.notify_all()
 
 
-def fail(error: Exception) -> None:
-    """Announce that the pending parts could not be compiled. Waiting calls raise a copy of the error."""
+def fail(error: Exception | None) -> None:
+    """Announce that the pending parts could not be loaded. Calls that need them raise a copy of the error.
+
+    Args:
+        error: None: loading them is tried again, and calls wait.
+    """
     with _changed:
         for part in _pending:
             _pending[part] = error
@@ -66,24 +70,25 @@ def is_pending(part: str) -> bool:
 
 
 def is_compiling(part: str) -> bool:
-    """Return whether a part is pending and its compilation has not failed."""
+    """Return whether a part is pending and loading it has not failed."""
     return part in _pending and _pending[part] is None
 
 
 def wait_until_compiled(part: str) -> None:
-    """Return once a part is compiled, at once if it is not pending.
+    """Return once a part is compiled, at once if it is not pending. The wait is not part of the call's time limit.
 
     Raises:
         Exception: the part could not be compiled, or the current ``StopFlag`` was set. The message says so.
     """
     if not _pending or getattr(_thread, "is_loading", False):
         return
-    with _changed:
+    stop = current_stop()
+    with stop.waiting(), _changed:
         while part in _pending:
             if (error := _pending[part]) is not None:
                 raise type(error)(*error.args)
             try:
-                check_stop()
+                stop.check()
             except Exception as stopped:  # noqa: BLE001 - raised again
                 raise type(stopped)(f"{stopped}, waiting for kernels that are being compiled") from None
             _changed.wait(_POLL_SECONDS)

@@ -81,6 +81,12 @@ class ArrayPool:
                 if not self._free[oldest]:
                     del self._free[oldest]
 
+    def clear(self) -> None:
+        """Drop all free arrays."""
+        with self._lock:
+            self._free.clear()
+            self._bytes = 0
+
 
 class Scratch:
     """Named flat arrays that only grow: the working memory of one frame at a time."""
@@ -136,3 +142,9 @@ class ScratchPool:
             if self._bytes + scratch.nbytes <= self._max_bytes:
                 self._bytes += scratch.nbytes
                 self._free.append(scratch)
+
+    def clear(self) -> None:
+        """Drop all idle scratch."""
+        with self._lock:
+            self._free.clear()
+            self._bytes = 0

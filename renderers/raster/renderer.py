@@ -52,12 +52,9 @@ def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple
     return tuple(shapes), tuple(order)
 
 
-MAX_SHADING_BYTES: Final = 1 << 30
-"""Maximum bytes of shading tables of live scenes. Textures and attributes that scenes share are counted for each."""
-
-_shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache(MAX_SHADING_BYTES, weak=True)
+_shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache("shading", weak=True)
 _shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache(
-    MAX_SHADING_BYTES // 2, weak=True
+    "shading", weak=True
 )
 
 
@@ -134,6 +131,11 @@ class CpuRenderer:
     def threads(self) -> int:
         """Maximum number of threads that work inside frames."""
         return self._threads.threads
+
+    def release_memory(self) -> None:
+        """Free the memory of earlier frames, which is kept for later ones."""
+        self._pool.clear()
+        self._scratch.clear()
 
     def close(self) -> None:
         """End the helper threads after the frames in progress."""

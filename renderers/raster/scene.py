@@ -28,10 +28,6 @@ from renderers.stop import check_stop
 
 MAX_PRIMITIVES: Final = 2**31 - 1
 """Primitive ids are int32."""
-MAX_TABLE_BYTES: Final = 64 << 20
-"""Maximum bytes of the tables of live scenes: 400,000 instances."""
-MAX_MESH_BYTES: Final = 1 << 30
-"""Maximum bytes of the arrays derived from live meshes."""
 NOT_CONVEX: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
 """Bounding box of meshes that are not convex."""
 
@@ -108,10 +104,10 @@ class PreparedScene:
     """The instances, whose meshes the addresses in the tables point to."""
 
 
-_meshes: Cache[Mesh, PreparedMesh] = Cache(MAX_MESH_BYTES, weak=True)
-_structures: Cache[tuple[Mesh, ...], _Structure] = Cache(MAX_TABLE_BYTES, weak=True)
-_sets: Cache[InstanceSet, PreparedInstances] = Cache(MAX_TABLE_BYTES, weak=True)
-_scenes: Cache[DrawList, PreparedScene] = Cache(MAX_TABLE_BYTES, weak=True)
+_meshes: Cache[Mesh, PreparedMesh] = Cache("prepared_meshes", weak=True)
+_structures: Cache[tuple[Mesh, ...], _Structure] = Cache("instances", weak=True)
+_sets: Cache[InstanceSet, PreparedInstances] = Cache("instances", weak=True)
+_scenes: Cache[DrawList, PreparedScene] = Cache("instances", weak=True)
 
 
 def _prepare_mesh(mesh: Mesh) -> PreparedMesh:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +29,6 @@ from renderers.shading.layout import (
 )
 from renderers.shading.mikktspace import with_tangents
 from renderers.stop import check_stop
-
-MAX_VERTEX_BYTES: Final = 512 << 20
-"""Maximum number of bytes of cached buffers: sixteen million vertices without colours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +59,7 @@ class MeshBuffers:
         return self.indices.nbytes + self.vertices.nbytes + (0 if self.extras is None else self.extras.nbytes)
 
 
-_buffers: Cache[Mesh, dict[tuple[int, bool], MeshBuffers]] = Cache(MAX_VERTEX_BYTES, weak=True)
+_buffers: Cache[Mesh, dict[tuple[int, bool], MeshBuffers]] = Cache("vertices", weak=True)
 """Buffers by mesh and by ``tangent_set`` and ``srgb_colors``, see ``buffers_of``."""
 _lock = threading.Lock()
 

@@ -16,9 +16,6 @@ from renderers.drawlist import Image
 from renderers.shading.textures import texels_of
 from renderers.stop import current_stop
 
-MAX_MIP_BYTES: Final = 512 << 20
-"""Maximum number of bytes of cached levels, without each image's first: those of 24 images of 4096 x 4096."""
-
 _MAX_LINEAR: Final = 65535
 """Largest value of a colour channel while means are computed."""
 _BYTES: Final = np.arange(256) / 255.0
@@ -29,7 +26,7 @@ _SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_LINEAR_VALUES) * 25
 _SCALED_FROM_BYTE: Final = np.round(np.arange(256) * (_MAX_LINEAR / 255.0)).astype(np.uint16)
 _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_LINEAR)).astype(np.uint8)
 
-_cached_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache(MAX_MIP_BYTES, weak=True)
+_cached_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache("mip_levels", weak=True)
 
 
 def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:

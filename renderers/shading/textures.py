@@ -12,9 +12,6 @@ from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
-MAX_TEXEL_BYTES: Final = 1 << 30
-"""Maximum number of bytes of cached images: sixteen of 4096 x 4096. The limit is needed beside those on files, since a
-small file can hold a large image."""
 _CONFLICTING_WIDTH: Final = 1024
 """Texels. Rows whose length is a multiple of this begin in the same set of a processor's cache."""
 _CACHE_LINE: Final = 16
@@ -40,7 +37,7 @@ class Texels:
         return np.ascontiguousarray(self.rows[:, : self.width])
 
 
-_decoded: Cache[Image, Texels] = Cache(MAX_TEXEL_BYTES, weak=True)
+_decoded: Cache[Image, Texels] = Cache("textures", weak=True)
 
 
 def texels_of(image: Image) -> Texels:

@@ -24,8 +24,6 @@ OFFSET_UNIT: Final = 1.0 / 128.0
 """Grey levels at 0 dB per unit of ``FixedPattern.offset``."""
 GAIN_UNIT: Final = 1.0 / 4096.0
 """Relative light per unit of ``FixedPattern.gain``."""
-MAX_PATTERN_BYTES: Final = 256 << 20
-"""Maximum number of bytes of cached patterns: both sensors of the largest camera, 8192x8192."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +36,7 @@ class FixedPattern:
     """(H, W) int8, units of ``GAIN_UNIT``; 0: the mean gain."""
 
 
-_cached_patterns: Cache[tuple[int, bool, int, int], FixedPattern] = Cache(MAX_PATTERN_BYTES)
+_cached_patterns: Cache[tuple[int, bool, int, int], FixedPattern] = Cache("fixed_patterns")
 
 
 def fixed_pattern(seed: int, *, right: bool, height: int, width: int) -> FixedPattern:

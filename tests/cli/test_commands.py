@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from gateway import __version__
 from gateway.cli import dataset, doctor, render_dataset
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.client.manifest import FailureRecord
 from gateway.datasets import check as dataset_check
 from gateway.lcm import replay

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Iterator, Mapping
 
 import pytest
 
 from gateway.cli import doctor
-from gateway.runtime.diagnostics import Finding, Verdict
+from gateway.runtime import diagnostics
+from gateway.runtime.installation import Finding, Verdict
 from gateway.wiring import warmup
 
 OK = Finding("an ok row", Verdict.OK, "fine")
@@ -19,9 +21,9 @@ Ports = Mapping[str, tuple[str, int]]
 @pytest.mark.parametrize(
     ("rows", "good", "summary"),
     [
-        ((OK, NOTE), True, "0 errors, 1 notes."),
-        ((ERROR,), False, "1 errors, 0 notes."),
-        ((OK, ERROR, NOTE), False, "1 errors, 1 notes."),
+        ((OK, NOTE), True, "0 errors, 1 note."),
+        ((ERROR,), False, "1 error, 0 notes."),
+        ((OK, ERROR, NOTE), False, "1 error, 1 note."),
         ((), True, "0 errors, 0 notes."),
     ],
 )
@@ -38,7 +40,8 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
         asked.append((host, ports, threads, parts))
         yield from rows
 
-    monkeypatch.setattr(doctor, "findings", findings)
+    monkeypatch.setattr(doctor, "installation_findings", lambda: iter(()))
+    monkeypatch.setattr(diagnostics, "findings", findings)
     for name, value in (("HTTP_PORT", "1"), ("GRPC_PORT", "2"), ("TCPQ_PORT", "off"), ("THREADS", "5")):
         monkeypatch.setenv(f"SCENEGATE_{name}", value)
     assert doctor.print_findings() == good
@@ -52,3 +55,28 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
         if row.meaning:
             assert lines[at + 1].strip() == row.meaning
             assert lines[at + 2].strip() == f"To do: {row.remedy}"
+
+
+def test_the_environment_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnostics, "findings", lambda *arguments: iter((OK,)))
+    monkeypatch.setenv("SCENEGATE_HTPT_PORT", "1")
+    monkeypatch.setenv("SCENEGATE_QUEUE", "many")
+    rows = {row.subject: row for row in doctor.all_findings()}
+    assert rows["environment"].verdict is Verdict.NOTE
+    assert rows["environment"].detail == "SCENEGATE_HTPT_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?"
+    assert rows["settings"].verdict is Verdict.ERROR
+    assert rows["settings"].detail.startswith("SCENEGATE_QUEUE: input should be a valid integer")
+    assert OK.subject in rows
+
+
+def test_libraries_that_do_not_work_are_findings(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "installation_findings", lambda: iter((ERROR,)))
+    monkeypatch.setitem(sys.modules, "rich.table", None)
+    monkeypatch.setitem(sys.modules, "gateway.runtime.diagnostics", None)
+    assert not doctor.print_findings()
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "an error: error: broken"
+    assert "this machine: error: not checked: ModuleNotFoundError" in "\n".join(lines)
+    assert lines[-1] == "2 errors, 0 notes."

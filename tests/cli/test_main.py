@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import errno
-import sys
 from typing import NoReturn
 
 import pytest
 
-from gateway.cli import main
+from gateway.cli import commands, main
 
 
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (ValueError("--samples 2 is none of 0, 1, 4, 8"), "--samples 2 is none of 0, 1, 4, 8"),
+        (ValueError("--samples 2 is not one of 0, 1, 4, 8"), "--samples 2 is not one of 0, 1, 4, 8"),
         (RuntimeError("no kernels"), "no kernels"),
         (ImportError("no lcm"), "no lcm"),
         (OSError("out.png: it took longer than 3 s"), "out.png: it took longer than 3 s"),
@@ -27,7 +26,7 @@ def test_expected_errors_are_one_sentence(
     def fail() -> NoReturn:
         raise error
 
-    monkeypatch.setattr(sys.modules["gateway.cli.main"], "app", fail)
+    monkeypatch.setattr(commands, "app", fail)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
@@ -38,6 +37,6 @@ def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> N
     def fail() -> NoReturn:
         raise KeyError("a fault")
 
-    monkeypatch.setattr(sys.modules["gateway.cli.main"], "app", fail)
+    monkeypatch.setattr(commands, "app", fail)
     with pytest.raises(KeyError):
         main()

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.cli.publish import _read_request
 from gateway.client.tree.geometry import Mesh as Triangles
 from gateway.client.tree.geometry import PointCloud, Transform
@@ -209,6 +209,7 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
             )
     mesh = write(tmp_path, TRIANGLE, "m.obj")
     with pytest.raises(
-        ValueError, match=r"--joint, --root and --collision are for robot files \(\.urdf, \.xml, \.mjcf\)"
+        ValueError,
+        match=r"--collision and --reload are for robot files \(\.urdf, \.sdf, \.world, \.xml, \.mjcf, \.xacro\)",
     ):
         CliRunner().invoke(app, ["publish", str(mesh), "--collision"], catch_exceptions=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.cli.render import _parse_color, _parse_types
 from gateway.runtime import kernel_cache
 
@@ -60,7 +60,7 @@ def test_other_numbers_of_samples_are_rejected(
     monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], samples: str
 ) -> None:
     result = render(monkeypatch, scenes[0], "-o", "out.png", "--samples", samples)
-    assert str(result.exception) == f"--samples {samples} is none of 0, 1, 4, 8"
+    assert str(result.exception) == f"--samples {samples} is not one of 0, 1, 4, 8"
 
 
 def test_one_image_needs_one_file_one_type_and_no_camera_file(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import signal
 import socket
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from structlog.testing import capture_logs
 from typer.testing import CliRunner
 
 from gateway.cli import serve
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.runtime import logs, process_tuning
 from gateway.server import http_server
 from gateway.settings import Settings
@@ -64,6 +65,23 @@ def test_invalid_flags_are_a_sentence_on_standard_error(monkeypatch: pytest.Monk
     code, used, error = flags(monkeypatch, "--http-port", "x")
     assert (code, used) == (2, [])
     assert error.startswith("scenegate: --http-port: input should be a valid integer")
+
+
+def help_text(*arguments: str) -> str:
+    result = CliRunner().invoke(app, ["serve", *arguments], env={"COLUMNS": "100", "TERM": "dumb"})
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def test_help_has_the_common_flags_and_help_all_has_all() -> None:
+    short, full = help_text("--help"), help_text("--help-all")
+    flags = {name: "--" + name.replace("_", "-") for name in Settings.model_fields}
+    assert set(flags) >= serve.COMMON
+    shown = {name for name, flag in flags.items() if re.search(rf"{flag}[ ,/]", short)}
+    assert shown == serve.COMMON
+    assert [flag for flag in flags.values() if flag not in full] == []
+    assert "--help-all" in short
+    assert help_text("--help") == short  # asking for all flags changes nothing for later calls
 
 
 class FakeServer:
@@ -115,6 +133,7 @@ def test_exit_codes(server: type[FakeServer], started: bool, fails: bool, code: 
         ({"only": ("render",)}, "/ and /docs", "http://127.0.0.1:"),
         ({"only": ("render", "view")}, "/view, / and /docs", "http://127.0.0.1:"),
         ({"host": "::1"}, "/view, / and /docs", "http://[::1]:"),
+        ({"host": "0.0.0.0"}, "/view, / and /docs", "http://localhost:"),
     ],
 )
 def test_the_address_is_logged(server: type[FakeServer], settings: dict[str, Any], pages: str, url: str) -> None:
@@ -148,7 +167,7 @@ def test_unknown_variables_are_warnings(server: type[FakeServer], monkeypatch: p
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     with capture_logs() as entries:
         serve.run(Settings(http_port=0))
-    assert "SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
+    assert "SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
 
 
 def test_a_signal_before_the_server_runs_exits() -> None:

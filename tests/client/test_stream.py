@@ -133,7 +133,7 @@ def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyP
 
 def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", 0.2)
-    with pytest.raises(StreamFailure, match="'camera' is no port"):
+    with pytest.raises(StreamFailure, match="'camera' is not a port"):
         receive_all(StreamOptions("localhost:camera", count=1))
 
 

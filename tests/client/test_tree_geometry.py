@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -189,51 +190,57 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
 
 
 @pytest.mark.parametrize(
-    ("geometry", "reason"),
+    ("construct", "reason"),
     [
-        (Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
-        (Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
-        (Sphere(1, color=(255.0, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
-        (Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
-        (Sphere(1, color=(255, -1, 0)), "color must be from 0 to 1, .* not 255"),
-        (Sphere(1, color=0x1000000), "color must be 3 or 4 numbers, 0xrrggbb, a CSS name or"),
-        (Sphere(1, color=(1.5, 0, 0)), "color must be from 0 to 1, .* not 1.5"),
-        (Sphere(1, color=(0.5, -0.5, 0)), "color must be from 0 to 1, .* not -0.5"),
-        (Sphere(1, color=(0.5, float("nan"), 0)), "color must have numbers, not nan"),
-        (Sphere(1, color="grau"), "color 'grau' is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa"),
-        (Sphere(1, color="#12"), "color '#12' is neither"),
-        (Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
+        (lambda: Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
+        (lambda: Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
+        (lambda: Sphere(1, color=(255.0, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
+        (lambda: Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
+        (lambda: Sphere(1, color=(255, -1, 0)), "color must be from 0 to 1, .* not 255"),
+        (lambda: Sphere(1, color=0x1000000), "color must be 3 or 4 numbers, 0xrrggbb, a CSS name or"),
+        (lambda: Sphere(1, color=(1.5, 0, 0)), "color must be from 0 to 1, .* not 1.5"),
+        (lambda: Sphere(1, color=(0.5, -0.5, 0)), "color must be from 0 to 1, .* not -0.5"),
+        (lambda: Sphere(1, color=(0.5, float("nan"), 0)), "color must have numbers, not nan"),
+        (lambda: Sphere(1, color="grau"), "color 'grau' is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa"),
+        (lambda: Sphere(1, color="#12"), "color '#12' is neither"),
+        (lambda: Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
         (
-            PointCloud(POINTS, rgb=np.full((4, 3), 255.0)),
+            lambda: PointCloud(POINTS, rgb=np.full((4, 3), 255.0)),
             "rgb must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
         ),
-        (PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
-        (PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
-        (PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
-        (PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
-        (PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
-        (PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),
-        (PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
-        (Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
-        (Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
-        (Mesh(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]), r"colors must have 3 or 4 numbers for each of 4 vertices"),
-        (Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)), "colors must be from 0 to 1, .* not 256"),
-        (Mesh(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
-        (Mesh(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
-        (ImagePlane(PIXELS), "an image plane needs width or height"),
-        (ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
-        (ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
-        (ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
-        (Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 numbers, not shape \(2,\)"),
-        (Heightmap(POINTS, (1, 1), colors=PIXELS), r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)"),
-        (Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
-        (Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
-        (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
+        (lambda: PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
+        (lambda: PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
+        (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
+        (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
+        (lambda: PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
+        (lambda: PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),
+        (lambda: PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
+        (lambda: Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
+        (lambda: Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
+        (
+            lambda: Mesh(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]),
+            r"colors must have 3 or 4 numbers for each of 4 vertices",
+        ),
+        (lambda: Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)), "colors must be from 0 to 1, .* not 256"),
+        (lambda: Mesh(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
+        (lambda: Mesh(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
+        (lambda: ImagePlane(PIXELS), "an image plane needs width or height"),
+        (lambda: ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
+        (lambda: ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
+        (lambda: ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
+        (lambda: Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 numbers, not shape \(2,\)"),
+        (
+            lambda: Heightmap(POINTS, (1, 1), colors=PIXELS),
+            r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)",
+        ),
+        (lambda: Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
+        (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
+        (lambda: Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
     ],
 )
-def test_rejects_invalid_fields_before_sending(geometry: Geometry, reason: str) -> None:
+def test_rejects_invalid_fields_where_they_are_written(construct: Callable[[], Geometry], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        geometry.body()
+        construct()
 
 
 @settings(deadline=None, max_examples=200)
@@ -290,12 +297,12 @@ def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], k
 def test_images_of_pillow_with_other_modes_are_refused(mode: str) -> None:
     image = pytest.importorskip("PIL.Image").new(mode, (4, 4))
     with pytest.raises(ValueError, match=f"an image of mode {mode} is not supported; use image.convert"):
-        ImagePlane(image, width=1.0).body()
+        ImagePlane(image, width=1.0)
 
 
 def test_colors_of_a_heightmap_have_its_shape() -> None:
     with pytest.raises(ValueError, match=r"colors have shape \(4, 3, 3\) for heights of shape \(3, 4\)"):
-        Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3))).body()
+        Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros((4, 3, 3)))
     for shape in ((3, 4, 3), (12, 4)):
         assert Heightmap(np.zeros((3, 4)), (1.0, 1.0), colors=np.zeros(shape)).body()["colors"].shape == (12, shape[-1])
 
@@ -313,4 +320,4 @@ def test_integers_are_colours_from_0_to_255() -> None:
 @pytest.mark.parametrize("color", [None, 0x1FFFFFF, -1])
 def test_names_what_is_no_colour(color: Any) -> None:
     with pytest.raises(ValueError, match=f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name .*, not {color}"):
-        Box((1, 1, 1), color=color).body()
+        Box((1, 1, 1), color=color)

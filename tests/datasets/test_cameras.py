@@ -66,7 +66,7 @@ def test_camera_file(scenes: Path, tmp_path: Path) -> None:
         ({"camera": []}, "unknown field `camera`"),
         ({"cameras": [{}]}, "cameras[0]: needs either 'camera'"),
         ({"cameras": [{"camera": "fit", "X_world_camera": POSE}]}, "cameras[0]: needs either"),
-        ({"cameras": [{"camera": "fitt"}]}, "cameras[0]: camera 'fitt' is none of"),
+        ({"cameras": [{"camera": "fitt"}]}, "cameras[0]: camera 'fitt' is not one of"),
         ({"cameras": [{"camera": "stereo"}]}, "there is no stereo camera"),
         ({"cameras": [{"camera": "fit", "name": "../x"}]}, "the view's name '../x'"),
         (
@@ -100,7 +100,7 @@ def test_views_and_scenes_that_cannot_be_meant(scenes: Path, tmp_path: Path) -> 
     (tmp_path / "none").mkdir()
     with pytest.raises(SourceError, match="holds no scene"):
         find_sources([tmp_path / "none"])
-    with pytest.raises(SourceError, match="is no scene"):
+    with pytest.raises(SourceError, match="is not a scene"):
         find_sources([scenes / "notes.txt"])
 
 

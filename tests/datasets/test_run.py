@@ -157,7 +157,7 @@ def test_hashing_stops_with_the_run(scenes: Path, tmp_path: Path, draw: Draw, mo
         waiting.set()
         while True:
             check_stop()
-            threading.Event().wait(0.01)
+            threading.Event().wait(0.01)  # short: between two checks
 
     class Interrupted(ThreadPoolExecutor):
         def map(self, *arguments: Any, **named: Any) -> Any:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from gateway.client import manifest
-from gateway.datasets.scenes import LoadedScene, LoadOptions, SceneError, load_scene, scene_digest
+from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, scene_digest
 from gateway.datasets.sources import find_sources
 from gateway.robots.reader import read_robot
+from gateway.robots.scene_files import SceneOptions
 from renderers.drawlist import LABEL_NONE
 from tests.datasets.conftest import TREE
 from tests.robots.files import ARM, TRIANGLE, visual, write
@@ -123,20 +124,20 @@ def test_errors_do_not_name_the_scene(tmp_path: Path) -> None:
 
 def test_a_robot_is_posed_by_its_joints_and_has_a_label_for_each_link(tmp_path: Path) -> None:
     (source,) = find_sources([write(tmp_path, ARM)])
-    scene = load_scene(source, LoadOptions(joints=("shoulder=1.5",)))
+    scene = load_scene(source, SceneOptions(joints=("shoulder=1.5",)))
     assert scene.look == "studio"
     assert scene.description.labels == {"1": (("arm", "base"),), "2": (("arm", "upper"),)}
     assert [file.path for file in scene.description.sources] == ["robot.urdf"]
     expected = read_robot(tmp_path / "robot.urdf").tree({"shoulder": 1.5}).world_matrix(("arm", "upper"))
     np.testing.assert_array_equal(scene.root.world_matrix(("arm", "upper")), expected)
     with pytest.raises(SceneError, match=r"^the robot has no joint 'sholder'; did you mean shoulder"):
-        load_scene(source, LoadOptions(joints=("sholder=1",)))
+        load_scene(source, SceneOptions(joints=("sholder=1",)))
 
 
 def test_files_of_robots_are_found_below_roots(tmp_path: Path) -> None:
     write(tmp_path / "packages" / "pkg", TRIANGLE, "m.obj")
     (source,) = find_sources([write(tmp_path / "a" / "b", visual('<mesh filename="package://pkg/m.obj"/>'))])
-    with pytest.raises(SceneError, match=r"^link 'a': package://pkg/m.obj is in the package 'pkg'"):
-        load_scene(source)
-    scene = load_scene(source, LoadOptions(roots=(str(tmp_path / "packages"),)))
+    (warning,) = load_scene(source).description.warnings
+    assert warning.startswith("link 'a': the mesh package://pkg/m.obj is not shown: the package 'pkg' is not")
+    scene = load_scene(source, SceneOptions(roots=(str(tmp_path / "packages"),)))
     assert [file.path for file in scene.description.sources] == ["robot.urdf", "../../packages/pkg/m.obj"]

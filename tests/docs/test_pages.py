@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import typer.main
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.settings import Settings
 from gateway.settings.option import env_of
 from gateway.settings.sources import OTHER_ENV

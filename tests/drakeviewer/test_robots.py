@@ -27,11 +27,14 @@ from tests.drakeviewer.encoding import (
     MESH,
     SPHERE,
     TETRAHEDRON,
+    cloud,
+    contacts,
     deformables,
     draw,
     geometry,
     link,
     load,
+    point_contact,
 )
 
 LOAD, DRAW = "DRAKE_VIEWER_LOAD_ROBOT", "DRAKE_VIEWER_DRAW"
@@ -166,6 +169,43 @@ def test_a_repeated_load_changes_nothing(viewer: Viewer) -> None:
     viewer.handle(LOAD, message)
     viewer.handle(DRAW, draw({(1, "a"): POSE}))
     assert viewer.paths() == [("drake", "illustration", "a")]
+
+
+OF_A_SIMULATION = {
+    "CONTACT_RESULTS": contacts([point_contact("a", "b", (0, 0, 0), (0, 0, 1))]),
+    "DRAKE_DRAW_FRAMES": draw({(0, "frame"): POSE}),
+    "DRAKE_POINT_CLOUD_CAMERA": cloud(
+        np.zeros((2, 3), "<f4").tobytes(), 2, [("x", 0, 7, 1), ("y", 4, 7, 1), ("z", 8, 7, 1)], 12
+    ),
+}
+"""Messages by channel, whose content belongs to the simulation that sent them."""
+
+
+def test_a_new_load_clears_what_the_last_simulation_left(viewer: Viewer) -> None:
+    def start(name: str, milliseconds: int) -> None:
+        viewer.handle(LOAD, load(link(name, 1, BALL)))
+        viewer.handle(DRAW, draw({(1, name): POSE}, milliseconds))
+
+    def send() -> None:
+        for channel, message in OF_A_SIMULATION.items():
+            viewer.handle(channel, message)
+
+    start("a", 5000)
+    send()
+    everything = viewer.paths()
+    assert len(everything) == 4
+    viewer.handle(DRAW, draw({(1, "a"): POSE}, 4990))  # UDP swaps messages
+    assert viewer.paths() == everything
+    viewer.handle(LOAD, load(link("a", 1, BALL)))  # a repeated load message changes nothing by itself
+    assert viewer.paths() == everything
+    start("a", 0)  # the same simulation again
+    assert viewer.paths() == [("drake", "illustration", "a")]
+    send()
+    assert sorted(map(str, viewer.paths())) == sorted(map(str, everything))
+    start("b", 5000)
+    assert viewer.paths() == [("drake", "illustration", "b")]
+    send()
+    assert len(viewer.paths()) == 4
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ class EndlessFiles(MeshFiles):
         try:
             while True:
                 check_stop()
-                threading.Event().wait(0.01)
+                threading.Event().wait(0.01)  # short: between two checks
         finally:
             self.stopped.set()
 

@@ -16,7 +16,7 @@ import tifffile
 from typer.testing import CliRunner, Result
 
 from gateway import __version__
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.runtime import instance_probe
 from gateway.settings import Settings
 from gateway.settings.option import flag_of
@@ -40,7 +40,7 @@ def test_version() -> None:
 
 
 def test_help_of_serve_lists_every_setting_once() -> None:
-    text = scenegate("serve", "--help").stdout
+    text = scenegate("serve", "--help-all").stdout
     for name in Settings.model_fields:
         assert f"{flag_of(name)} " in text or f"{flag_of(name)}," in text, name
 

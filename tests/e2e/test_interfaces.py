@@ -149,6 +149,6 @@ def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
             assert f":{port}" in stereo["problem"]
             assert "taken" in stereo["problem"]
             errors = [entry for entry in process.log if entry["level"] == "error"]
-            assert [line["event"].startswith("stereo does not run: ") for line in errors] == [True]
+            assert [line["event"].startswith("Stereo camera cannot be used: ") for line in errors] == [True]
             assert all("exception" not in line for line in errors)
             assert process.stop() == 0

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
+from tests.robots.files import TRIANGLE
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import serving
@@ -50,6 +51,40 @@ def lcm() -> None:
 
 async def scenegate(*arguments: str | Path) -> Result:
     return await asyncio.to_thread(CliRunner().invoke, app, [str(argument) for argument in arguments])
+
+
+@pytest.mark.slow
+async def test_a_robot_is_published_again_when_its_files_change(tmp_path: Path) -> None:
+    live, path, mesh = LiveTree(), tmp_path / "robot.urdf", tmp_path / "m.obj"
+
+    def write_robot(links: str) -> None:
+        path.write_text(f"<robot>{links}</robot>")
+
+    def parts_of(link: str) -> int:
+        node = live.snapshot.root.find(("robot", link))
+        return len(node.parts or ()) if node is not None else -1
+
+    visual = '<visual><geometry><mesh filename="m.obj"/></geometry></visual>'
+    mesh.write_text(TRIANGLE)
+    write_robot(f'<link name="a">{visual}</link>')
+    async with serving(live=live) as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        arguments = ("publish", str(path), "--reload", "--lcm-url", url, *PATIENT)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "gateway.cli", *arguments)
+        try:
+            await until(lambda: parts_of("a") == 1)
+            write_robot("<link")  # an error is printed, and the next change is awaited
+            write_robot('<link name="b"/>')
+            await until(lambda: parts_of("b") == 0 and parts_of("a") == -1)
+            write_robot(f'<link name="a">{visual}</link>')
+            await until(lambda: parts_of("a") == 1)
+            mesh.write_text("")
+            await until(lambda: parts_of("a") <= 0)
+            mesh.write_text(TRIANGLE)
+            await until(lambda: parts_of("a") == 1)
+        finally:
+            process.terminate()
+            await process.wait()
 
 
 async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
@@ -94,7 +129,7 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     ("name", "text", "reason"),
     [
         ("x.json", "{", "is not JSON"),
-        ("x.json", "[1]", "is no request of the protocol"),
+        ("x.json", "[1]", "is not a request of the protocol"),
         ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
         ("x.obj", "v 1\n", "x.obj"),
         ("x.txt", "", "x.txt"),

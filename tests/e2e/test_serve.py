@@ -20,6 +20,7 @@ from gateway.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
 
@@ -77,7 +78,9 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
 
 def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[GatewayProcess, str]) -> None:
     process, url = render_only
-    assert "/view" not in process.log[0]["event"]
+    listens, started = (process.log[index] for index in (1, -1))
+    assert listens["event"] == "Scenegate listens; look at / and /docs"
+    assert started["url"] == f"{url}/"
     links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
     assert links
     assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
@@ -132,9 +135,7 @@ def test_one_scene_is_one_process() -> None:
 
 @pytest.mark.slow
 def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    (port,) = free_ports(1)
     command = [sys.executable, "-m", "uvicorn", "gateway.app:app", "--port", str(port)]
     environment = {**os.environ, "SCENEGATE_ONLY": "render", "SCENEGATE_LOG_FORMAT": "json"}
     process = subprocess.Popen(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
-import sys
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
@@ -14,8 +15,9 @@ from threading import Event
 import httpx2
 import pytest
 
+from gateway.cli import serve_workers
 from tests.support import clients, forms
-from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.gateway_process import GatewayProcess, gateway_process, refused
 from tests.support.waiting import SECONDS, wait_until
 
 pytestmark = pytest.mark.slow
@@ -45,6 +47,15 @@ def all_ready(url: str) -> list[int]:
         return [int(pid) for pid in answer.json()["workers"]["states"]] if answer.json()["status"] == "ready" else []
 
     return wait_until(ready)
+
+
+def ended(pid: int) -> bool:
+    """Return whether a process no longer exists."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
 
 
 def figures(url: str) -> dict[str, float]:
@@ -129,8 +140,7 @@ def test_a_killed_process_is_replaced_and_only_its_requests_are_lost(running: tu
     # Half a second of a killed process's counts may be missing; what it had reported is not.
     assert wait_until(lambda: figures(url)["scenegate_workers_ready"] == 2.0)
     assert counted < rendered(url) <= counted + sum(images + errors for images, errors in results)
-    entry = process.wait_for("Child process")
-    assert entry["event"] == f"Child process [{before[0]}] died"
+    assert process.wait_for("A process has ended")["pid"] == before[0]
 
 
 def states_while_killed(url: str) -> dict[str, str]:
@@ -168,52 +178,66 @@ def test_a_signal_ends_all_processes_with_exit_code_0(number: signal.Signals) ->
         log = process.rest_of_log()
     assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
     assert log[-1]["event"] == "Scenegate has stopped"
-    for pid in pids:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+    assert all(map(ended, pids))
 
 
 def test_processes_end_with_a_killed_supervisor() -> None:
-    def ended(pid: int) -> bool:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return True
-        return False
-
     with gateway_process(*WORKERS) as (process, url):
         pids = all_ready(url)
         process.process.kill()
         wait_until(lambda: all(map(ended, pids)))
 
 
-PATIENT_SUPERVISOR = """
-import sys
-from gateway.cli.main import main
-from uvicorn.supervisors.multiprocess import Process
-
-ping_once = Process.ping
-
-def ping(process, timeout):
-    if ping_once(process, 1.0):
-        return True
-    print("waiting for", process.pid, file=sys.stderr, flush=True)
-    return ping_once(process, 1e6)
-
-Process.ping = ping
-main()
-"""
-"""Program that serves, and says when uvicorn's supervisor waits for a process. It waits without a timeout."""
-
-
-def test_a_process_that_ends_while_the_supervisor_waits_for_it_is_replaced() -> None:
-    with gateway_process(*WORKERS, command=(sys.executable, "-c", PATIENT_SUPERVISOR)) as (process, url):
+def test_a_hung_process_is_killed_and_replaced_and_the_others_serve_meanwhile() -> None:
+    with gateway_process(*WORKERS, "--unresponsive-seconds", "2") as (process, url):
         pids = all_ready(url)
         os.kill(pids[0], signal.SIGSTOP)
-        process.wait_for(f"waiting for {pids[0]}")
-        os.kill(pids[0], signal.SIGKILL)
-        entry = process.wait_for("Child process")
-    assert entry["event"] == f"Child process [{pids[0]}] died"
+        assert process.wait_for("A process does not respond and is killed")["pid"] == pids[0]
+        assert process.wait_for("A process has ended")["exit_code"] == -signal.SIGKILL
+        wait_until(lambda: pids[1] in (now := all_ready(url)) and pids[0] not in now)
+
+
+def test_a_signal_ends_all_processes_although_one_hangs() -> None:
+    with gateway_process(*WORKERS, "--shutdown-seconds", "0.5") as (process, url):
+        pids = all_ready(url)
+        os.kill(pids[0], signal.SIGSTOP)
+        assert process.stop() == 0
+        log = process.rest_of_log()
+    assert [entry["pid"] for entry in log if "not ended in time" in entry["event"]] == [pids[0]]
+    assert all(map(ended, pids))
+
+
+def test_sighup_replaces_all_processes_and_a_signal_is_heard_meanwhile() -> None:
+    with gateway_process(*WORKERS) as (process, url):
+        pids = all_ready(url)
+        process.process.send_signal(signal.SIGHUP)
+        wait_until(lambda: len(now := all_ready(url)) == 2 and not set(pids) & set(now))
+        process.process.send_signal(signal.SIGHUP)
+        process.wait_for("All processes are replaced")
+        process.wait_for("All processes are replaced")
+        assert process.stop() == 0
+
+
+def test_all_processes_end_with_an_error_if_the_kernels_cannot_be_compiled(tmp_path: Path) -> None:
+    tmp_path.joinpath("kernels").write_text("not a folder")
+    code, log = refused("--http-port", "0", *WORKERS, env={"NUMBA_CACHE_DIR": str(tmp_path / "kernels")})
+    assert code == 1
+    assert any("kernels" in entry["event"] and entry["level"] == "error" for entry in log)
+    assert not any("started" in entry["event"] for entry in log)
+
+
+def test_the_folder_of_a_killed_supervisor_is_removed_at_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    killed, running = tmp_path / "scenegate-workers-killed", tmp_path / "scenegate-workers-running"
+    with serve_workers.reports_folder() as folder:
+        folder.rename(running)
+        shutil.copytree(running, killed)
+        for old in (killed, running):
+            os.utime(old, (0, 0))
+        with serve_workers.reports_folder() as other:
+            assert sorted(tmp_path.iterdir()) == sorted((running, other))
 
 
 def test_a_process_that_cannot_start_leaves_the_others_and_is_tried_again(tmp_path: Path) -> None:

@@ -275,8 +275,9 @@ def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:
     def resolve(uri: str) -> bytes:
         return (tmp_path / uri).read_bytes()
 
-    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: cannot read 'gone\.bin': .*No such file"):
+    with pytest.raises(GltfError) as raised:
         read_gltf(json.dumps(document("gone.bin")).encode(), resolve=resolve)
+    assert str(raised.value) == "buffers[0].uri: cannot read 'gone.bin': No such file or directory"
 
 
 def test_buffers_are_limited_before_decoding() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gateway.gltf import GltfCache, GltfError, GltfLimits, GltfScene, read_gltf
 from gateway.gltf.document_cache import MIN_BYTES, HashedDocument
+from renderers.cache import CacheBudget
 from tests.gltf.builder import Builder, glb, mesh_of, parts
 
 
@@ -167,10 +168,11 @@ def test_hits_count_instances_again() -> None:
 
 def test_least_recently_used_documents_are_dropped() -> None:
     size = len(dump(document()))
-    cache = GltfCache(max_document_bytes=12 * size)
+    budget = CacheBudget(12 * size)
+    cache = GltfCache(budget)
     for seed in range(0, 300, 10):
         read_gltf(dump(moved(document(seed=seed), 1)), cache=cache)
-        assert cache.documents.cache.nbytes <= 12 * size
+        assert sum(each.nbytes for each in budget.figures().values()) <= 12 * size
     read_gltf(dump(moved(document(seed=290), 3)), cache=cache)
     assert cache.documents.cache.hits == 1
     read_gltf(dump(moved(document(seed=0), 3)), cache=cache)

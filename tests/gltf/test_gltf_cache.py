@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.gltf import GltfCache, GltfError, GltfLimits, read_gltf
+from gateway.gltf import GltfCache, GltfError, GltfLimits, GltfScene, read_gltf
+from renderers.cache import CacheBudget
 from renderers.drawlist import Image, Mesh
 from tests.gltf.builder import Builder, data_uri, meshes, parts
 
@@ -21,14 +22,19 @@ def scene(seed: int = 0, vertices: int = 300) -> bytes:
     return b.text()
 
 
-def without_documents(max_bytes: int = 1 << 20) -> GltfCache:
-    return GltfCache(max_bytes, max_document_bytes=0)
+def read_parts(data: bytes, cache: GltfCache) -> GltfScene:
+    """Read a document without the cache of documents, which is not used for those that may name files."""
+
+    def no_files(uri: str) -> bytes:
+        raise AssertionError(uri)
+
+    return read_gltf(data, cache=cache, resolve=no_files)
 
 
 def test_documents_share_meshes_of_equal_content() -> None:
-    cache = without_documents()
-    (first,), (second,) = meshes(read_gltf(scene(), cache=cache)), meshes(read_gltf(scene(), cache=cache))
-    (other,) = meshes(read_gltf(scene(1), cache=cache))
+    cache = GltfCache()
+    (first,), (second,) = meshes(read_parts(scene(), cache)), meshes(read_parts(scene(), cache))
+    (other,) = meshes(read_parts(scene(1), cache))
     assert first is second
     assert first is not other
     assert (cache.content.hits, cache.content.misses) == (1, 2)
@@ -46,11 +52,11 @@ def test_documents_share_images_of_equal_content() -> None:
         return b.text()
 
     def image(data: bytes, cache: GltfCache) -> Image:
-        ((_, part),) = parts(read_gltf(data, cache=cache))
+        ((_, part),) = parts(read_parts(data, cache))
         assert part.material.base_color_texture is not None
         return part.material.base_color_texture.image
 
-    cache = without_documents()
+    cache = GltfCache()
     first = image(document(10, 0.5), cache)
     assert image(document(10, 0.25), cache) is first
     assert image(document(11, 0.5), cache) is not first
@@ -68,16 +74,16 @@ def test_meshes_own_their_arrays() -> None:
 
 def test_least_recently_used_meshes_are_dropped_beyond_the_limit() -> None:
     size = 300 * (12 + 4)
-    cache = without_documents(3 * size)
+    cache = GltfCache(CacheBudget(3 * size))
     for seed in range(3):
-        read_gltf(scene(seed), cache=cache)
+        read_parts(scene(seed), cache)
     assert cache.content.nbytes == 3 * size
-    read_gltf(scene(0), cache=cache)
-    read_gltf(scene(3), cache=cache)  # in place of 1
+    read_parts(scene(0), cache)
+    read_parts(scene(3), cache)  # in place of 1
     hits = cache.content.hits
-    read_gltf(scene(0), cache=cache)
+    read_parts(scene(0), cache)
     assert cache.content.hits == hits + 1
-    read_gltf(scene(1), cache=cache)
+    read_parts(scene(1), cache)
     assert cache.content.hits == hits + 1
     assert cache.content.nbytes == 3 * size
 
@@ -118,8 +124,8 @@ def test_meshes_with_warnings_are_not_shared() -> None:
     positions = np.zeros((6, 3))
     positions[5] = np.nan
     b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(positions)}}))
-    cache = without_documents()
-    first, second = read_gltf(b.text(), cache=cache), read_gltf(b.text(), cache=cache)
+    cache = GltfCache()
+    first, second = read_parts(b.text(), cache), read_parts(b.text(), cache)
     assert len(first.warnings) == len(second.warnings) == 1
     assert cache.content.nbytes == 0
 
@@ -144,9 +150,3 @@ def test_threads_share_one_cache() -> None:
         expected = np.random.default_rng(seed).random((30, 3)).astype(np.float32)
         np.testing.assert_array_equal(mesh.positions, expected)
     assert len(cache.content) == 5
-
-
-@pytest.mark.parametrize(("given", "documents", "content"), [((101,), 50, 51), ((100, 30), 30, 70), ((100, 0), 0, 100)])
-def test_documents_and_content_share_the_size(given: tuple[int, ...], documents: int, content: int) -> None:
-    cache = GltfCache(*given)
-    assert (cache.documents.cache.max_bytes, cache.content.max_bytes) == (documents, content)

@@ -8,6 +8,7 @@ import pytest
 from gateway.gltf import GltfCache, GltfLimits
 from gateway.gltf.errors import GltfError
 from gateway.gltf.topology import element_count, elements_of
+from renderers.cache import CacheBudget
 from renderers.drawlist import Topology
 from tests.gltf.builder import TRIANGLE, Builder, corners, meshes, only_mesh
 
@@ -241,7 +242,7 @@ def test_copies_are_one_mesh() -> None:
 
 
 def test_copies_are_one_mesh_with_a_full_cache() -> None:
-    cache = GltfCache(max_bytes=100)
+    cache = GltfCache(CacheBudget(100))
     assert len({id(mesh) for mesh in meshes(chairs(5).read(cache=cache))}) == 1
     assert cache.content.nbytes <= 100
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from gateway.gltf import GltfCache, GltfError, GltfLimits, read_gltf
 from gateway.scene.geometry import Surface
+from renderers.cache import CacheBudget
 from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, parts
 from tests.gltf.test_materials import png
 from tests.support.corpus import corpus_dir, drake_scene
@@ -141,7 +142,7 @@ def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> Non
     check(json.dumps(document).encode())
 
 
-CACHE = GltfCache(2 << 20)
+CACHE = GltfCache(CacheBudget(2 << 20))
 
 
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=2))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import shutil
-import socket
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from gateway.lcm.tcpq import FrameType
+from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 from tests.treeviewer.transports import HubClient, serving
 
@@ -75,9 +75,7 @@ async def conversation(port: int) -> list[tuple[str, int]]:
 
 
 async def test_relays_like_lcms_own_hub() -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        port = unused.getsockname()[1]
+    (port,) = free_ports(1)
     process = await asyncio.create_subprocess_exec(*reference(), str(port), stdout=asyncio.subprocess.PIPE)
     try:
         assert process.stdout is not None

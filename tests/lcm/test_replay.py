@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from gateway.lcm import event_log, replay
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.event_log import Event, EventLogError, pack_event, read_events
+from gateway.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
 from gateway.lcm.tcpq import HUB_HELLO, publish_header
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
@@ -208,3 +209,11 @@ async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, mo
 async def test_rejects_invalid_pattern(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is not a pattern"):
         await replay.record(tmp_path / "x", "memq://", "(", replay.Progress(), asyncio.Event())
+
+
+def test_damaged_lengths_do_not_read_the_rest_each_time() -> None:
+    """Each of 20,000 headers says that 256 MiB follow. With the 40 MB after them, reading those would take 800 GB."""
+    header = struct.pack(">IqqII", SYNC, 0, 0, 1, MAX_DATA_BYTES)
+    log = header * 20_000 + bytes(40_000_000) + pack_event(7, 1, "A", b"data")
+    (event,) = read_events(io.BytesIO(log))
+    assert (event.number, event.data) == (7, b"data")

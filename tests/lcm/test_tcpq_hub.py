@@ -15,6 +15,7 @@ from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from tests.support.liblcm import liblcm
+from tests.support.ports import free_ports
 from tests.support.waiting import MILLISECONDS, SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, in_thread, serving
@@ -179,9 +180,7 @@ async def test_waits_for_a_hub() -> None:
 
 
 async def test_does_not_connect_to_its_own_hub(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        port = unused.getsockname()[1]
+    (port,) = free_ports(1)
     monkeypatch.setenv("LCM_DEFAULT_URL", f"tcpq://127.0.0.1:{port}")
     async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=port))) as service:
         assert "lcm" not in service.status()

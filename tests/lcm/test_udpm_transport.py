@@ -19,6 +19,7 @@ from gateway.lcm.transport import LcmUnavailableError
 from gateway.lcm.udpm_assembler import Assembler
 from gateway.lcm.udpm_sender import UdpmSender
 from gateway.lcm.udpm_transport import UdpmTransport
+from gateway.settings.lcm_url import UdpmUrl, parse_udpm_url
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import free_url, in_thread, join, lossless
@@ -120,7 +121,7 @@ async def test_accepts_a_message_that_fills_the_queue_exactly() -> None:
 
 @pytest.mark.lcm
 async def test_reports_a_taken_udp_port(url: str) -> None:
-    network = udpm_socket.parse_url(url)
+    network = parse_udpm_url(url)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("", network.port))
         with pytest.raises(LcmUnavailableError, match=f"another program keeps port {network.port} for itself"):
@@ -156,12 +157,10 @@ def test_reports_a_failed_self_test(url: str, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_parses_udpm_urls() -> None:
-    parse = udpm_socket.parse_url
-    assert parse("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == udpm_socket.UdpmUrl(
-        "239.255.1.2", 7668, 1, 4096
-    )
-    assert parse("udpm://") == udpm_socket.UdpmUrl("239.255.76.67", 7667, 0, 0)
-    assert parse("udpm://224.0.0.1?transmit_only=true").port == 7667
+    assert parse_udpm_url("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == UdpmUrl("239.255.1.2", 7668, 1, 4096)
+    assert parse_udpm_url("udpm://") == UdpmUrl("239.255.76.67", 7667, 0, 0)
+    unknown = parse_udpm_url("udpm://224.0.0.1?transmit_only=true")
+    assert (unknown.port, unknown.unknown_options) == (7667, ("transmit_only",))
 
 
 AGAIN_MS = 1000

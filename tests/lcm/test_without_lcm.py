@@ -80,8 +80,11 @@ async def test_liblcm_transport_limits_its_queue() -> None:
             "LCM cannot join bogus://x: the URL must begin with udpm://, tcpq://, mpudpm://, memq://, file://",
         ),
         ("bogus", "LCM cannot join bogus: the URL must begin with udpm://"),
-        ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: 10.1.2.3 is no multicast address (224.0.0.0"),
-        ("udpm://robot:7667", "LCM cannot join udpm://robot:7667: robot is no multicast address"),
+        (
+            "udpm://10.1.2.3:7667",
+            "LCM cannot join udpm://10.1.2.3:7667: 10.1.2.3 is not a multicast address (224.0.0.0",
+        ),
+        ("udpm://robot:7667", "LCM cannot join udpm://robot:7667: robot is not a multicast address"),
         ("udpm://239.255.76.67:99999", "LCM cannot join udpm://239.255.76.67:99999: its port is not a number"),
         ("udpm://?ttl=far", "LCM cannot join udpm://?ttl=far: ttl must be a number of 0 to 255, not 'far'"),
         ("tcpq://host:port", "LCM cannot join tcpq://host:port: its port is not a number"),

@@ -9,14 +9,14 @@ from gateway.gltf import DRAKE_MERGER, GltfCache, GltfScene, read_gltf
 from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from gateway.render.labels import labels_of
 from gateway.scene.flatten import flatten
-from renderers.cache import Cache
+from renderers.cache import Cache, CacheBudget
 from renderers.drawlist import DrawList, Instance, PosedInstances
 from tests.gltf.builder import Builder
 from tests.support.corpus import drake_scenes
 
 
 def fresh() -> Cache[TopologyKey, SceneTopology]:
-    return Cache(1 << 30)
+    return Cache("topologies", budget=CacheBudget(1 << 30))
 
 
 def drawn(scene: GltfScene) -> DrawList:
@@ -107,7 +107,7 @@ def two_triangles(red: float = 1.0) -> bytes:
 
 
 def test_moved_scenes_share_their_instance_set() -> None:
-    cache, topologies = GltfCache(1 << 20), fresh()
+    cache, topologies = GltfCache(CacheBudget(1 << 20)), fresh()
     data = two_triangles()
     scenes = [read_gltf(shifted(data, x), cache=cache) for x in (0.0, 1.0, 2.0)]
     lists = [draw_list_of(scene, topologies) for scene in scenes]
@@ -122,7 +122,7 @@ def test_moved_scenes_share_their_instance_set() -> None:
 
 
 def test_scenes_with_another_topology_or_content_share_nothing() -> None:
-    cache, topologies = GltfCache(1 << 20), fresh()
+    cache, topologies = GltfCache(CacheBudget(1 << 20)), fresh()
     near = draw_list_of(read_gltf(shifted(two_triangles(), 1.0), cache=cache), topologies)
     far = draw_list_of(read_gltf(shifted(two_triangles(), 1e30), cache=cache), topologies)
     other = draw_list_of(read_gltf(shifted(two_triangles(0.5), 1.0), cache=cache), topologies)

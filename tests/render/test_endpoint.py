@@ -14,7 +14,7 @@ import structlog
 from structlog.testing import capture_logs
 
 from gateway.render.config import RenderConfig
-from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
@@ -249,7 +249,7 @@ async def test_the_middlewares_id_is_used_where_there_is_one(start: Start, watch
     ("error", "retry_after", "text"),
     [
         (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
-        (KernelError("the kernels could not be compiled"), None, "the kernels could not be compiled"),
+        (KernelsDelayed(8), "8", "could not be loaded, which is tried again; the server's log has the reason"),
         (DeadlineExceeded("it took longer than 3 s"), None, "rendering was stopped: it took longer than 3 s"),
         (QueueFull("8 calls wait", 4), "4", "the server is busy: 8 calls wait; try again in 4 s"),
     ],

@@ -10,8 +10,6 @@ from typing import Any
 import httpx2
 
 from gateway.render.config import RenderConfig
-from gateway.runtime.worker_pool import DeadlineExceeded
-from renderers.compiler import pending
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused
 from tests.support.endless import EndlessRenderer
 from tests.support.forms import CONTENT_TYPE, body, part
@@ -181,20 +179,6 @@ async def test_render_deadline_is_503_and_the_request_is_stored(start: Start, tm
         assert renderer.begun == renderer.ended  # the time of the first may be over before it is read
         assert [record.outcome for record in server.records] == ["slow", "slow"]
     assert len(await asyncio.to_thread(lambda: [*tmp_path.iterdir()])) == 4  # the bodies, and what is said of each
-
-
-async def test_a_deadline_while_kernels_are_compiled_is_no_error(start: Start) -> None:
-    renderer = WatchedRenderer(error=DeadlineExceeded("waiting for kernels"))
-    async with start(renderer) as server:
-        with pending.announced(("normals",)):
-            posted = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
-            await until(lambda: server.workers.stats.done == 1)
-            renderer.error = None
-            assert not posted.done()
-            pending.finish("normals")
-            assert (await posted).status_code == 200
-        assert len(renderer.calls) == 2
-        assert [record.status for record in server.records] == [200]
 
 
 async def test_render_stops_when_the_client_disconnects(start: Start) -> None:

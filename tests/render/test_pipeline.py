@@ -18,6 +18,7 @@ from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import Pipeline
 from gateway.render.scenes import SceneStore
+from renderers.cache import CacheBudget
 from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
@@ -42,7 +43,7 @@ def test_scene_cache_is_least_recently_used() -> None:
 
 def test_scene_cache_is_limited_in_bytes() -> None:
     one = scene()
-    store = SceneStore(RenderConfig(scene_cache_bytes=len(one.data)))  # its geometry comes on top
+    store = SceneStore(RenderConfig(), CacheBudget(len(one.data)))  # its geometry comes on top
     assert store.get(one) is not store.get(one)
     assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 

@@ -9,11 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderers.cache import Cache
+from renderers.cache import Cache, CacheBudget, CacheFigures
 
 
 def test_the_least_recently_used_is_dropped_first() -> None:
-    cache: Cache[str, int] = Cache(max_bytes=30)
+    cache: Cache[str, int] = Cache("test", budget=CacheBudget(30))
     for number, name in enumerate("abc"):
         cache.put(name, number, 10)
     assert cache.get("a") == 0
@@ -23,7 +23,7 @@ def test_the_least_recently_used_is_dropped_first() -> None:
 
 
 def test_values_at_the_limit_are_kept_and_larger_ones_are_not() -> None:
-    cache: Cache[str, int] = Cache(max_bytes=30)
+    cache: Cache[str, int] = Cache("test", budget=CacheBudget(30))
     cache.put("a", 1, 30)
     assert cache.get("a") == 1
     cache.put("b", 2, 31)
@@ -31,22 +31,54 @@ def test_values_at_the_limit_are_kept_and_larger_ones_are_not() -> None:
 
 
 def test_replacing_a_value_by_a_too_large_one_drops_both() -> None:
-    cache: Cache[str, int] = Cache(max_bytes=30)
+    cache: Cache[str, int] = Cache("test", budget=CacheBudget(30))
     cache.put("a", 1, 30)
     cache.put("a", 2, 31)
     assert (cache.get("a"), cache.nbytes) == (None, 0)
 
 
 def test_the_count_is_limited() -> None:
-    cache: Cache[int, int] = Cache(max_bytes=100, max_count=2)
+    cache: Cache[int, int] = Cache("test", max_count=2, budget=CacheBudget(100))
     for number in range(3):
         cache.put(number, number, 1)
     assert [cache.get(number) for number in range(3)] == [None, 1, 2]
 
 
+def test_caches_of_a_budget_share_its_limit_and_evict_the_oldest_of_all() -> None:
+    budget = CacheBudget(30)
+    first: Cache[str, int] = Cache("first", budget=budget)
+    second: Cache[str, int] = Cache("second", budget=budget)
+    first.put("a", 1, 10)
+    second.put("b", 2, 10)
+    first.put("c", 3, 10)
+    assert first.get("a") == 1
+    second.put("d", 4, 10)  # evicts b
+    second.put("e", 5, 10)  # evicts c
+    assert (first.get("a"), first.get("c"), second.get("b")) == (1, None, None)
+    assert (second.get("d"), second.get("e")) == (4, 5)
+    assert budget.figures() == {"first": CacheFigures(10, 2, 1), "second": CacheFigures(20, 2, 1)}
+    del second
+    gc.collect()
+    assert budget.figures().keys() == {"first"}
+
+
+def test_evicting_a_value_drops_what_weak_caches_derived_from_it() -> None:
+    budget = CacheBudget(100)
+    values: Cache[str, Key] = Cache("values", budget=budget)
+    derived: Cache[Key, str] = Cache("derived", weak=True, budget=budget)
+    values.put("a", Key(), 40)
+    key = values.get("a")
+    assert key is not None
+    derived.put(key, "of a", 40)
+    del key
+    values.put("b", Key(), 50)
+    assert (values.get("a"), len(derived), budget.figures()["derived"].nbytes) == (None, 0, 0)
+    assert values.get("b") is not None
+
+
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 40)), max_size=40))
 def test_nbytes_is_the_sum_of_the_kept_values(puts: list[tuple[int, int]]) -> None:
-    cache: Cache[int, int] = Cache(max_bytes=60)
+    cache: Cache[int, int] = Cache("test", budget=CacheBudget(60))
     for key, nbytes in puts:
         cache.put(key, nbytes, nbytes)
         kept = [value for key in range(6) if (value := cache.get(key)) is not None]
@@ -57,7 +89,7 @@ def test_nbytes_is_the_sum_of_the_kept_values(puts: list[tuple[int, int]]) -> No
 
 
 def test_concurrent_use() -> None:
-    cache: Cache[int, int] = Cache(max_bytes=50)
+    cache: Cache[int, int] = Cache("test", budget=CacheBudget(50))
 
     def work(seed: int) -> None:
         for i in range(500):
@@ -75,7 +107,7 @@ class Key:
 
 
 def test_a_weak_entry_lives_as_long_as_its_key() -> None:
-    cache: Cache[Key, str] = Cache(100, weak=True)
+    cache: Cache[Key, str] = Cache("test", weak=True, budget=CacheBudget(100))
     key = Key()
     cache.put(key, "value", 10)
     assert cache.get(key) == "value"
@@ -86,7 +118,7 @@ def test_a_weak_entry_lives_as_long_as_its_key() -> None:
 
 
 def test_a_weak_tuple_is_dropped_with_any_of_its_objects() -> None:
-    cache: Cache[tuple[Key, ...], str] = Cache(100, weak=True)
+    cache: Cache[tuple[Key, ...], str] = Cache("test", weak=True, budget=CacheBudget(100))
     first, second = Key(), Key()
     cache.put((first, second, first), "value", 10)
     assert cache.get((first, second, first)) == "value"
@@ -97,7 +129,7 @@ def test_a_weak_tuple_is_dropped_with_any_of_its_objects() -> None:
 
 
 def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
-    cache: Cache[Key, str] = Cache(100, weak=True)
+    cache: Cache[Key, str] = Cache("test", weak=True, budget=CacheBudget(100))
     large, small = Key(), Key()
     cache.put(large, "large", 1000)
     assert cache.get(large) == "large"
@@ -106,7 +138,7 @@ def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
 
 
 def test_nbytes_under_concurrent_use_and_collected_keys() -> None:
-    cache: Cache[Key, int] = Cache(500, weak=True)
+    cache: Cache[Key, int] = Cache("test", weak=True, budget=CacheBudget(500))
 
     def work() -> None:
         mine = [Key() for _ in range(20)]

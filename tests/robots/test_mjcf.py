@@ -270,3 +270,13 @@ def test_poses_that_are_no_numbers(tmp_path: Path) -> None:
     robot = read(tmp_path, mjcf('<body name="a" pos="nan 0 0"><geom size="1"/></body>'))
     with pytest.raises(RobotFileError, match="the pose of the link 'a' is not finite"):
         robot.link_poses({})
+
+
+def test_a_keyframe_has_the_joint_values(tmp_path: Path) -> None:
+    body = '<body name="a"><joint name="turn"/><geom size="1"/></body>'
+    keys = '<keyframe><key name="home" qpos="0.5"/><key qpos="1"/></keyframe>'
+    content = mjcf(body, "<compiler angle='radian'/>").replace("</mujoco>", f"{keys}</mujoco>")
+    assert read(tmp_path, content, keyframe="home").joints["turn"].default == (0.5,)
+    assert read(tmp_path, content).joints["turn"].default == (0.0,)
+    with pytest.raises(RobotFileError, match="it has no keyframe 'hom'; did you mean home"):
+        read(tmp_path, content, keyframe="hom")

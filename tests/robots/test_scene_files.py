@@ -10,7 +10,7 @@ import pytest
 
 from gateway.assets.scene_file import SceneFileError
 from gateway.robots.reader import read_robot
-from gateway.robots.scene_files import read_scene
+from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.geometry import Surface
 from tests.robots.files import ARM, TRIANGLE, link, write
 from tests.support import forms
@@ -18,7 +18,7 @@ from tests.support import forms
 
 def test_a_robot_is_a_node_for_each_link(tmp_path: Path) -> None:
     path = write(tmp_path, ARM)
-    scene = read_scene(path, joints=["shoulder=0.5"])
+    scene = read_scene(path, SceneOptions(joints=("shoulder=0.5",)))
     expected = read_robot(path).link_poses({"shoulder": 0.5})[1]
     X_world_upper = scene.root.world_matrix(("arm", "upper"))
     assert X_world_upper is not None
@@ -30,9 +30,8 @@ def test_packages_of_a_robot_are_found_by_the_roots(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "far/pkg/m.obj")
     mesh = '<visual><geometry><mesh filename="package://pkg/m.obj"/></geometry></visual>'
     path = write(tmp_path, link(mesh), "near/deep/robot.urdf")
-    with pytest.raises(SceneFileError, match="name a folder that contains it with --root"):
-        read_scene(path)
-    assert read_scene(path, roots=[tmp_path / "far"]).root
+    assert "name a folder that contains it with --root" in read_scene(path).warnings[0]
+    assert read_scene(path, SceneOptions(roots=(tmp_path / "far",))).root
 
 
 def test_a_mesh_is_one_node(tmp_path: Path) -> None:
@@ -45,13 +44,13 @@ def test_a_mesh_is_one_node(tmp_path: Path) -> None:
 def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
     path = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
     assert not np.array_equal(read_scene(path).root.matrix, np.eye(4))
-    assert np.array_equal(read_scene(path, up="z").root.matrix, np.eye(4))
+    assert np.array_equal(read_scene(path, SceneOptions(up="z")).root.matrix, np.eye(4))
 
 
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("a.txt", "", "its suffix is none of .gltf, .glb, .dae, "),
+        ("a.txt", "", "its suffix is not one of .gltf, .glb, .dae, "),
         ("a.urdf", "<robot>", "no element found|invalid|unclosed|XML"),
         ("a.obj", "", "no triangles or points|cannot be read as OBJ"),
         ("a.gltf", "{", "JSON"),
@@ -73,6 +72,13 @@ def test_a_missing_file_is_an_error(tmp_path: Path, suffix: str) -> None:
 def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
     path = write(tmp_path, ARM)
     with pytest.raises(SceneFileError, match=r"robot\.urdf: the robot has no joint 'knee'"):
-        read_scene(path, joints=["knee=1"])
+        read_scene(path, SceneOptions(joints=("knee=1",)))
     with pytest.raises(SceneFileError, match=r"robot\.urdf: --joint 'knee': must be name=value"):
-        read_scene(path, joints=["knee"])
+        read_scene(path, SceneOptions(joints=("knee",)))
+
+
+def test_strict_refuses_warnings(tmp_path: Path) -> None:
+    path = write(tmp_path, link("<visual/>"), "a.urdf")
+    assert read_scene(path).warnings == ("link 'a', visual: it has no shape; it is not shown",)
+    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown$"):
+        read_scene(path, SceneOptions(strict=True))

@@ -11,7 +11,7 @@ import pytest
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
-from gateway.scene.geometry import Box, Capsule, Cylinder, Shape, Sphere
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
 from tests.robots.files import ARM, link, read, visual, write
@@ -21,6 +21,10 @@ def joint(kind: str, content: str = "", ends: str = '<parent link="a"/><child li
     return (
         f'<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{kind}">{ends}{content}</joint></robot>'
     )
+
+
+def shape(content: str) -> str:
+    return f"<visual><geometry>{content}</geometry></visual>"
 
 
 def test_links_joints_and_geometry(tmp_path: Path) -> None:
@@ -56,6 +60,9 @@ def test_a_robot_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
     [
         ('<sphere radius="2"/>', Sphere(2.0)),
         ('<capsule radius="1" length="3"/>', Capsule(1.0, 3.0)),
+        ('<drake:capsule radius="1" length="3"/>', Capsule(1.0, 3.0)),
+        ('<drake:ellipsoid a="1" b="2" c="3"/>', Ellipsoid((1.0, 2.0, 3.0))),
+        ('<ellipsoid radii="1 2 3"/>', Ellipsoid((1.0, 2.0, 3.0))),
         ('<!-- size --> <box size=" 1  2 3 "/>', Box((1.0, 2.0, 3.0))),
     ],
 )
@@ -80,30 +87,11 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("<robot", "it is not XML: "),
-        ("<!DOCTYPE a><robot/>", "XML with a DOCTYPE is refused"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', "XML with a DOCTYPE is refused"),
-        ("<sdf/>", "its first element is <sdf>; URDF starts with <robot>, MJCF with <mujoco>"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', "it declares the XML entity 'b'"),
+        ("<a>" * 10_001, "its XML has more than 10000 levels"),
+        ("<a/>", "its first element is <a>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
-        ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro/></robot>', "expand it first"),
-        ("<robot><link/></robot>", "a link: <link> has no name"),
         ('<robot><link name="a"/><link name="a"/></robot>', "two links are called 'a'"),
-        (link("<visual/>"), "link 'a', visual: <geometry> must have one shape, not 0"),
-        (visual('<box size="1 1 1"/><sphere radius="1"/>'), "must have one shape, not 2"),
-        (visual("<cone/>"), "link 'a', visual: the shape <cone> is none of box, sphere,"),
-        (visual("<box/>"), "link 'a', visual: <box> has no size"),
-        (visual('<box size="1 1"/>'), "size='1 1' of <box> must be 3 finite numbers"),
-        (visual('<sphere radius="-1"/>'), "radius='-1' of <sphere> must be a number above 0"),
-        (visual('<sphere radius="nan"/>'), "radius='nan' of <sphere> must be a number above 0"),
-        (visual('<sphere radius="1"/>', '<origin xyz="0 0 inf"/>'), "xyz='0 0 inf' of <origin> must be 3 finite"),
-        (visual("<mesh/>"), "link 'a', visual: <mesh> has no filename"),
-        (joint("screw"), "joint 'j': its type 'screw' is none of revolute, continuous,"),
-        (joint("fixed", ends='<parent link="a"/>'), "joint 'j' has no <child>"),
-        (joint("fixed", ends='<parent link="a"/><child link="bb"/>'), "there is no link 'bb'; did you mean b?"),
-        (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero"),
-        (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
-        (joint("revolute", '<mimic joint="k"/>'), "joint 'j' mimics 'k', which is not a joint that moves"),
-        (joint("revolute", '<mimic joint="j"/>'), "the joints j mimic each other in a circle"),
-        (joint("floating", '<mimic joint="j"/>'), "joint 'j' cannot mimic 'j': one has several values"),
         (joint("fixed", ends='<parent link="a"/><child link="a"/>'), "the joints j form a circle"),
     ],
 )
@@ -113,6 +101,166 @@ def test_errors_say_where_and_why(tmp_path: Path, content: str, message: str) ->
         read_robot(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert message in str(caught.value)
+
+
+BOX = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("<visual/>", "link 'a', visual: it has no shape; it is not shown"),
+        ("<visual><geometry/></visual>", "link 'a', visual: it has no shape"),
+        (shape("<cone/>"), "the shape <cone> is unknown; it is not shown"),
+        (shape("<box/>"), "link 'a', visual: <box> has no size; it is not shown"),
+        (shape('<box size="1 1"/>'), "size='1 1' of <box> must be 3 finite numbers; it is not shown"),
+        (shape('<box size="1 -1 1"/>'), "size='1 -1 1' of <box> must be above 0; it is not shown"),
+        (shape('<sphere radius="-1"/>'), "radius='-1' of <sphere> must be above 0; it is not shown"),
+        (shape('<sphere radius="nan"/>'), "radius='nan' of <sphere> must be a finite number; it is not shown"),
+        (shape('<cylinder radius="1" length="$(arg l)"/>'), "length='$(arg l)' of <cylinder> must be a finite number"),
+        (shape('<ellipsoid radii="1 0 1"/>'), "radii='1 0 1' of <ellipsoid> must be above 0"),
+        (shape("<mesh/>"), "link 'a', visual: <mesh> has no filename; it is not shown"),
+    ],
+)
+def test_geometry_that_cannot_be_drawn_is_left_out_with_a_warning(tmp_path: Path, content: str, message: str) -> None:
+    robot = read(tmp_path, link(content + BOX))
+    assert [part.shape for part in robot.parts[0]] == [Box((1.0, 2.0, 3.0))]
+    (warning,) = robot.warnings
+    assert message in warning
+    with pytest.raises(RobotFileError, match="link 'a', visual: "):
+        read_robot(tmp_path / "robot.urdf", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected", "message"),
+    [
+        ('<box size="1,2, 3"/>', Box((1.0, 2.0, 3.0)), "size='1,2, 3' of <box> has commas, which are read as spaces"),
+        ('<box size="1 2 3 4"/>', Box((1.0, 2.0, 3.0)), "has 4 numbers, the first 3 are used"),
+        ('<box size="1 1 1"/><sphere radius="1"/>', Box((1.0, 1.0, 1.0)), "only the first, <box>, is shown"),
+    ],
+)
+def test_shapes_that_are_mended_have_a_warning(tmp_path: Path, content: str, expected: Shape, message: str) -> None:
+    robot = read(tmp_path, visual(content))
+    assert [part.shape for part in robot.parts[0]] == [expected]
+    assert message in robot.warnings[0]
+
+
+def test_an_invalid_pose_is_the_identity(tmp_path: Path) -> None:
+    robot = read(tmp_path, visual('<sphere radius="1"/>', '<origin xyz="0 0 inf" rpy=""/>'))
+    np.testing.assert_array_equal(robot.parts[0][0].X_node_part, np.eye(4))
+    assert [text.partition(": ")[2] for text in robot.warnings] == [
+        "rpy='' of <origin> must be 3 finite numbers, 0 0 0 are used",
+        "xyz='0 0 inf' of <origin> must be 3 finite numbers, 0 0 0 are used",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rgba", "expected", "message"),
+    [
+        ("1 0 0", (1, 0, 0, 1), "has no opacity, 1 is used"),
+        ("1,0,0,1", (1, 0, 0, 1), "has commas"),
+        ("255 0 0 255", (1, 0, 0, 1), "is read as 0 to 255"),
+        ("255 0 0 1", (1, 0, 0, 1), "is read as 0 to 255"),
+        ("1.5 0 -0.5 1", (1, 0, 0, 1), "is clamped to 0 to 1"),
+        ("red", (1, 1, 1, 1), "must be 4 finite numbers, 1 1 1 1 are used"),
+    ],
+)
+def test_colours_that_are_mended_have_a_warning(
+    tmp_path: Path, rgba: str, expected: tuple[float, ...], message: str
+) -> None:
+    material = f'<material name="m"><color rgba="{rgba}"/></material>'
+    robot = read(tmp_path, visual('<sphere radius="1"/>', material))
+    assert robot.parts[0][0].material.base_color == pytest.approx(expected)
+    (warning,) = robot.warnings
+    assert warning.startswith("material 'm': ")
+    assert message in warning
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating,"),
+        (joint("ball").replace("joint", "drake:joint"), "joint 'j': type='ball' is not one of "),
+        (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero; the joint stays at rest"),
+        (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
+        (joint("fixed", ends='<parent link="a"/>'), "joint 'j': it has no <child link>; the joint is left out"),
+        (joint("fixed", ends='<parent link="a"/><child link="bb"/>'), "there is no link 'bb'; did you mean b?; the"),
+    ],
+)
+def test_joints_that_cannot_move_stay_at_rest(tmp_path: Path, content: str, message: str) -> None:
+    robot = read(tmp_path, content)
+    assert robot.joints == {}
+    np.testing.assert_array_equal(robot.link_poses({})[1], np.eye(4))
+    (warning,) = robot.warnings
+    assert message in warning
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            joint("revolute", '<mimic joint="k"/>'),
+            "joint 'j': it mimics 'k', which is not a joint that moves",
+        ),
+        (joint("revolute", '<mimic joint="j"/>'), "joint 'j': the joints j mimic each other in a circle; it does not"),
+        (joint("floating", '<mimic joint="j"/>'), "joint 'j': it cannot mimic 'j', as one of them has several values"),
+    ],
+)
+def test_joints_that_cannot_follow_move_by_themselves(tmp_path: Path, content: str, message: str) -> None:
+    robot = read(tmp_path, content)
+    assert robot.joints["j"].mimic is None
+    assert message in robot.warnings[0]
+
+
+def test_joints_without_a_name_or_with_that_of_another_get_one(tmp_path: Path) -> None:
+    turn = joint("continuous", ends='<parent link="a"/><child link="b"/>').replace("</robot>", "")
+    second = '<link name="c"/><joint name="j" type="continuous"><parent link="b"/><child link="c"/></joint>'
+    third = '<link name="d"/><joint type="continuous"><parent link="c"/><child link="d"/></joint></robot>'
+    robot = read(tmp_path, turn + second + third)
+    assert list(robot.joints) == ["j", "j_", "joint_2"]
+    assert [text.partition(",")[0] for text in robot.warnings] == [
+        "joint 'j': a second joint has this name",
+        "joint 2: it has no name",
+    ]
+
+
+def test_links_without_a_name_are_left_out(tmp_path: Path) -> None:
+    robot = read(tmp_path, '<robot><link/><link name="a"/></robot>')
+    assert robot.links == ("a",)
+    assert robot.warnings == ("a <link> has no name, it is left out",)
+
+
+def test_geometry_that_is_not_shown_gives_no_warning(tmp_path: Path) -> None:
+    write(tmp_path, link("<collision><geometry><plane/></geometry></collision>" + BOX))
+    assert read_robot(tmp_path / "robot.urdf").warnings == ()
+    assert "the shape <plane> is unknown" in read_robot(tmp_path / "robot.urdf", geometry="collision").warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "warnings"),
+    [
+        ("\n  <?xml version='1.0'?><robot><link name='a'/></robot>", ()),
+        ("<!DOCTYPE robot><robot><link name='a'/></robot>", ()),
+        ("<robot xmlns='http://www.ros.org/urdf'><link name='a'/></robot>", ()),
+        ("<robot><link name='a'/><sensor:camera x:y='1'/></robot>", ()),
+        (
+            "<robot><!-- a -- b --><link name='a'/><!-----></robot>",
+            ("comments with -- inside, which XML forbids, are ignored",),
+        ),
+    ],
+)
+def test_xml_as_people_write_it(tmp_path: Path, content: str, warnings: tuple[str, ...]) -> None:
+    robot = read(tmp_path, content)
+    assert robot.links == ("a",)
+    assert robot.warnings == warnings
+
+
+def test_latin_1_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_bytes('<robot name="r"><!-- Größe --><link name="füße"/></robot>'.encode("latin-1"))
+    robot = read_robot(path)
+    assert robot.links == ("füße",)
+    assert robot.warnings == ("it is not in the encoding that it names; it is read as Latin-1",)
 
 
 def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
@@ -134,7 +282,7 @@ def test_a_circle_and_two_parents_are_named(tmp_path: Path) -> None:
         (RobotLimits(max_links=4), "it has 5 links, the limit is 4"),
         (RobotLimits(max_elements=5), "it has more than 5 XML elements, which is the limit"),
         (RobotLimits(max_attribute_chars=10), r"size='0.4 0.4 0.1'\.\.\. of <box> has 11 characters, the limit is 10"),
-        (RobotLimits(max_geometries=2), "it has 3 geometries, the limit is 2"),
+        (RobotLimits(max_geometries=1), "it has 2 geometries, the limit is 1"),
         (RobotLimits(max_file_bytes=10), r"robot.urdf has more than 10 bytes, the remaining limit"),
     ],
 )
@@ -143,11 +291,14 @@ def test_limits(tmp_path: Path, limits: RobotLimits, message: str) -> None:
         read_robot(write(tmp_path, ARM), limits=limits)
 
 
-def test_missing_files_and_xacro(tmp_path: Path) -> None:
+def test_only_mjcf_files_have_keyframes(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="only MJCF files have keyframes"):
+        read_robot(write(tmp_path, ARM), keyframe="home")
+
+
+def test_missing_files(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r"none.urdf cannot be read: No such file"):
         read_robot(tmp_path / "none.urdf")
-    with pytest.raises(RobotFileError, match="xacro files must be expanded first"):
-        read_robot(write(tmp_path, ARM, "arm.xacro"))
 
 
 def test_poses_are_products_of_the_joints(tmp_path: Path) -> None:
@@ -201,6 +352,6 @@ def test_long_names_are_refused_and_not_repeated(tmp_path: Path) -> None:
     names = [f"{number}{'a' * 4000}" for number in range(3)]
     links = "".join(f'<link name="{name}"/>' for name in names)
     ends = f'<parent link="{"a" * 4000}"/><child link="{names[0]}"/>'
-    with pytest.raises(RobotFileError, match="there is no link") as caught:
-        read(tmp_path, f'<robot>{links}<joint name="j" type="fixed">{ends}</joint></robot>')
-    assert "did you mean" not in str(caught.value)
+    (warning,) = read(tmp_path, f'<robot>{links}<joint name="j" type="fixed">{ends}</joint></robot>').warnings
+    assert "did you mean" not in warning
+    assert f"there is no link '{'a' * 60}'" in warning

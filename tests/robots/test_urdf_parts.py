@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
@@ -69,10 +68,45 @@ def test_the_robots_material_is_for_meshes_without_one(tmp_path: Path) -> None:
     assert part_of(tmp_path, own, "m.obj", material=RED).material.base_color == (0, 0, 1, 1)
 
 
-def test_a_transparency_of_one_is_opaque(tmp_path: Path) -> None:
+def test_a_mesh_that_would_vanish_is_drawn_opaque_with_a_warning(tmp_path: Path) -> None:
     write(tmp_path, BLUE + "Tr 1.0\n", "m.mtl")
     own = "mtllib m.mtl\nusemtl blue\n" + TRIANGLE
     assert part_of(tmp_path, own, "m.obj").material.base_color == (0, 0, 1, 1)
+    (warning,) = read_robot(tmp_path / "robot.urdf").warnings
+    assert warning == "link 'a', m.obj: all its materials have an opacity of 0; it is drawn opaque"
+    write(tmp_path, BLUE + "Tr 1.0\nnewmtl red\nKd 1 0 0\n", "m.mtl")
+    write(tmp_path, own + "usemtl red\nf 1 3 2\n", "m.obj")
+    robot = read_robot(tmp_path / "robot.urdf")
+    assert sorted(part.material.base_color[3] for part in robot.parts[0]) == [0.0, 1.0]
+    assert robot.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("transparent", "opacity", "warned"),
+    [
+        ('opaque="A_ONE"><color>1 1 1 0</color>', 1.0, True),
+        ('opaque="A_ONE"><color>1 1 1 0.25</color>', 0.25, False),
+        ('opaque="RGB_ZERO"><color>0 0 0 1</color>', 1.0, False),
+        ('opaque="RGB_ZERO"><color>0.5 0.5 0.5 1</color>', 0.5, False),
+    ],
+)
+def test_opacity_of_collada(tmp_path: Path, transparent: str, opacity: float, warned: bool) -> None:
+    lambert = f"<lambert><diffuse><color>0 1 0 1</color></diffuse><transparent {transparent}</transparent></lambert>"
+    effect = f'<effect id="e"><profile_COMMON><technique sid="c">{lambert}</technique></profile_COMMON></effect>'
+    materials = (
+        f'<library_effects>{effect}</library_effects><library_materials><material id="m">'
+        '<instance_effect url="#e"/></material></library_materials><library_geometries>'
+    )
+    bound = (
+        '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#m"/>'
+        "</technique_common></bind_material></instance_geometry>"
+    )
+    mesh = DAE.replace("<library_geometries>", materials).replace(
+        '<triangles count="1">', '<triangles count="1" material="m">'
+    )
+    part = part_of(tmp_path, mesh.replace('<instance_geometry url="#g"/>', bound), "m.dae")
+    assert part.material.base_color == pytest.approx((0, 1, 0, opacity), abs=1e-6)
+    assert bool(read_robot(tmp_path / "robot.urdf").warnings) == warned
 
 
 def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Path) -> None:
@@ -81,8 +115,8 @@ def test_meshes_without_triangles_and_missing_textures_are_warnings(tmp_path: Pa
     robot = read_robot(write(tmp_path, visual('<mesh filename="empty.dae"/>', texture)))
     assert robot.parts == ((),)
     assert robot.warnings == (
-        "link 'a': the texture wood.png of its material is not shown: the file wood.png does not exist",
-        "link 'a': empty.dae is not shown: the file holds no triangles or points",
+        "link 'a': the texture wood.png of its material is not shown: there is no such file",
+        "link 'a': the mesh empty.dae is not shown: the file holds no triangles or points",
     )
 
 
@@ -126,13 +160,18 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert names == ["t.png"]
 
 
-def test_a_broken_mesh_is_an_error_that_names_link_and_file(tmp_path: Path) -> None:
-    write(tmp_path, "nothing", "m.dae")
-    with pytest.raises(RobotFileError, match=r"link 'a': m.dae: it cannot be read as DAE: "):
-        read_robot(write(tmp_path, visual('<mesh filename="m.dae"/>')))
-    write(tmp_path, "version https://git-lfs.github.com/spec/v1\n", "m.stl")
-    with pytest.raises(RobotFileError, match=r"link 'a': m.stl is a pointer of Git LFS"):
-        read_robot(write(tmp_path, visual('<mesh filename="m.stl"/>')))
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("m.dae", "nothing", "it cannot be read as DAE: "),
+        ("m.stl", "version https://git-lfs.github.com/spec/v1\n", "it is a pointer of Git LFS"),
+    ],
+)
+def test_a_broken_mesh_is_left_out_with_a_warning(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    write(tmp_path, content, name)
+    robot = read_robot(write(tmp_path, visual(f'<mesh filename="{name}"/>')))
+    assert robot.parts == ((),)
+    assert robot.warnings[0].startswith(f"link 'a': the mesh {name} is not shown: {reason}")
 
 
 def test_a_mesh_is_read_once(tmp_path: Path) -> None:

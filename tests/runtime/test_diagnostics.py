@@ -12,9 +12,9 @@ from typing import Any, NoReturn
 
 import pytest
 
-from gateway import __version__
 from gateway.runtime import diagnostics, process_tuning
-from gateway.runtime.diagnostics import Finding, Verdict, findings
+from gateway.runtime.diagnostics import findings
+from gateway.runtime.installation import Finding, Verdict
 from renderers.compiler import cache_folder
 
 PARTS = ("needed", "background")
@@ -34,15 +34,8 @@ def is_note(row: Finding, detail: str, remedy: str, verdict: Verdict = Verdict.N
     assert row.remedy.startswith(remedy)
 
 
-def test_version_and_threads_are_shown() -> None:
-    assert finding("scenegate") == Finding("scenegate", Verdict.OK, __version__)
+def test_threads_are_shown() -> None:
     assert finding("threads") == Finding("threads", Verdict.OK, "3 threads render")
-
-
-def test_a_library_that_is_not_installed_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagnostics, "LIBRARIES", ("numpy", "no-such-library"))
-    assert finding("numpy").verdict is Verdict.OK
-    is_note(finding("no-such-library"), "not installed", "install Scenegate again", Verdict.ERROR)
 
 
 def test_a_missing_glib_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +112,7 @@ def test_a_free_port_is_ok_and_one_that_is_not_allowed_an_error(monkeypatch: pyt
 
     monkeypatch.setattr(process_tuning, "listen", refuse)
     monkeypatch.setattr(diagnostics, "probe_instance", lambda host, port: pytest.fail("nothing listens there"))
-    detail = "HTTP: not allowed to (127.0.0.1 port 80)"
+    detail = "HTTP: permission denied (127.0.0.1 port 80)"
     is_note(finding("port 80", 80), detail, "stop that program, or --http-port PORT", Verdict.ERROR)
 
 

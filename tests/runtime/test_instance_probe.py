@@ -9,7 +9,8 @@ import threading
 
 import pytest
 
-from gateway.runtime.diagnostics import Verdict, findings
+from gateway.runtime.diagnostics import findings
+from gateway.runtime.installation import Verdict
 from gateway.runtime.instance_probe import probe_instance
 from tests.server.answering import answering
 from tests.support.waiting import wait_until

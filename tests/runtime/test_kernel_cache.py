@@ -21,6 +21,7 @@ from gateway.runtime.kernel_progress import KernelProgress
 from gateway.wiring import warmup
 from renderers.compiler import cache_folder
 from renderers.compiler.jit import KERNELS
+from tests.support.locks import refuse_locks
 from tests.support.waiting import until
 
 KERNEL = "renderers.fxaa.smooth_rows"
@@ -326,6 +327,21 @@ async def test_cancelled_while_waiting_for_another_process(cache: Path) -> None:
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
+
+
+async def test_a_cache_folder_without_locks_is_filled(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def compile_in_children(
+        parts: Collection[str], progress: KernelProgress, on_cached: kernels.OnCached
+    ) -> None:
+        compiled.extend(parts)
+
+    compiled: list[str] = []
+    monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
+    refuse_locks(monkeypatch)
+    progress = KernelProgress({"rest": 1})
+    await kernels.compile_missing(["rest"], progress)
+    assert compiled == ["rest"]
+    assert not progress.waiting
 
 
 def _fresh() -> Any:

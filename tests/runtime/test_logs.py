@@ -5,8 +5,12 @@ from __future__ import annotations
 import io
 import json
 import logging
+import os
+import socket
+import subprocess
 import sys
 from collections.abc import Iterator, MutableMapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +18,8 @@ import structlog
 import uvicorn
 
 from gateway.runtime import logs
+from tests.support.certificates import certificate
+from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(autouse=True)
@@ -145,3 +151,36 @@ def test_an_exception_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None
         structlog.get_logger().exception("failed")
     (line,) = capsys.readouterr().err.splitlines()
     assert "KeyError: 'gone'" in json.loads(line)["exception"]
+
+
+GRPC_SERVER = """
+import concurrent.futures, pathlib, sys
+from gateway.runtime import logs
+from tests.support.certificates import certificate
+from tests.support.waiting import SECONDS
+logs.configure("json")
+import grpc, structlog
+certificate, key = (pathlib.Path(path).read_bytes() for path in sys.argv[1:])
+server = grpc.server(concurrent.futures.ThreadPoolExecutor(1))
+port = server.add_secure_port("127.0.0.1:0", grpc.ssl_server_credentials([(key, certificate)]))
+server.start()
+print(port, flush=True)
+sys.stdin.read()
+structlog.get_logger("gateway").info("end")
+server.stop(0).wait()
+"""
+
+
+def test_every_line_is_json_whatever_the_core_of_grpc_says(tmp_path: Path) -> None:
+    """It writes an error of its own when a client without TLS connects."""
+    command = [sys.executable, "-c", GRPC_SERVER, *map(str, certificate(tmp_path))]
+    environment = {name: value for name, value in os.environ.items() if name != "GRPC_VERBOSITY"}
+    pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, env=environment, text=True, **pipes) as server:
+        assert server.stdout is not None
+        with socket.create_connection(("127.0.0.1", int(server.stdout.readline())), SECONDS) as client:
+            client.sendall(b"no TLS\r\n" * 10)
+            while client.recv(4096):  # until the server has refused
+                pass
+        _, errors = server.communicate(timeout=SECONDS)
+    assert [json.loads(line)["event"] for line in errors.splitlines()] == ["end"]

@@ -28,7 +28,7 @@ def test_receive_buffer_is_large_if_allowed(host: str) -> None:
     try:
         listener = process_tuning.listen(host, 0)
     except OSError:
-        pytest.skip(f"{host} is no address of this machine")
+        pytest.skip(f"{host} is not an address of this machine")
     with listener, socket.socket(listener.family) as other:
         by_itself = received(other)
         other.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
@@ -55,7 +55,9 @@ def test_error_for_a_port_in_use() -> None:
 def test_error_for_an_address_of_another_machine() -> None:
     with pytest.raises(OSError, match="assign") as raised:
         process_tuning.listen("203.0.113.1", 0)
-    assert "203.0.113.1 is no address of this machine" in process_tuning.listen_error(raised.value, "203.0.113.1", 0)
+    assert "203.0.113.1 is not an address of this machine" in process_tuning.listen_error(
+        raised.value, "203.0.113.1", 0
+    )
 
 
 def test_error_for_an_unknown_host() -> None:

@@ -13,6 +13,7 @@ import weakref
 import pytest
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
+from renderers.compiler import pending
 from renderers.raster.frame_threads import FrameThreads
 from renderers.stop import check_stop
 from tests.support.waiting import SECONDS, until
@@ -213,6 +214,28 @@ async def test_deadline_excludes_waiting_time() -> None:
             await call
     assert await last == "drawn"
     assert (workers.stats.timed_out, workers.stats.done) == (3, 4)
+    assert await workers.close()
+
+
+async def test_deadline_excludes_waiting_for_kernels() -> None:
+    workers, started, go_on = WorkerPool(2, seconds=0.2), threading.Event(), threading.Event()
+
+    def draw() -> str:
+        started.set()
+        pending.wait_until_compiled("normals")
+        assert go_on.wait(SECONDS)
+        check_stop()
+        return "drawn"
+
+    with pending.announced(("normals",)):
+        drawing = asyncio.create_task(workers.run(draw))
+        assert await asyncio.to_thread(started.wait, SECONDS)
+        with pytest.raises(DeadlineExceeded):
+            await workers.run(Endless())  # which started later
+        assert workers.stats.slow == 0
+        go_on.set()
+        pending.finish("normals")
+    assert await drawing == "drawn"
     assert await workers.close()
 
 

@@ -64,8 +64,8 @@ def test_the_grammar(text: Any, spec: Any) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "camera '' is none of"),
-        ("left", "camera 'left' is none of"),
+        ("", "camera '' is not one of"),
+        ("left", "camera 'left' is not one of"),
         ("path:robot", "camera path 'robot' is not a JSON list"),
         ('path:{"a":1}', "is not a JSON list"),
         ("path:" + "[" * 3000, "is not a JSON list"),
@@ -83,8 +83,8 @@ def test_the_grammar(text: Any, spec: Any) -> None:
         ("eye=1,2,3;target=0,0,0;fovy=180", "'fovy=180' must be at least 0.001 and less than 180"),
         ("eye=1,2,3;target=0,0,0;fovy=-5", "must be at least 0.001 and less than 180"),
         ("eye=1,2,3;eye=0,0,0;target=0,0,0", "'eye=0,0,0' repeats eye="),
-        ("eye=1,2,3;target=0,0,0;roll=3", "'roll=3' is none of eye="),
-        ("eye=1,2,3;target=0,0,0;up", "'up' is none of eye="),
+        ("eye=1,2,3;target=0,0,0;roll=3", "'roll=3' is not one of eye="),
+        ("eye=1,2,3;target=0,0,0;up", "'up' is not one of eye="),
         ("x" * 5000, "camera text has 5000 characters, at most 4096"),
     ],
 )

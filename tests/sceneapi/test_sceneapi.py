@@ -258,7 +258,7 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
         (f"{SMALL}&near=2&far=1", "near='2' must be less than far='1'"),
         (f"{SMALL}&near=2&far=2", "near='2' must be less than far='2'"),
         (f"{SMALL}&fovy=180", "must be at least 0.001 and less than 180 degrees"),
-        (f"{SMALL}&camera=left", "camera 'left' is none of"),
+        (f"{SMALL}&camera=left", "camera 'left' is not one of"),
         (f"{SMALL}&camera=eye%3D1,2;target%3D0,0,0", "'eye=1,2' needs three numbers"),
         (f"{SMALL}&zoom=2", "'zoom' is not a parameter; the parameters are camera, type, width"),
     ],

@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
-from gateway.cli.main import app
+from gateway.cli.commands import app
 from gateway.client.channel import Credentials
 from gateway.client.imu import ImuFailure, ImuRecorder
 from gateway.client.stream import StreamFailure

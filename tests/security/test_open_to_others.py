@@ -63,7 +63,6 @@ def test_nothing_is_missing_with_tls_and_token(token: Path, tmp_path: Path) -> N
 def test_lcm_beyond_this_machine_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "LCM" in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=1")
     assert "LCM" not in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=0")
-    assert "LCM" not in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=many")
     monkeypatch.setenv("LCM_DEFAULT_URL", "udpm://239.255.76.67:7667?ttl=1")
     assert "LCM" in exposed()
 

@@ -57,7 +57,7 @@ async def test_token_in_the_query_sets_an_httponly_cookie() -> None:
     async with client() as http:
         answer = await http.get(f"/view?a=1&token={TOKEN}&b=2")
         assert answer.status_code == 303
-        assert answer.headers["location"] == "/view?a=1&b=2"
+        assert answer.headers["location"] == "./view?a=1&b=2"
         cookie = answer.headers["set-cookie"].lower()
         assert "httponly" in cookie
         assert "samesite=lax" in cookie
@@ -189,8 +189,8 @@ async def test_redirect_never_leads_to_another_host(path: str) -> None:
     async with client() as http:
         answer = await http.get(httpx2.URL(f"http://here{path}?token={TOKEN}"))
         location = answer.headers["location"]
-        assert location.startswith("/")
-        assert not location.startswith(("//", "/\\"))
+        assert location.startswith("./")
+        assert "/" not in location.removeprefix("./")
 
 
 async def test_websocket_requires_the_token() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.unavailable import UnavailableErrors, unavailable
 
@@ -15,7 +15,11 @@ from gateway.server.unavailable import UnavailableErrors, unavailable
         (QueueFull("9 requests are waiting", 7), "7", "the server is busy: 9 requests are waiting; try again in 7 s"),
         (PoolClosed("the server is shutting down"), "1", "the server is shutting down"),
         (DeadlineExceeded("it took longer than 30 s"), None, "rendering was stopped: it took longer than 30 s"),
-        (KernelError("a kernel is not in the cache"), None, "a kernel is not in the cache"),
+        (
+            KernelsDelayed(4),
+            "4",
+            "kernels that this needs could not be loaded, which is tried again; the server's log has the reason",
+        ),
     ],
 )
 def test_the_response_says_why_and_when_to_try_again(error: Exception, retry_after: str | None, text: str) -> None:

@@ -68,7 +68,18 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
         ({"background": "red"}, {}, "", "--background: must be R,G,B: three whole numbers of 0 to 255, got 'red'."),
         ({"background": "1,2,256"}, {}, "", "--background: must be R,G,B"),
         ({"clock": "sundial"}, {}, "", "--clock: input should be 'real' or 'simulated', got 'sundial'."),
-        ({}, {}, "htpp_port = 1", "htpp_port in {file} is no setting; did you mean http_port?"),
+        (
+            {"lcm_url": "udpm://239.255.76.67:99999"},
+            {},
+            "",
+            "--lcm-url: its port is not a number of 0 to 65535, got 'udpm://239.255.76.67:99999'.",
+        ),
+        ({}, {"SCENEGATE_LCM_URL": "udpm://10.1.2.3"}, "", "SCENEGATE_LCM_URL: 10.1.2.3 is not a multicast address"),
+        ({"lcm_url": "udpm://?ttl=far"}, {}, "", "--lcm-url: ttl must be a number of 0 to 255, not 'far', got "),
+        ({"lcm_url": "tcpq://host:port"}, {}, "", "--lcm-url: its port is not a number of 0 to 65535, got "),
+        ({}, {}, "lcm_url = 'bogus'", "lcm_url in {file}: the URL must begin with udpm://, tcpq://, mpudpm://"),
+        ({}, {"LCM_DEFAULT_URL": "udpm://x"}, "", "LCM_DEFAULT_URL: x is not a multicast address (224.0.0.0 to "),
+        ({}, {}, "htpp_port = 1", "htpp_port in {file} is not a setting; did you mean http_port?"),
         ({}, {}, "http_port = ", "The configuration file {file} is not TOML"),
     ],
 )
@@ -104,7 +115,7 @@ def test_unknown_variables_are_reported(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
     monkeypatch.setenv("SCENEGATE_CORPUS", "/somewhere")
     monkeypatch.setenv("SCENEGATE_ROBOTS", "/somewhere")
-    assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?"]
+    assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?"]
 
 
 def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -> None:
@@ -217,3 +228,38 @@ def test_the_number_of_further_cameras(count: int, allowed: bool) -> None:
     else:
         with pytest.raises(SettingsError):
             load({"stereo_cameras": text})
+
+
+@pytest.mark.parametrize(
+    ("text", "path"), [("/proxy/8000/", "/proxy/8000"), ("/user/%C3%A4nn", "/user/änn"), ("/", ""), ("", "")]
+)
+def test_root_paths(text: str, path: str) -> None:
+    assert Settings(root_path=text).root_path == path
+
+
+@pytest.mark.parametrize("text", ["proxy", "//host/x", "/a?b", "/a b", "https://host/x"])
+def test_other_texts_are_no_root_paths(text: str) -> None:
+    with pytest.raises(ValueError, match="must be a path such as"):
+        Settings(root_path=text)
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("*", True),
+        ("http://localhost:8888", True),
+        ("https://*.example.org", True),
+        ("vscode-webview:", True),
+        ("localhost:8888", False),
+        ("http://a;script-src *", False),
+        ("http://a\r\nX: y", False),
+        ("http://a/b", False),
+    ],
+)
+def test_origins_of_frames_cannot_end_the_header(text: str, allowed: bool) -> None:
+    try:
+        assert Settings(frame_origins=(text,)).frame_origins == (text,)
+        accepted = True
+    except ValueError:
+        accepted = False
+    assert accepted == allowed

@@ -12,6 +12,7 @@ from gateway.state import database as module
 from gateway.state.database import Database
 from gateway.state.errors import StateError
 from gateway.state.schema import MIGRATIONS
+from tests.support.locks import refuse_locks
 
 
 def made(path: Path) -> Path:
@@ -122,6 +123,24 @@ def test_rejects_a_file_in_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         Database(tmp_path / "state")
     first.close()
     Database(tmp_path / "state").close()
+
+
+def test_without_locks_the_file_is_used_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "state")
+    refuse_locks(monkeypatch)
+    other = sqlite3.connect(path)
+    other.execute("BEGIN EXCLUSIVE")  # SQLite takes its locks by another call, which then fails, too
+    database = Database(path)
+    assert not database.is_locked
+    database.connection.execute("CREATE TABLE later (it)")
+    database.close()
+    other.close()
+    monkeypatch.undo()
+    again = Database(path)
+    assert again.is_locked
+    again.connection.execute("SELECT it FROM later")
+    again.close()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
 
 
 def test_rejects_missing_folders_and_directories(tmp_path: Path) -> None:

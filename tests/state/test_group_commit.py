@@ -103,6 +103,16 @@ async def test_changes_of_one_turn_are_one_transaction(kept: Kept) -> None:
     assert kept.state.commits.stats.commits == commits + 1
 
 
+async def test_the_reason_of_a_failure_names_no_path(kept: Kept) -> None:
+    class Full(Slow):
+        def write(self, connection: object, captured: int) -> bool:
+            raise OSError(28, "No space left on device", "/home/robot/scene.state")
+
+    kept.state.commits.add(Full())
+    kept.put("a")
+    assert await kept.state.commits.wait_until_stored() == "No space left on device"
+
+
 async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> None:
     slow = Slow()
     kept.state.commits.add(slow)

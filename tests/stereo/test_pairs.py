@@ -210,7 +210,7 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     assert len(find_pairs(tmp_path, 2, LIMIT)) == 2
     with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
         find_pairs(tmp_path, 1, LIMIT)
-    with pytest.raises(ValueError, match="nowhere is no folder"):
+    with pytest.raises(ValueError, match="nowhere is not a folder"):
         find_pairs(tmp_path / "nowhere", 10, 10_000_000)
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match=r"empty holds no images \(\.png, "):

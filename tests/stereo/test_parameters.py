@@ -70,7 +70,7 @@ def test_types() -> None:
         (fps, float("nan"), "fps: nan is not a finite number"),
         (fps, float("-inf"), "fps: -inf is not a finite number"),
         (NODES["rc_camera"]["exp_control"], 1, "exp_control: 1 is not a string"),
-        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is none of Auto, Manual, HDR"),
+        (NODES["rc_camera"]["exp_control"], "auto", "exp_control: 'auto' is not one of Auto, Manual, HDR"),
     ):
         with pytest.raises(ParameterError) as refusal:
             check_value(spec, value)
@@ -82,7 +82,7 @@ def test_long_values_are_cut_in_messages() -> None:
     for length, shown in ((78, repr("a" * 78)), (79, repr("a" * 79)[:80] + "…")):
         with pytest.raises(ParameterError) as refusal:
             check_value(control, "a" * length)
-        assert f"exp_control: {shown} is none" in str(refusal.value)
+        assert f"exp_control: {shown} is not one" in str(refusal.value)
 
 
 def test_changes_are_counted_and_reset() -> None:

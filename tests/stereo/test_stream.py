@@ -312,7 +312,7 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
 
 
 async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRenderer) -> None:
-    """Their time is no part of a frame's time limit."""
+    """Their time is not part of a frame's time limit."""
     scene, config = table(), StereoConfig(port=0, model=SMALL)
     with pending.announced(("stereo",)):
         async with running(renderer, config, lambda: (scene, 1), None) as camera:

@@ -95,10 +95,11 @@ class GatewayProcess:
 
 
 def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[dict[str, Any]]]:
-    """Return the exit code and the log of a gateway that cannot start."""
+    """Return the exit code of a gateway that cannot start, and its log after the first line."""
     gateway = GatewayProcess(*flags, env=env)
     try:
-        log = gateway.rest_of_log()
+        first, *log = gateway.rest_of_log()
+        assert first["event"].endswith("starts: loading its libraries")
         return gateway.process.wait(SECONDS), log
     finally:
         gateway.kill()

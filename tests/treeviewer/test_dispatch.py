@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from gateway.runtime.kernel_cache import KernelError
+from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
@@ -101,11 +101,11 @@ async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled
     world = World()
     cloud = {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}
     with pending.announced(("formats",)):
-        pending.fail(KernelError("the rendering kernels could not be compiled: no disk"))
+        pending.fail(KernelsDelayed(4))
         world.receive(message({"setgeometry": [{"path": ["a"], "geometry": cloud}]}))
         await until(lambda: world.published)
     ((_, body),) = world.published
-    assert "no disk" in json.dumps(body)
+    assert "kernels that this needs could not be loaded" in json.dumps(body)
     assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
 
 

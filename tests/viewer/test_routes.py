@@ -101,7 +101,7 @@ def decode(data: bytes) -> Any:
 async def test_page_and_assets_are_served_with_caching_headers(world: World) -> None:
     page = await world.http.get("/view")
     assert page.status_code == 200
-    names = [part.split('"')[0] for part in page.text.split('"/view/assets/')[1:]]
+    names = [part.split('"')[0] for part in page.text.split('"view/assets/')[1:]]
     assert len(names) == 2
     for name in names:
         asset = await world.http.get(f"/view/assets/{name}")

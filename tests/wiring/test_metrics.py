@@ -65,6 +65,8 @@ def test_caches(figures: dict[str, float]) -> None:
     assert figures['scenegate_cache_hits_total{cache="scenes"}'] == 3
     assert figures['scenegate_cache_misses_total{cache="scenes"}'] == 1
     assert figures['scenegate_cache_bytes{cache="scenes"}'] > 0
+    assert figures['scenegate_cache_bytes{cache="prepared_meshes"}'] > 0
+    assert figures["scenegate_cache_limit_bytes"] == 1 << 30
 
 
 def test_streams_tree_and_messages(figures: dict[str, float]) -> None:

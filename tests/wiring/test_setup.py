@@ -85,8 +85,6 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
         max_nodes=11,
         max_triangles=13,
         max_image_pixels=17,
-        mesh_cache_mb=19,
-        scene_cache_mb=23,
         keep_failures=None,
     )
     made = await arguments(monkeypatch, render, "RenderService", context)
@@ -94,7 +92,6 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
     assert (config.path, config.look, config.samples, config.background) == ("/draw", "pbr", 4, (1, 2, 3))
     assert (config.depth_format, config.max_pixels) == ("png16", 7777)
     assert (config.max_body_bytes, config.max_inflight_bytes) == (3 * MIB, 5 * MIB)
-    assert (config.mesh_cache_bytes, config.scene_cache_bytes) == (19 * MIB, 23 * MIB)
     assert config.gltf == replace(
         GltfLimits(), max_nodes=11, max_elements=13, max_drawn_elements=13, max_image_pixels=17
     )
@@ -295,15 +292,17 @@ def test_lost_messages_of_lcm() -> None:
 async def test_the_status_bar(contexts: Any) -> None:
     context = contexts()
     context.registry.fail("treeviewer", "no route")
-    context.registry.ready("stereo", figures=lambda: {"clients": 2, "warning": "no node"})
+    context.registry.ready("stereo 1", figures=lambda: {"warning": "no node"})
     context.registry.ready("render")
     status = view.gateway_status(context)
     assert status["interfaces"] == {
-        "treeviewer": {"state": "failed", "problem": "no route"},
-        "stereo": {"state": "ready", "problem": "no node"},
-        "render": {"state": "ready"},
+        "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
+        "stereo 1": {"state": "ready", "problem": "no node", "title": "Stereo camera 1", "documentation": ""},
+        "render": {"state": "ready", "title": "Render server", "documentation": ""},
     }
-    assert status["facts"] == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
+    context.registry.ready("stereo", figures=lambda: {"clients": 2})
+    facts = view.gateway_status(context)["facts"]
+    assert facts == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
     context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
     assert view.gateway_status(context)["facts"][0] == {"name": "simulation", "value": "1.50 s"}
     for lost, warn in ((0, False), (1, True)):

@@ -146,10 +146,24 @@ class AsyncTreeViewer:
         roots: Iterable[str | PathLike[str]] = (),
         geometry: Literal["visual", "collision"] = "visual",
         textures: bool = True,
+        keyframe: str = "",
+        gltf_up: Literal["y", "z", "auto"] = "y",
+        strict: bool = False,
     ) -> AsyncRobot:
         """See ``TreeViewer.robot``."""
         viewer = self._connected_viewer
-        publish = partial(viewer.robot, path, file, joints=joints, roots=roots, geometry=geometry, textures=textures)
+        publish = partial(
+            viewer.robot,
+            path,
+            file,
+            joints=joints,
+            roots=roots,
+            geometry=geometry,
+            textures=textures,
+            keyframe=keyframe,
+            gltf_up=gltf_up,
+            strict=strict,
+        )
         return AsyncRobot(await asyncio.to_thread(publish))
 
     @asynccontextmanager

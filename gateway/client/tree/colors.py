@@ -38,7 +38,7 @@ def rgba(value: ArrayLike) -> list[float]:
             uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
 
     Raises:
-        ValueError: the value is none of these.
+        ValueError: the value is not one of these.
     """
     if value is None:
         raise ValueError("color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not None")

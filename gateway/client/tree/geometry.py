@@ -33,7 +33,7 @@ class Transform:
         """Return a transform from a transform, a translation (3,) or a rigid matrix (4, 4).
 
         Raises:
-            ValueError: the value is none of these.
+            ValueError: the value is not one of these.
         """
         if isinstance(value, Transform):
             return value
@@ -79,7 +79,7 @@ def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
 
 
 def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
-    """Return a field's values as floats. Raises ValueError if their number is none of ``counts``."""
+    """Return a field's values as floats. Raises ValueError if their number is not one of ``counts``."""
     array = np.asarray(values, np.float64)
     if array.ndim != 1 or len(array) not in counts:
         wanted = " or ".join(map(str, counts))
@@ -120,11 +120,19 @@ class Geometry:
     transform: Transform | ArrayLike | None = None
     """Transform from the geometry's frame to the frame of its path; None: identity."""
 
+    def __post_init__(self) -> None:
+        """Check the fields, so that an error points at the line that has them.
+
+        Raises:
+            ValueError: a field is invalid.
+        """
+        self.body()
+
     def body(self) -> dict[str, Any]:
         """Return the protocol's JSON object, with NumPy arrays in place of long lists.
 
         Raises:
-            ValueError: a field is invalid.
+            ValueError: a field is invalid, because an array of the caller has changed.
         """
         body: dict[str, Any] = {"type": self.kind, "color": rgba(self.color)}
         if self.transform is not None:

@@ -39,6 +39,10 @@ class PublishedRobot:
         """Path of the robot. The links are at ``path + (link,)``."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
+        self.notes = robot.notes
+        """Sentences about choices that the reader made."""
+        self.files = tuple(robot.digests)
+        """Files that were read, by path relative to the folder of the robot file, which is first."""
         self._poses = robot.link_poses(self._values)
         """X_robot_link that the viewer shows, (number of links, 4, 4)."""
         changes, images = Changes(), PartImages() if textures else None
@@ -109,11 +113,21 @@ def publish_robot(
     roots: Iterable[str | PathLike[str]],
     geometry: Literal["visual", "collision"],
     textures: bool,
+    keyframe: str,
+    gltf_up: Literal["y", "z", "auto"],
+    strict: bool,
 ) -> PublishedRobot:
     """Read a robot file and publish it. See ``TreeViewer.robot``."""
     from gateway.robots.reader import read_robot
 
-    robot = read_robot(FilePath(file), roots=[FilePath(root) for root in roots], geometry=geometry)
+    robot = read_robot(
+        FilePath(file),
+        roots=[FilePath(root) for root in roots],
+        geometry=geometry,
+        keyframe=keyframe,
+        gltf_up=gltf_up,
+        strict=strict,
+    )
     return PublishedRobot(viewer, path_of(path), robot, joints, textures)
 
 

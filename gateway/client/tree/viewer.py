@@ -154,7 +154,7 @@ class TreeViewer:
 
         Raises:
             TreeViewerError: the viewer sends no clicks, or a limit is reached.
-            TypeError: the callback is no function, or a coroutine.
+            TypeError: the callback is not a function, or is a coroutine.
         """
         remove = self._clicks.add(path_of(path), callback)
         try:
@@ -204,24 +204,30 @@ class TreeViewer:
         roots: Iterable[str | PathLike[str]] = (),
         geometry: Literal["visual", "collision"] = "visual",
         textures: bool = True,
+        keyframe: str = "",
+        gltf_up: Literal["y", "z", "auto"] = "y",
+        strict: bool = False,
     ) -> PublishedRobot:
         """Publish a robot file in place of everything at and below a path. Each link is below it, by name.
 
         Args:
             path: Path of the robot: ``"panda"``.
-            file: URDF, or MJCF with the extra ``scenegate[robots]``, on this machine.
+            file: URDF, SDF, or MJCF and xacro with the extra ``scenegate[robots]``, on this machine.
             joints: Values in radians or metres, by joint name. Other joints have the values of the file.
             roots: Folders with the packages of ``package://`` names.
             geometry: Geometry of the links to publish.
             textures: False: meshes have the mean colours of their textures, and no vertex colours. Viewers other than
                 Scenegate reject meshes with textures or vertex colours.
+            keyframe: Keyframe of an MJCF file, which has the joints' values.
+            gltf_up: Up axis of the glTF meshes of a URDF or SDF file; ``auto``: what fits the collision geometry.
+            strict: True: refuse a file of which something cannot be drawn. False: the result has ``warnings``.
 
         Raises:
             ValueError: the file cannot be used, or a joint or its value is invalid.
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
-        return publish_robot(self, path, file, joints or {}, roots, geometry, textures)
+        return publish_robot(self, path, file, joints or {}, roots, geometry, textures, keyframe, gltf_up, strict)
 
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.

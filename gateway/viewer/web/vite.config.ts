@@ -1,7 +1,10 @@
 import { defineConfig } from "vite";
 
 export default defineConfig({
-  base: "/view/",
+  // The page is /view, perhaps below a path prefix that only a proxy knows: all of its addresses are relative to it.
+  experimental: {
+    renderBuiltUrl: (file, { hostType }) => (hostType === "html" ? `view/${file}` : { relative: true }),
+  },
   build: {
     outDir: "../static",
     emptyOutDir: true,

@@ -28,8 +28,6 @@ from renderers.shading.studio.layout import SHADOW_MAP
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
-MAX_MAP_BYTES: Final = 128 << 20
-"""Maximum number of bytes of cached maps: eight of 2048 x 2048 texels, four lights of two scenes."""
 MAPS_PER_SCENE: Final = 8
 """Maximum number of cached maps per scene: two steps of the fit for each of four lights."""
 MAX_CUT_OUT_LAYERS: Final = 8
@@ -64,7 +62,7 @@ class ShadowMap:
     """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); 0: no caster."""
 
 
-_maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
+_maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache("shadow_maps", weak=True)
 """Maps by scene, the newest first."""
 
 

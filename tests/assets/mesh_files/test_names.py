@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
+from gateway.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.assets.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import PointCloud, Surface
+from renderers.cache import CacheBudget
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
 
 
@@ -108,7 +109,7 @@ def test_cache_is_limited_in_bytes(root: Path) -> None:
     one = MeshFiles([root])
     one.load("0.obj")
     size = one.cache.nbytes
-    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size))
+    files = MeshFiles([root], caches=CacheBudget(2 * size))
     kept = [files.load(f"{index}.obj")[0].shape for index in range(4)]
     assert files.cache.nbytes == 2 * size
     assert files.load("3.obj")[0].shape is kept[3]

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core import caching
 from numba.core import config as numba_config
 
 import renderers.raster
 import renderers.stereo.errors  # noqa: F401 - they define kernels
 from renderers.compiler import cache_folder as kernel_cache
-from renderers.compiler.cache_locator import CACHED, KernelCacheLocator, cached_njit, folder_of
+from renderers.compiler.cache_locator import CACHED, cached_njit, folder_of
 
 ROOT = Path(__file__).parents[3]
 config: Any = numba_config
@@ -54,18 +53,6 @@ def test_functions_of_other_packages_keep_numbas_cache_folder(tmp_path: Path, mo
 
 def _other(x: int) -> int:
     return x + 1
-
-
-def test_numba_internals_in_use() -> None:
-    """The setting, the base class with the constructor and the methods that are overridden, the default list."""
-    assert isinstance(config.CACHE_LOCATOR_CLASSES, str)
-    base: Any = caching.UserProvidedCacheLocator
-    assert issubclass(KernelCacheLocator, base)
-    for name in ("from_function", "get_cache_path", "get_source_stamp", "get_disambiguator", "ensure_cache_path"):
-        assert callable(getattr(base, name))
-    names = [each.__name__ for each in caching.CacheImpl._locator_classes]  # noqa: SLF001 - the locator uses it
-    assert "UserProvidedCacheLocator" in names
-    assert all(hasattr(caching, name) for name in names)
 
 
 PROGRAM = """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -118,3 +120,22 @@ def test_a_translucent_surface_on_an_opaque_one_is_blended_over_it_in_any_order(
                 images.append(frame.color.copy())
         np.testing.assert_array_equal(images[0], images[1])
         assert (images[0][VIEW.height // 2, VIEW.width // 2] == (128, 0, 128)).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_coplanar_fronts_and_backs(seed: int) -> None:
+    """Colour culls back faces, labels do not: drawn together, fronts come before backs, and still the last wins."""
+    rng = np.random.default_rng(seed)
+    instances = tuple(
+        replace(instance, mesh=replace(instance.mesh, elements=instance.mesh.elements[:, ::-1].copy()))
+        if rng.random() < 0.5
+        else instance
+        for instance in plates(rng).instances
+    )
+    scene = DrawList(instances)
+    with (
+        RENDERER.visibility(scene, VIEW) as seen,
+        RENDERER.render(scene, VIEW, Output.COLOR | Output.INSTANCE, Look()) as frame,
+    ):
+        first = np.searchsorted(seen.first_ids, seen.ids, side="right") - 1
+        np.testing.assert_array_equal(frame.instance, np.where(seen.ids >= 0, first, -1))

@@ -7,6 +7,7 @@ in float32, may differ from it by one level of 255.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,12 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.color import srgb_colors_from_linear, srgb_values_from_linear
-from renderers.drawlist import DrawList, Instance, Material, Sampler, Texture, Wrap
+from renderers.drawlist import DrawList, Image, Instance, Material, Sampler, Texture, Wrap
 from renderers.interface import VTK_LOOKS, Look
 from renderers.shading.mikktspace import with_tangents
 from renderers.visibility_buffer import Visibility
 
 Array = NDArray[np.float64]
-TEXELS: dict[Any, Array] = {}
-"""Decoded images as float64 0 .. 1, by image and colour space."""
 
 
 def shaded(scene: DrawList, visible: Visibility, camera: Camera, look: Look) -> NDArray[np.int64]:
@@ -62,8 +61,8 @@ def reference_material(material: Material, look: str) -> Material:
             emissive=material.emissive if material.emissive_texture else (0.0, 0.0, 0.0),
         )
     if look == "plain":
-        encoded = srgb_values_from_linear(np.array(material.base_color[:3]))
-        material = replace(material, base_color=(*map(float, encoded), material.base_color[3]))
+        red, green, blue = srgb_values_from_linear(np.array(material.base_color[:3])).tolist()
+        material = replace(material, base_color=(red, green, blue, material.base_color[3]))
     if look in ("phong", "plain"):
         material = replace(material, normal_texture=None)
     return material
@@ -222,7 +221,8 @@ def reflected(n: Array, v: Array, base: Array, metallic: Array, roughness: Array
     h = unit(v + l)
 
     def cosine(a: Array, b: Array) -> Array:
-        return np.clip((a * b).sum(axis=-1, keepdims=True), 1e-5, 1.0)
+        limited: Array = np.clip((a * b).sum(axis=-1, keepdims=True), 1e-5, 1.0)
+        return limited
 
     n_l, n_v, n_h, h_l = cosine(n, l), cosine(n, v), cosine(n, h), cosine(h, l)
     alpha2 = (0.05 + 0.95 * roughness) ** 4
@@ -231,12 +231,13 @@ def reflected(n: Array, v: Array, base: Array, metallic: Array, roughness: Array
     f0 = 0.04 * (1.0 - metallic) + base * metallic
     f90 = np.clip(16.5 * f0.sum(axis=1, keepdims=True), 0.0, 1.0)
     F = f0 + (f90 - f0) * (1.0 - h_l) ** 5
-    return ((1.0 - F) * (1.0 - metallic) / np.pi * base + F * D * V) * n_l
+    radiance: Array = ((1.0 - F) * (1.0 - metallic) / np.pi * base + F * D * V) * n_l
+    return radiance
 
 
 def sample(texture: Texture, uv: Array, srgb: bool) -> Array:
     """Return RGBA of the largest mip level at (n, 2) coordinates, (n, 4); colours are decoded before they are mixed."""
-    texels = texels_of(texture, srgb)
+    texels = texels_of(texture.image, srgb)
     height, width = texels.shape[:2]
     if texture.uv_transform is not None:
         matrix = np.array(texture.uv_transform, np.float64).reshape(2, 3)
@@ -254,21 +255,21 @@ def sample(texture: Texture, uv: Array, srgb: bool) -> Array:
     s, t = (x - 0.5 - left)[:, None], (y - 0.5 - upper)[:, None]
     above = texel(left, upper) * (1.0 - s) + texel(left + 1, upper) * s
     below = texel(left, upper + 1) * (1.0 - s) + texel(left + 1, upper + 1) * s
-    return above * (1.0 - t) + below * t
+    mixed: Array = above * (1.0 - t) + below * t
+    return mixed
 
 
 def srgb_to_linear(c: Array) -> Array:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def texels_of(texture: Texture, srgb: bool) -> Array:
-    """Return the texels of a texture, (H, W, 4) of 0 .. 1."""
-    if (texture.image, srgb) not in TEXELS:
-        texels = texture.image.decode() / 255.0
-        if srgb:
-            texels[..., :3] = srgb_to_linear(texels[..., :3])
-        TEXELS[texture.image, srgb] = texels
-    return TEXELS[texture.image, srgb]
+@lru_cache(maxsize=64)
+def texels_of(image: Image, srgb: bool) -> Array:
+    """Return the texels of an image, (H, W, 4) of 0 .. 1."""
+    texels: Array = image.decode() / 255.0
+    if srgb:
+        texels[..., :3] = srgb_to_linear(texels[..., :3])
+    return texels
 
 
 def near_origin(coordinates: Array, wrap: Wrap) -> Array:

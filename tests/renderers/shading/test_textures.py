@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
+from renderers.color import srgb_values_from_linear
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
@@ -23,13 +24,14 @@ from tests.support.waiting import SECONDS
 
 TEXELS = np.random.default_rng(3).integers(0, 256, (5, 3, 4)).astype(np.uint8)
 TEXELS[..., 3] = 255
+CORNERS = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
+"""Texture coordinates of the corners of a square."""
 
 
 def square(width: int, height: int) -> tuple[Mesh, Camera]:
     """Return a square with texture coordinates 0 .. 1, and the camera whose image it fills."""
     corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
-    uv = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
-    mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)
+    mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, CORNERS)
     return mesh, Camera(width, height, width, height, width / 2, height / 2, 0.05, 100.0, np.eye(4))
 
 
@@ -59,7 +61,7 @@ def test_sampling_matches_the_reference(size: tuple[int, int], linear: bool, loo
             for uv_transform in (None, (0.5, -1.5, 0.2, 2.0, 0.25, -0.1)):
                 sampler = Sampler(wrap_s, wrap_t, linear, linear, mipmaps=False)
                 texture = Texture(image, sampler, uv_transform=uv_transform)
-                uv = (rng.uniform(-4, 4, 2) + mesh.uv0 @ rng.uniform(-3, 3, (2, 2))).astype(np.float32)
+                uv = (rng.uniform(-4, 4, 2) + CORNERS @ rng.uniform(-3, 3, (2, 2))).astype(np.float32)
                 material = Material(base_color_texture=texture, unlit=True, double_sided=True)
                 scene = DrawList((Instance(replace(mesh, uv0=uv), material, np.eye(4)),))
                 # Exactly between two texels, either is right.
@@ -144,6 +146,8 @@ def test_encoded_bytes_are_exact(end: float) -> None:
     assert (np.abs(color - 255 * linear ** (1 / 2.2)) <= 0.5 + 2e-3).all()
     color = drawn(replace(mesh, colors=colors), Material(), view, "phong")
     assert (np.abs(color - 255 * linear) <= 0.5 + 1e-3).all()
+    color = drawn(replace(mesh, colors=colors), Material(), view, "studio")
+    assert (np.abs(color - 255 * srgb_values_from_linear(linear)) <= 0.5 + 2e-3).all()
 
 
 def test_vertex_colors_decoded_as_by_vtk_are_exact() -> None:
@@ -155,7 +159,7 @@ def test_vertex_colors_decoded_as_by_vtk_are_exact() -> None:
     assert (color[..., 1:] == (255, 0)).all()
 
 
-@pytest.mark.parametrize("look", ["phong", "gltf"])
+@pytest.mark.parametrize("look", ["phong", "gltf", "studio"])
 @pytest.mark.parametrize(
     ("value", "byte"),
     [(0.0, 0), (-0.0, 0), (1.0, 255), (np.nan, 0), (-1.0, 0), (-np.inf, 0), (7.0, 255), (np.inf, 255), (1e-40, 0)],

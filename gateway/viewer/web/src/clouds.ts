@@ -25,7 +25,7 @@ export async function colorCloud({ id, position }: MeshPayload, look: CloudLook)
   let stride = 3;
   if (axis < 0) {
     const [name = "", component = "0"] = look.by.split(/:(?=\d+$)/);
-    const response = await fetch(`/view/channel/${id}?name=${encodeURIComponent(name)}`);
+    const response = await fetch(`view/channel/${id}?name=${encodeURIComponent(name)}`);
     if (!response.ok) return null;
     values = new Float32Array(await response.arrayBuffer());
     stride = Math.max(1, Math.round((3 * values.length) / position.length));

@@ -37,8 +37,7 @@ export class Connection {
   }
 
   private open(): void {
-    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(`${scheme}//${location.host}/view/ws`);
+    const socket = new WebSocket(new URL("view/ws", location.href.replace(/^http/, "ws")));
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.onState("open", "");
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {

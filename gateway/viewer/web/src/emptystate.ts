@@ -55,7 +55,7 @@ export class EmptyState {
 
   /** Use the hub of this gateway in the code. Without a required token, `/healthz` does not have it; the default then stays. */
   private async findHub(): Promise<void> {
-    const response = await fetch("/healthz").catch(() => null);
+    const response = await fetch("healthz").catch(() => null);
     if (!response?.ok) return;
     const { interfaces } = (await response.json()) as { interfaces?: { treeviewer?: { tcpq?: { url?: string } } } };
     const url = interfaces?.treeviewer?.tcpq?.url;

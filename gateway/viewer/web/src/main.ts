@@ -101,7 +101,7 @@ const bar = toolbar(
       setTheme(name);
     },
     snapshot: () => void snapshot(),
-    file: () => `/scene.glb?${viewQuery()}`,
+    file: () => `scene.glb?${viewQuery()}`,
   },
   chosen,
 );
@@ -287,7 +287,7 @@ function viewQuery(): URLSearchParams {
 }
 
 async function snapshot(): Promise<void> {
-  const response = await fetch(`/scene/render?${viewQuery()}`).catch(() => null);
+  const response = await fetch(`scene/render?${viewQuery()}`).catch(() => null);
   if (!response?.ok) {
     showHint(response ? await response.text() : "The gateway does not respond.", "foot");
     return;

@@ -216,7 +216,7 @@ export class Materials {
     const key = JSON.stringify(use) + colorSpace;
     let threeTexture = this.textures.get(key);
     if (!threeTexture) {
-      threeTexture = this.load(`/view/image/${use.image}`);
+      threeTexture = this.load(`view/image/${use.image}`);
       threeTexture.colorSpace = colorSpace;
       threeTexture.flipY = false; // glTF: (0, 0) is the top-left corner
       threeTexture.wrapS = WRAP[use.wrap[0]] ?? RepeatWrapping;

@@ -2,7 +2,7 @@
 
 import { h, short } from "./dom";
 
-const BASE = "/api/v2/pipelines/0/nodes";
+const BASE = "api/v2/pipelines/0/nodes";
 const NODES = { rc_camera: "Camera", rc_stereomatching: "Stereo matching", rc_iocontrol: "Outputs" };
 const WITHOUT_EFFECT = " (kept, but without effect on this synthetic camera)";
 

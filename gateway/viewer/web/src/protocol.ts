@@ -105,7 +105,7 @@ export interface Forget {
 
 export interface Status {
   kind: "status";
-  interfaces?: Record<string, { state: string; problem?: string }>;
+  interfaces?: Record<string, { state: string; title: string; documentation: string; problem?: string }>;
   facts?: { name: string; value: string | number; warn?: boolean }[];
   /** Number of render requests so far. */
   renders?: number;

@@ -59,7 +59,7 @@ export class RendersPanel {
     const { known } = this;
     if (!this.active || known === 0 || known === this.last) return;
     this.last = known;
-    const response = await fetch("/view/renders").catch(() => null);
+    const response = await fetch("view/renders").catch(() => null);
     if (!response?.ok) {
       this.last = -1; // the next status message downloads it again
       return;
@@ -71,7 +71,7 @@ export class RendersPanel {
 
   private item(render: Render): HTMLElement {
     const time = new Date(render.when * 1000).toLocaleTimeString();
-    const full = `/view/renders/${render.id}.png`;
+    const full = `view/renders/${render.id}.png`;
     const image = render.image
       ? h(
           "button",

@@ -64,7 +64,7 @@ export class SensorsPanel {
   private open(name: Name): void {
     this.full = name;
     this.poll();
-    const source = () => `/view/sensor/${name}.jpg?frame=${this.number}`;
+    const source = () => `view/sensor/${name}.jpg?frame=${this.number}`;
     this.lightbox.open(`${IMAGES[name]}, stereo camera`, source, `${name}.jpg`);
   }
 
@@ -76,7 +76,7 @@ export class SensorsPanel {
   private async request(): Promise<void> {
     this.requesting = true;
     try {
-      const response = await fetch("/view/sensor");
+      const response = await fetch("view/sensor");
       if (response.status === 200) {
         await this.show((await response.json()) as SensorState);
         this.say("", true);
@@ -104,7 +104,7 @@ export class SensorsPanel {
     for (const [name, caption] of this.captions) caption.textContent = state.captions[name] ?? "";
     if (state.number === this.number) return;
     this.number = state.number;
-    const loading = [...this.images].map(([name, image]) => load(image, `/view/sensor/${name}.jpg?width=320&frame=${state.number}`));
+    const loading = [...this.images].map(([name, image]) => load(image, `view/sensor/${name}.jpg?width=320&frame=${state.number}`));
     if (this.full && this.lightbox.isOpen) this.lightbox.refresh();
     await Promise.allSettled(loading);
   }

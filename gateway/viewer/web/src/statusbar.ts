@@ -36,8 +36,12 @@ export class StatusBar {
 
   show(status: Status): void {
     this.interfaces.replaceChildren(
-      ...Object.entries(status.interfaces ?? {}).map(([name, { state, problem }]) =>
-        h("span", { class: `light ${LIGHTS[state] ?? ""}`, title: problem ? `${state}: ${problem}` : state }, name),
+      ...Object.values(status.interfaces ?? {}).map(({ state, title, documentation, problem }) =>
+        h(
+          "span",
+          { class: `light ${LIGHTS[state] ?? ""}`, title: problem ? `${state}: ${problem}` : state },
+          documentation ? h("a", { href: documentation, target: "_blank", rel: "noreferrer" }, title) : title,
+        ),
       ),
     );
     this.facts.replaceChildren(

@@ -28,7 +28,7 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
   const right = button("panel", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
   const file = h(
     "a",
-    { class: "button", href: "/scene.glb", download: "scene.glb", title: "The scene as .glb, with this view as its camera" },
+    { class: "button", href: "scene.glb", download: "scene.glb", title: "The scene as .glb, with this view as its camera" },
     icon("download"),
     h("span", { class: "word" }, ".glb"),
   );
@@ -51,7 +51,7 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
     ),
     file,
   );
-  const brand = h("a", { class: "brand", href: "/", title: "All interfaces of this gateway" }, icon("cube"), h("span", { class: "word" }, "Scenegate"));
+  const brand = h("a", { class: "brand", href: "./", title: "All interfaces of this gateway" }, icon("cube"), h("span", { class: "word" }, "Scenegate"));
   const element = h("div", { class: "bar" }, left, brand, tools, right, menu.element);
   return { element, left, right, setGrid: menu.setGrid };
 }

@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
-from renderers.compiler.pointers import address_of
 from renderers.drawlist import Image, ImageError, Mesh, Texture
 from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.shading.mipmaps import halve, make_chain
-from renderers.shading.studio.layout import OUTPUT, channel_values
-from renderers.shading.studio.tone_mapping import SRGB_CELLS, write_image_rows
 from renderers.shading.texture_table import TextureTable
 from tests.renderers.shading.reference import ball
 from tests.renderers.shading.studio import reference as ref
@@ -65,17 +62,6 @@ def test_writable_and_read_only_images_share_one_compiled_signature() -> None:
         make_chain(pixels, True)
         assert pixels.flags.writeable is writable
     assert len(halve.signatures) == 1  # another one would be compiled while serving
-
-
-def test_every_level_of_srgb() -> None:
-    values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
-    accumulated = np.ones((1, 4, channel_values(len(values))), np.float32)
-    accumulated[0, :3, : len(values)] = values
-    color = np.zeros((1, len(values), 3), np.uint8)
-    output = np.zeros(1, OUTPUT.dtype)
-    output["srgb_cells"], output["color"] = address_of(SRGB_CELLS, np.int32), address_of(color, np.uint8)
-    write_image_rows(address_of(accumulated, np.float32), address_of(output, OUTPUT.dtype), len(values), 0, 1)
-    assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 
 def tangents_of(uv: np.ndarray) -> np.ndarray:

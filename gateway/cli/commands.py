@@ -65,8 +65,8 @@ for command in (render, stream, publish, record, play, doctor, warmup):
 app.add_typer(dataset.app, name="dataset")
 
 
-def main() -> None:
-    """Run the command; the console script calls this."""
+def run() -> None:
+    """Run the command. Every expected error is one sentence without a traceback."""
     try:
         app()
     except (OSError, ValueError, RuntimeError, ImportError) as error:

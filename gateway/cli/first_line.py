@@ -1,0 +1,64 @@
+"""The first line of ``scenegate serve``, written before any library is imported.
+
+On a slow disk and a busy machine, imports take ten seconds. This module imports only small modules of the standard
+library, so it reads the two settings that it needs by itself; ``gateway.settings`` checks them later.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any, Final
+
+from gateway import __version__
+
+BEGIN: Final = time.perf_counter()
+"""Time of the start of the command."""
+
+
+def write(arguments: Sequence[str]) -> None:
+    """Write the line to stderr in the format of the log, if the arguments start a server that logs at this level."""
+    if list(arguments[:1]) != ["serve"] or any(each.startswith("--help") for each in arguments):
+        return
+    if _setting("log_level", arguments) not in (None, "debug", "info"):
+        return
+    event = f"Scenegate {__version__} starts: loading its libraries"
+    log_format = _setting("log_format", arguments)
+    if log_format == "human" or (log_format != "json" and sys.stderr.isatty()):
+        line = f"{time.strftime('%H:%M:%S')} [info     ] {event} ..."
+    else:
+        now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        line = json.dumps({"event": event, "level": "info", "logger": "gateway", "timestamp": now})
+    print(line, file=sys.stderr, flush=True)  # noqa: T201 - the log is not configured yet
+
+
+def _setting(name: str, arguments: Sequence[str]) -> Any:
+    """Return a setting from the flags, the environment or the TOML file; None if none of them has it."""
+    from_environment = os.environ.get(f"SCENEGATE_{name.upper()}")
+    return _flag(f"--{name.replace('_', '-')}", arguments) or from_environment or _from_file(name, arguments)
+
+
+def _flag(flag: str, arguments: Sequence[str]) -> str | None:
+    for argument, following in zip(arguments, (*arguments[1:], None), strict=True):
+        if argument == flag:
+            return following
+        if argument.startswith(f"{flag}="):
+            return argument.partition("=")[2]
+    return None
+
+
+def _from_file(name: str, arguments: Sequence[str]) -> Any:
+    path = _flag("--config", arguments) or os.environ.get("SCENEGATE_CONFIG")
+    if not path:
+        return None
+    import tomllib
+
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123 - pathlib would be imported for this alone
+            values = tomllib.load(file)
+    except (OSError, ValueError):  # reported when the settings are loaded
+        return None
+    return values.get(name, values.get(name.replace("_", "-")))

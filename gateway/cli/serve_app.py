@@ -1,0 +1,51 @@
+"""Serve one application in this process, for ``scenegate serve`` and for each process of ``--workers``."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import structlog
+import uvloop
+
+from gateway.runtime import process_tuning
+from gateway.server import http_server
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from gateway.wiring.context import Context
+
+
+def serve_app(app: FastAPI, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
+    """Serve an application until a signal; return the exit code: 0, or another one if it could not start.
+
+    Args:
+        tls: PEM files of certificate and key; None: plain HTTP.
+    """
+    context: Context = app.state.context
+    seconds = context.settings.shutdown_seconds
+
+    def begin_shutdown() -> None:
+        log = structlog.get_logger("gateway")
+        log.info("Scenegate stops; requests that it has accepted may finish", seconds=seconds)
+        context.begin_shutdown()
+
+    config = http_server.server_config(app, seconds, lifespan=True, tls=tls)
+    server = http_server.MainServer(config, begin_shutdown)
+    fatal = False
+
+    def stop_with_error() -> None:
+        nonlocal fatal
+        fatal = server.should_exit = True
+
+    app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
+    context.on_started = process_tuning.freeze_gc
+    context.on_fatal = stop_with_error
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(server.serve(sockets=[listener]))
+    if fatal:
+        return 1
+    return 0 if server.started else 3

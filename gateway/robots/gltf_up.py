@@ -1,0 +1,45 @@
+"""Chooses the up axis of a robot's glTF meshes by its collision geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from gateway.scene.bounds import Bounds, instance_bounds
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Part
+from gateway.scene.tree import Node
+
+RobotGltfUp: TypeAlias = Literal["y", "z", "auto"]
+"""Up axis of a robot's glTF meshes: ``y`` by the specification, as in Drake and RViz 2; ``auto``: see ``nearer_up``."""
+
+LinkParts: TypeAlias = Sequence[tuple[Part, ...]]
+"""Parts of each link, in the link's frame."""
+
+
+def nearer_up(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> Literal["y", "z"]:
+    """Return the up axis for which the visual geometry's bounds are nearer to those of the collision geometry.
+
+    The difference of two boxes is the sum of their corners' differences. Links without collision geometry do not count.
+
+    Args:
+        y_up, z_up: Visual geometry of all links for either axis.
+        collision: Collision geometry of all links.
+    """
+    differences = {"y": 0.0, "z": 0.0}
+    for y_parts, z_parts, collision_parts in zip(y_up, z_up, collision, strict=True):
+        expected = _bounds(collision_parts)
+        y_box, z_box = _bounds(y_parts), _bounds(z_parts)
+        if expected is not None and y_box is not None and z_box is not None:
+            differences["y"] += float(np.abs(y_box - expected).sum())
+            differences["z"] += float(np.abs(z_box - expected).sum())
+    return "z" if differences["z"] < differences["y"] else "y"
+
+
+def _bounds(parts: tuple[Part, ...]) -> Bounds | None:
+    boxes = [box for box in instance_bounds(flatten(Node(parts)).instances) if box is not None]
+    if not boxes:
+        return None
+    return np.array((np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)))

@@ -1,0 +1,115 @@
+"""Parses the visual or collision geometry of SDF links."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.robots.robot import GeometryUse
+from gateway.robots.sdf_frames import read_pose
+from gateway.robots.shapes import read_shape
+from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfShape
+from gateway.robots.xml_text import Element, InvalidAttributeError, numbers, with_attributes
+from gateway.scene.geometry import Box
+from gateway.scene.transforms import IDENTITY
+
+_GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
+    "Black": (0.0, 0.0, 0.0),
+    "Blue": (0.0, 0.0, 1.0),
+    "DarkGrey": (0.175, 0.175, 0.175),
+    "Green": (0.0, 1.0, 0.0),
+    "Grey": (0.7, 0.7, 0.7),
+    "Orange": (1.0, 0.5088, 0.0468),
+    "Purple": (1.0, 0.0, 1.0),
+    "Red": (1.0, 0.0, 0.0),
+    "Turquoise": (0.0, 1.0, 1.0),
+    "White": (1.0, 1.0, 1.0),
+    "Yellow": (1.0, 1.0, 0.0),
+}
+"""Diffuse colours of Gazebo's material scripts, which are named ``Gazebo/Red``."""
+
+
+def read_geometries(
+    link: Element, name: str, use: GeometryUse, X_link: Callable[[str], NDArray[np.float64]], warnings: list[str]
+) -> tuple[UrdfGeometry, ...]:
+    """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
+
+    Args:
+        X_link: Returns the (4, 4) pose of a frame of the model in the link's frame, by its name.
+    """
+    geometries = []
+    for element in link.findall(use):
+        where = f"link {name!r}, {use}"
+        X, relative_to = read_pose(element, where, warnings)
+        if relative_to:
+            X = X_link(relative_to) @ X
+        try:
+            shape, X_shape = _shape(element.find("geometry"), where, warnings)
+        except InvalidAttributeError as error:
+            warnings.append(f"{where}: {error}; it is not shown")
+            continue
+        geometries.append(UrdfGeometry(shape, X @ X_shape, _material(element, where, warnings)))
+    return tuple(geometries)
+
+
+def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[UrdfShape, NDArray[np.float64]]:
+    """Return a shape and its pose in the geometry's frame; raises InvalidAttributeError if it cannot be drawn."""
+    if geometry is None:
+        raise InvalidAttributeError("it has no shape")
+    plane = geometry.find("plane")
+    if plane is not None:
+        return _plane(plane, where, warnings)
+    if geometry.find("mesh/submesh") is not None:
+        warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
+    as_urdf = Element("geometry")
+    as_urdf.extend(_with_filename(with_attributes(shape)) for shape in geometry)
+    return read_shape(as_urdf, where, warnings), IDENTITY
+
+
+def _with_filename(shape: Element) -> Element:
+    """Return a shape with the ``uri`` of a mesh under the name that URDF has for it."""
+    if "uri" in shape.attrib:
+        shape.set("filename", shape.attrib["uri"])
+    return shape
+
+
+def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:
+    """Return a plane as a sheet, and the rotation of its z axis to the normal, (4, 4)."""
+    texts = with_attributes(plane)
+    width, height = numbers(texts, "size", (1.0, 1.0), where, warnings)
+    normal = np.array(numbers(texts, "normal", (0.0, 0.0, 1.0), where, warnings))
+    length = float(np.linalg.norm(normal))
+    if min(width, height) <= 0.0 or not 0.0 < length < np.inf:
+        raise InvalidAttributeError("size and normal of <plane> must be above 0")
+    z = normal / length
+    x = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.9 else (0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    return Box((width, height, 0.0)), X
+
+
+def _material(element: Element, where: str, warnings: list[str]) -> UrdfMaterial | None:
+    material = element.find("material")
+    if material is None:
+        return None
+    texture = (material.findtext("pbr/metal/albedo_map") or "").strip() or None
+    texts = with_attributes(material)
+    for name in ("diffuse", "ambient"):
+        if name in texts.attrib:
+            default = (1.0, 1.0, 1.0, 1.0)
+            if len(texts.attrib[name].split()) == 3:
+                texts.set(name, f"{texts.attrib[name]} 1")
+            r, g, b, a = np.clip(numbers(texts, name, default, where, warnings), 0.0, 1.0).tolist()
+            return UrdfMaterial((r, g, b, a), texture)
+    script = (material.findtext("script/name") or "").strip()
+    if not script:
+        return UrdfMaterial(None, texture)
+    color = _GAZEBO_COLORS.get(script.removeprefix("Gazebo/"))
+    if color is None:
+        warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
+        return UrdfMaterial(None, texture)
+    return UrdfMaterial((*color, 1.0), texture)

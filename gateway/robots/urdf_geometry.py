@@ -1,0 +1,105 @@
+"""Parses the visual or collision geometry of URDF: shapes, poses and materials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from gateway.robots.robot import GeometryUse
+from gateway.robots.shapes import read_shape
+from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial
+from gateway.robots.xml_text import (
+    Element,
+    InvalidAttributeError,
+    attribute,
+    finite_numbers,
+    numbers,
+    origin,
+)
+
+_LARGEST_UNIT_COLOR: Final = 2.0
+"""Colours with a larger number have the range 0 to 255."""
+_ROUNDING: Final = 1e-3
+"""Colours beyond 0 or 1 by less than this are clamped without a warning."""
+
+
+class UrdfGeometryReader:
+    """Reads the geometry of links."""
+
+    def __init__(self, root: Element, use: GeometryUse, warnings: list[str]) -> None:
+        """
+        Args:
+            root: Root element, which has materials that geometry refers to by name.
+            use: Geometry to read.
+            warnings: Warnings are appended to this list.
+        """
+        self._use = use
+        self._warnings = warnings
+        self._materials = dict(self._named_materials(root)) if use == "visual" else {}
+
+    def geometries(self, link: Element, name: str) -> tuple[UrdfGeometry, ...]:
+        """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning."""
+        where = f"link {name!r}, {self._use}"
+        geometries = []
+        for element in link.findall(self._use):
+            try:
+                shape = read_shape(element.find("geometry"), where, self._warnings)
+            except InvalidAttributeError as error:
+                self._warnings.append(f"{where}: {error}; it is not shown")
+                continue
+            X = origin(element, where, self._warnings)
+            geometries.append(UrdfGeometry(shape, X, self._material_of(element, where)))
+        return tuple(geometries)
+
+    def _named_materials(self, root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
+        """Yield name and material of each named material with a colour or texture: those of links, then the robot's.
+
+        A later material overrides an earlier one with the same name.
+        """
+        for element in (*root.findall("link/visual/material"), *root.findall("material")):
+            if name := element.get("name"):
+                material = self._material(element, f"material {name!r}")
+                if material.rgba is not None or material.texture is not None:
+                    yield name, material
+
+    def _material_of(self, element: Element, where: str) -> UrdfMaterial | None:
+        material_element = element.find("material")
+        if material_element is None or self._use == "collision":
+            return None
+        name = material_element.get("name")
+        material = self._material(material_element, f"material {name!r}" if name else where)
+        if material.rgba is None and material.texture is None:
+            return self._materials.get(name or "")
+        return material
+
+    def _material(self, element: Element, where: str) -> UrdfMaterial:
+        color, texture = element.find("color"), element.find("texture")
+        rgba = None if color is None else self._rgba(color, where)
+        return UrdfMaterial(rgba, attribute(texture, "filename") or None)
+
+    def _rgba(self, color: Element, where: str) -> tuple[float, float, float, float]:
+        """Return sRGB and opacity, 0 to 1. Without an opacity, it is 1."""
+        values: tuple[float, ...] = finite_numbers(color.get("rgba", ""))
+        if len(values) == 3:
+            self._warnings.append(f"{where}: rgba={color.get('rgba')!r} has no opacity, 1 is used")
+            values = (*values, 1.0)
+        else:
+            values = numbers(color, "rgba", (1.0, 1.0, 1.0, 1.0), where, self._warnings)
+        r, g, b, a = values
+        scaled = [*_unit_range((r, g, b)), *_unit_range((a,))]
+        if scaled != list(values):
+            how = "read as 0 to 255" if max(values) > _LARGEST_UNIT_COLOR else "clamped to 0 to 1"
+            self._warnings.append(f"{where}: rgba={color.get('rgba')!r} is {how}")
+        r, g, b, a = np.clip(scaled, 0.0, 1.0).tolist()
+        return r, g, b, a
+
+
+def _unit_range(values: tuple[float, ...]) -> list[float]:
+    """Return numbers from 0 to 1, but for rounding errors. If one is above 2, all are read as 0 to 255."""
+    divisor = 255.0 if max(values) > _LARGEST_UNIT_COLOR else 1.0
+    return [
+        value if -_ROUNDING <= (value := number / divisor) <= 1.0 + _ROUNDING else min(max(value, 0.0), 1.0)
+        for number in values
+    ]

@@ -1,0 +1,48 @@
+"""Up axis of a robot's glTF meshes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from gateway.robots.reader import read_robot
+from gateway.scene.geometry import Surface
+from tests.gltf.builder import Builder
+from tests.robots.files import link, write
+
+TOWER = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 3)], np.float32)
+"""A tetrahedron that is 3 m high in a file with Z up, and lies in one with Y up."""
+
+
+def robot_with(folder: Path, collision: str) -> Path:
+    document = Builder()
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.uint16)
+    primitive = {"attributes": {"POSITION": document.accessor(TOWER)}, "indices": document.accessor(faces.ravel(), "H")}
+    document.node(mesh=document.mesh(primitive))
+    (folder / "m.gltf").write_bytes(document.text())
+    visual = '<visual><geometry><mesh filename="m.gltf"/></geometry></visual>'
+    return write(folder, link(visual + f"<collision><geometry>{collision}</geometry></collision>"))
+
+
+@pytest.mark.parametrize(
+    ("gltf_up", "collision", "height"),
+    [
+        ("y", '<box size="0.1 0.1 6"/>', 0.1),
+        ("z", '<box size="0.1 6 0.1"/>', 3.0),
+        ("auto", '<box size="0.1 0.1 6"/>', 3.0),
+        ("auto", '<box size="0.1 6 0.1"/>', 0.1),
+    ],
+)
+def test_up_axis(tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: str, height: float) -> None:
+    robot = read_robot(robot_with(tmp_path, collision), gltf_up=gltf_up, strict=True)
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    vertices = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+    assert np.ptp(vertices[:, 2]) == pytest.approx(height)
+    if gltf_up == "auto":
+        assert robot.notes[0].startswith(f"glTF meshes are taken as {'Z' if height == 3.0 else 'Y'} up: their bounds")
+    else:
+        assert robot.notes == ()

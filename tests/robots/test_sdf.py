@@ -1,0 +1,266 @@
+"""SDF: poses, frames, nested and included models, joints, geometry, and files with flaws."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.robots.errors import RobotFileError
+from gateway.robots.reader import read_robot
+from gateway.robots.robot import Robot
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
+from renderers.color import linear_from_srgb
+from tests.robots.files import TRIANGLE, write
+from tests.support.waiting import SECONDS
+
+ARM = """
+<sdf version="1.9"><model name="arm" placement_frame="mount">
+  <pose>9 9 9 0 0 0</pose>
+  <link name="upper">
+    <pose>0.1 0.2 0.3 0.1 0.2 0.3</pose>
+    <visual name="v"><geometry><box><size>1 1 1</size></box></geometry></visual>
+  </link>
+  <link name="lower"><pose relative_to="elbow">0 0 -0.2 0 0 0</pose></link>
+  <frame name="mount" attached_to="upper"><pose>0 0 0.5 0 0.3 0</pose></frame>
+  <joint name="elbow" type="revolute">
+    <pose relative_to="upper">0 0 0.4 0.5 0 0</pose>
+    <parent>upper</parent><child>lower</child>
+    <axis>
+      <xyz expressed_in="__model__">0 1 0.5</xyz>
+      <limit><lower>-1</lower><upper>2</upper></limit>
+    </axis>
+  </joint>
+</model></sdf>
+"""
+ROBOT = """
+<sdf version="1.9"><model name="robot">
+  <pose>1 2 3 0 0 0.5</pose>
+  <link name="base">
+    <visual name="v">
+      <pose relative_to="tip_frame">0 0 1 0 0 0</pose>
+      <geometry><sphere><radius>1</radius></sphere></geometry>
+    </visual>
+  </link>
+  <link name="slider">
+    <pose relative_to="base" rotation_format="quat_xyzw">0 0 1   0.5 0.5 0.5 0.5</pose>
+  </link>
+  <joint name="slide" type="prismatic">
+    <pose degrees="true">0 0 0 90 0 0</pose>
+    <parent>base</parent><child>slider</child><axis><xyz>0 0 2</xyz></axis>
+  </joint>
+  <frame name="tip_frame" attached_to="slider"><pose>0.1 0 0 0 0 0.4</pose></frame>
+  <include>
+    <uri>package://arm/model.sdf</uri><name>left</name>
+    <pose relative_to="tip_frame">0 1 0 0 0 0</pose>
+  </include>
+  <joint name="shoulder" type="ball"><parent>slider</parent><child>left::mount</child></joint>
+  <model name="inner">
+    <pose>0 -2 0 0.2 0 0</pose>
+    <link name="wheel"/>
+    <link name="hub"><pose>0 0 1 0 0 0</pose></link>
+    <joint name="spin" type="revolute">
+      <parent>wheel</parent><child>hub</child><axis><xyz>1 0 0</xyz></axis>
+    </joint>
+  </model>
+  <joint name="weld" type="fixed"><parent>base</parent><child>inner::wheel</child></joint>
+</model></sdf>
+"""
+"""Poses relative to frames, quaternions and degrees, a placement frame, an included and a nested model."""
+
+
+def model(content: str, version: str = "1.9") -> str:
+    return f'<sdf version="{version}"><model name="m">{content}</model></sdf>'
+
+
+def geometry(shape: str, rest: str = "") -> str:
+    return model(f'<link name="a"><visual name="v"><geometry>{shape}</geometry>{rest}</visual></link>')
+
+
+def read(folder: Path, content: str) -> Robot:
+    return read_robot(write(folder, content, "robot.sdf"))
+
+
+def robot_with_arm(folder: Path) -> Path:
+    write(folder, ARM, "arm/model.sdf")
+    return write(folder, ROBOT, "robot.sdf")
+
+
+def test_links_of_models_have_their_names(tmp_path: Path) -> None:
+    robot = read_robot(robot_with_arm(tmp_path))
+    assert robot.name == "robot"
+    assert robot.links == ("base", "slider", "left::upper", "left::lower", "inner::wheel", "inner::hub")
+    assert {name: (joint.kind, joint.limits) for name, joint in robot.joints.items()} == {
+        "slide": ("prismatic", None),
+        "left::elbow": ("revolute", (-1.0, 2.0)),
+        "shoulder": ("ball", None),
+        "inner::spin": ("revolute", None),
+    }
+    assert robot.warnings == ()
+    assert list(robot.digests) == ["robot.sdf", "arm/model.sdf"]
+
+
+@pytest.mark.slow
+@pytest.mark.drake
+def test_poses_equal_drakes(tmp_path: Path) -> None:
+    python = os.environ.get("SCENEGATE_DRAKE_PYTHON")
+    if not python:
+        pytest.skip("SCENEGATE_DRAKE_PYTHON does not name an interpreter with pydrake")
+    path = robot_with_arm(tmp_path)
+    joints = {"slide": (0.3,), "elbow": (0.7,), "spin": (-0.4,)}
+    request = [{"file": str(path), "packages": {"arm": str(tmp_path / "arm")}, "joints": joints}]
+    command = [python, str(Path(__file__).with_name("drake_poses.py"))]
+    (theirs,) = json.loads(
+        subprocess.run(
+            command, input=json.dumps(request), capture_output=True, text=True, timeout=SECONDS, check=True
+        ).stdout
+    )
+    robot = read_robot(path)
+    ours = robot.link_poses({"slide": 0.3, "left::elbow": 0.7, "inner::spin": -0.4})
+    assert len(theirs) == len(ours) + 1  # and the world
+    for name, X_world_link in zip(robot.links, ours, strict=True):
+        np.testing.assert_allclose(X_world_link, theirs[name.rpartition("::")[2]], atol=1e-12)
+
+
+def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        model(
+            '<link name="cart"/><link name="pole"><pose relative_to="hinge">0 0 0.25 0 0 0</pose></link>'
+            '<joint name="hinge" type="revolute"><pose relative_to="cart">0 0 0.05 0 0 0</pose>'
+            "<parent>cart</parent><child>pole</child><axis><xyz>0 1 0</xyz></axis></joint>"
+        ),
+    )
+    np.testing.assert_allclose(robot.link_poses({})[1][:3, 3], (0, 0, 0.3))
+    np.testing.assert_allclose(robot.link_poses({"hinge": np.pi / 2})[1][:3, 3], (0.25, 0, 0.05), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ("<box><size>1 2 3</size></box>", Box((1.0, 2.0, 3.0))),
+        ("<sphere><radius>2</radius></sphere>", Sphere(2.0)),
+        ("<cylinder><radius>1</radius><length>3</length></cylinder>", Cylinder(1.0, 3.0)),
+        ("<capsule><radius>1</radius><length>3</length></capsule>", Capsule(1.0, 3.0)),
+        ("<ellipsoid><radii>1 2 3</radii></ellipsoid>", Ellipsoid((1.0, 2.0, 3.0))),
+        ("<plane><normal>1 0 0</normal><size>4 5</size></plane>", Box((4.0, 5.0, 0.0))),
+    ],
+)
+def test_shapes(tmp_path: Path, shape: str, expected: Shape) -> None:
+    robot = read(tmp_path, geometry(shape))
+    ((part,),) = robot.parts
+    assert part.shape == expected
+    assert robot.warnings == ()
+    if "plane" in shape:
+        np.testing.assert_allclose(part.X_node_part[:3, 2], (1, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("material", "color"),
+    [
+        ("<diffuse>1 0 0 0.5</diffuse>", (1, 0, 0, 0.5)),
+        ("<ambient>0 1 0</ambient>", (0, 1, 0, 1)),
+        ("<script><name>Gazebo/Blue</name></script>", (0, 0, 1, 1)),
+        ("", (*[linear_from_srgb(0.9)] * 3, 1)),
+    ],
+)
+def test_materials(tmp_path: Path, material: str, color: tuple[float, ...]) -> None:
+    robot = read(tmp_path, geometry("<sphere><radius>1</radius></sphere>", f"<material>{material}</material>"))
+    assert robot.parts[0][0].material.base_color == pytest.approx(color)
+    assert robot.warnings == ()
+
+
+def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "far/thing/meshes/m.obj")
+    mesh = "<mesh><uri>meshes/m.obj</uri><scale>2 2 2</scale></mesh>"
+    write(tmp_path, geometry(mesh), "far/thing/thing-1.6.sdf")
+    write(tmp_path, "<model><sdf version='1.6'>thing-1.6.sdf</sdf></model>", "far/thing/model.config")
+    include = "<include><uri>model://thing</uri><name>{}</name><pose>{} 0 0 0 0 0</pose></include>"
+    world = f'<sdf version="1.9"><world name="w">{include.format("one", 1)}{include.format("two", 2)}</world></sdf>'
+    robot = read_robot(write(tmp_path, world, "near/w.sdf"), roots=[tmp_path / "far"])
+    assert robot.links == ("one::a", "two::a")
+    assert robot.warnings == ()
+    assert [len(parts) for parts in robot.parts] == [1, 1]
+    np.testing.assert_allclose(robot.link_poses({})[:, 0, 3], (1, 2))
+
+
+def test_a_merged_include_has_no_name_of_its_own(tmp_path: Path) -> None:
+    write(tmp_path, model('<link name="b"><pose>1 0 0 0 0 0</pose></link>'), "other/model.sdf")
+    include = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
+    robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{include}'))
+    assert robot.links == ("a", "b")
+    np.testing.assert_allclose(robot.link_poses({})[:, :3, 3], ((0, 0, 1), (1, 1, 1)))
+
+
+def test_before_version_1_5_axes_are_in_the_frame_of_the_model(tmp_path: Path) -> None:
+    content = (
+        '<link name="a"/><link name="b"><pose>0 0 0 0 0 1.5707963267948966</pose></link>'
+        '<joint name="j" type="prismatic"><parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis></joint>'
+    )
+    for version, expected in (("1.4", (1, 0, 0)), ("1.5", (0, 1, 0))):
+        robot = read(tmp_path, model(content, version))
+        np.testing.assert_allclose(robot.link_poses({"j": 1.0})[1][:3, 3], expected, atol=1e-12)
+
+
+LOOP = "".join(
+    f'<joint name="{parent}{child}" type="fixed"><parent>{parent}</parent><child>{child}</child></joint>'
+    for parent, child in ("ab", "bc", "ca")
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<link name="b"/><link name="c"/>' + LOOP, "joint 'ca': it closes a loop of links; the joint is left out"),
+        (
+            "<include><uri>model://none</uri></include>",
+            "the included model model://none is not shown: the package 'none'",
+        ),
+        ("<link/>", "a <link> has no name, it is left out"),
+        ('<link name="b"><pose>1 2</pose></link>', "<pose>1 2</pose> must be 6 finite numbers"),
+        ('<link name="b"><pose relative_to="x">0 0 0 0 0 0</pose></link>', "there is no frame 'x'; the world is used"),
+        ('<link name="b"><pose relative_to="b">0 0 0 0 0 0</pose></link>', "the frame 'b' is relative to itself"),
+        ('<joint name="j" type="fixed"><parent>a</parent><child>x</child></joint>', "joint 'j': there is no link 'x'"),
+        (
+            '<link name="b"/><joint name="j" type="screw"><parent>a</parent><child>b</child></joint>',
+            "type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content: str, message: str) -> None:
+    robot = read(tmp_path, model('<link name="a"/>' + content))
+    (warning,) = robot.warnings
+    assert message in warning
+    assert np.isfinite(robot.link_poses({})).all()
+
+
+def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
+    one = '<model name="m"><link name="a"/></model>'
+    robot = read(tmp_path, f'<sdf version="1.9"><world name="w">{one}{one}</world></sdf>')
+    assert robot.links == ("m::a", "m_::a")
+    assert robot.warnings == ("a second model is called 'm', it is called 'm_'",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<sdf version="1.9"/>', "it has no links"),
+        (model('<link name="a"/><link name="a"/>'), "two links are called 'a'"),
+        ("<model name='m'>" * 30, "nested more than 20 deep"),
+    ],
+)
+def test_errors(tmp_path: Path, content: str, message: str) -> None:
+    if content.startswith("<model"):
+        content = f'<sdf version="1.9">{content}{"</model>" * 30}</sdf>'
+    with pytest.raises(RobotFileError, match=message):
+        read(tmp_path, content)
+
+
+def test_a_model_that_includes_itself_ends(tmp_path: Path) -> None:
+    twice = "<include><uri>.</uri><name>x</name></include><include><uri>.</uri><name>y</name></include>"
+    with pytest.raises(RobotFileError, match=r"nested more than 20 deep|includes more than 1000 models"):
+        read_robot(write(tmp_path, model(f'<link name="a"/>{twice}'), "model.sdf"))
