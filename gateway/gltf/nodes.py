@@ -21,8 +21,6 @@ from gateway.scene.transforms import IDENTITY, affine_product
 from renderers.stop import check_stop
 
 VISIBILITY: Final = "KHR_node_visibility"
-_MAX_DEPTH: Final = 256
-"""Maximum depth of the tree; kinematic chains have tens of levels. A node's path takes memory for each level."""
 _NODES_PER_STOP_CHECK: Final = 1 << 12
 """Nodes between two checks of the ``StopFlag``."""
 
@@ -122,21 +120,21 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
             stack.pop()
     X_parent_node = local_matrices(sources, indices)
     X_world_node = world_matrices(X_parent_node, parents, levels)
-    if len(levels) > _MAX_DEPTH:
-        _flatten_deep_nodes(parents, X_parent_node)
+    if len(levels) > limits.max_node_depth:
+        _flatten_deep_nodes(parents, X_parent_node, limits.max_node_depth)
     _hide_invisible(sources, parents, indices)
     meshes = [source.mesh for source in sources]
     return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node)
 
 
-def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64]) -> None:
-    """Make nodes deeper than ``_MAX_DEPTH`` siblings of their ancestor at that depth. Their world matrices stay."""
+def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], max_depth: int) -> None:
+    """Make nodes deeper than ``max_depth`` siblings of their ancestor at that depth. Their world matrices stay."""
     depths: list[int] = []
     with np.errstate(all="ignore"):
         for position, parent in enumerate(parents):
             if position % _NODES_PER_STOP_CHECK == 0:
                 check_stop()
-            if parent >= 0 and depths[parent] == _MAX_DEPTH:
+            if parent >= 0 and depths[parent] == max_depth:
                 own, above = slice(position, position + 1), slice(parent, parent + 1)
                 X_parent_node[own] = affine_product(X_parent_node[above], X_parent_node[own])
                 parents[position] = parent = parents[parent]
