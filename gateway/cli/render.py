@@ -44,7 +44,8 @@ def render(
         list[str] | None,
         typer.Option(
             metavar="CAMERA",
-            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees. '
+            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, '
+            "or xmag=metres in place of fovy for an orthographic camera. "
             "Can be repeated. Default: the file's first camera, or fit.",
         ),
     ] = None,
@@ -103,6 +104,9 @@ def render(
     ] = "auto",
     joint: Joints = None,
     root: Roots = None,
+    variant: Annotated[
+        str, typer.Option(metavar="NAME", help="Variant of the materials of glTF files (KHR_materials_variants).")
+    ] = "",
     keyframe: Keyframe = "",
     robot_gltf_up: GltfUp = "y",
     strict: Strict = False,
@@ -170,6 +174,7 @@ def render(
         rig_sha256=None if rig is None else rig_digest(rig),
         joints=joints,
         roots=tuple(str(folder.absolute()) for folder in root or ()),
+        variant=variant,
         keyframe=keyframe,
         robot_gltf_up=robot_gltf_up,
         strict=strict,

@@ -77,6 +77,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Joint values of robot files, as ``name=value``."""
     roots: tuple[str, ...] = ()
     """Folders with the packages that robot files name."""
+    variant: str = ""
+    """Variant of the materials of glTF files (KHR_materials_variants); empty: the default materials."""
     keyframe: str = ""
     """Keyframe of MJCF files; empty: the joints have the values of the model."""
     robot_gltf_up: str = "y"
@@ -145,6 +147,9 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Distance of the far plane along the optical axis in metres; None: no far plane."""
     X_world_camera: tuple[tuple[float, float, float, float], ...]
     """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres): 4 x 4, row-major."""
+    depth_origin: float = 0.0
+    """Metres along the optical axis from which depth images count. Not 0 for an orthographic camera, which is
+    written as a pinhole far behind it."""
 
 
 class ImageFile(msgspec.Struct, frozen=True):

@@ -166,6 +166,7 @@ class Perspective(_Object):
 
 
 class Orthographic(_Object):
+    xmag: float | None = None
     zfar: float | None = None
     znear: float | None = None
 

@@ -163,6 +163,8 @@ class CpuRenderer:
                     self._draw_geometry(call)
                 else:
                     self._draw_color(call, color)
+            if depth is not None and camera.depth_origin != 0.0:
+                depth -= np.float32(camera.depth_origin)
         except BaseException:
             frame.close()
             raise
