@@ -90,7 +90,13 @@ def read_scene_file(
     """
     files = FolderFiles(path)
     try:
-        scene = read_gltf(files.read_scene(), resolve=files.resolve, limits=limits or GltfLimits(), variant=variant)
+        scene = read_gltf(
+            files.read_scene(),
+            resolve=files.resolve,
+            limits=limits or GltfLimits(),
+            variant=variant,
+            decode_images=True,
+        )
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:

@@ -51,6 +51,7 @@ def read_gltf(
     cache: GltfCache | None = None,
     textures: bool = True,
     variant: str | None = None,
+    decode_images: bool = False,
 ) -> GltfScene:
     """Read a ``.gltf`` or ``.glb`` file.
 
@@ -61,6 +62,8 @@ def read_gltf(
         cache: Cache shared with other documents; None: equal meshes and images are shared within this document only.
         textures: False to leave textures out, for renderings that need none.
         variant: Name of a variant of KHR_materials_variants; None: the default materials. Not with ``cache``.
+        decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
+            an ``ImageError``. Not with ``cache``.
 
     Raises:
         GltfError: The document cannot be read. The message names the property, its value and the reason.
@@ -96,7 +99,7 @@ def read_gltf(
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     draco_meshes = DracoMeshes(document, buffers, limits)
     meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
-    images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures)
+    images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures, decodes=decode_images)
     materials = Materials(document, images, warnings, variant)
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()

@@ -14,7 +14,7 @@ from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey, ImageKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json, finite_vector_or_default
 from renderers.cache import Cache
-from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap
+from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap, name_image_errors
 from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
@@ -41,11 +41,14 @@ class Textures:
         warnings: list[str],
         *,
         enabled: bool = True,
+        decodes: bool = False,
     ) -> None:
         """
         Args:
             enabled: False to leave all textures out; then no images are read.
+            decodes: True: decode each image, and leave out those that cannot be decoded.
         """
+        self._decodes = decodes
         self._document = document
         self._buffers = buffers
         self._content = content
@@ -174,6 +177,11 @@ class Textures:
             self._content.put(key, image, length + IMAGE_BYTES)
         if image not in self._counted_images:
             self._count_pixels(data, name)
+            if self._decodes:
+                from renderers.shading.textures import texels_of  # here, because it loads kernels
+
+                with name_image_errors(name):
+                    texels_of(image)  # kept for the renderer
             self._counted_images.add(image)
         self._images[index] = image, name
         return image, name

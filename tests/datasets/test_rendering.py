@@ -143,3 +143,21 @@ def test_labels_and_depth_of_a_leaf_with_a_hole_before_a_wall(renderer: CpuRende
         assert label[12, 14, 2] == labels[seen]
         assert label[12, 18, 2] == labels["leaf"]
         assert tiff[12, 14] == pytest.approx(depth, rel=1e-6)
+
+
+def test_a_texture_that_cannot_be_decoded_is_left_out(renderer: CpuRenderer, tmp_path: Path) -> None:
+    png = cv2.imencode(".png", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+    b = Builder()
+    b.add("images", {"uri": data_uri(png[:60], "image/png"), "name": "skin"})
+    b.add("textures", {"source": 0})
+    pbr = {"baseColorFactor": [0, 1, 0, 1], "baseColorTexture": {"index": 0}}
+    b.node(mesh=b.triangle(material=b.add("materials", {"pbrMetallicRoughness": pbr, "doubleSided": True})))
+    path = tmp_path / "broken.gltf"
+    path.write_bytes(b.text())
+    (source,) = find_sources([path])
+    scene = load_scene(source)
+    (warning,) = scene.description.warnings
+    assert warning.startswith("images[0] (skin): ")
+    assert warning.endswith("; textures[0] is left out")
+    image = color(renderer, scene, Style("plain"))
+    assert ((image[..., 1] > 100) & (image[..., 0] == 0)).any()
