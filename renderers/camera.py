@@ -40,6 +40,8 @@ class Camera:
     """Far clipping plane, metres along +Z, > near; may be inf."""
     X_world_camera: NDArray[np.float64]
     """(4, 4) float64: pose of the optical frame (+X right, +Y down, +Z forward) in the world."""
+    depth_origin: float = 0.0
+    """Metres along +Z from which depth images count. An orthographic camera is a pinhole so far behind it."""
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:

@@ -204,6 +204,8 @@ class Material:
     """Width and height of a point, pixels."""
     line_width: float = 1.0
     """Width of a line, pixels."""
+    fallback: Material | None = None
+    """Material for readers without an extension that replaces it (KHR_materials_pbrSpecularGlossiness), such as VTK."""
     vtk_export: bool = False
     """True: written by VTK's exporter, which omits VTK's shading, double-sidedness and blending. Looks restore them
     (``renderers.shading.materials.look_material``)."""

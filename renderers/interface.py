@@ -32,7 +32,8 @@ class Output(Flag):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Shading of the colour image. The other outputs do not depend on it."""
+    """Shading of the colour image. The other outputs only depend on it in what is cut out of them: nothing in the looks
+    of RenderEngineVtk, and otherwise surfaces of the alpha mode MASK where their alpha is below the cutoff."""
 
     name: LookName = "phong"
     """Name of the look:
@@ -53,6 +54,9 @@ class Look:
     """Samples per pixel of the colour image. The other outputs always have one, since their values cannot be mixed."""
     rig: Rig = STUDIO
     """Lights of the look ``studio``. The other looks have one headlight."""
+    alpha_threshold: float = 0.0
+    """Alpha from 0 to 1 below which blended surfaces are left out of the outputs other than colour, except in the looks
+    of RenderEngineVtk. 0: none are left out, however transparent."""
 
 
 @dataclass(slots=True, eq=False)
@@ -92,7 +96,7 @@ class Renderer(Protocol):
         """Draw under the current ``stop.StopFlag``.
 
         Raises:
-            ImageError: a texture that colour needs cannot be decoded.
+            ImageError: a texture that colour or a cut-out needs cannot be decoded.
             Exception: the flag was set. The error is the one that it was set with, raised within about 0.1 s.
         """
         ...

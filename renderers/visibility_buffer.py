@@ -93,7 +93,7 @@ class Rasterizer(Protocol):
         earlier: NDArray[np.int32] | None = None,
         latest: bool = False,
     ) -> Visibility:
-        """Return the nearest surface of every pixel. At equal depth, the lower primitive id wins.
+        """Return the nearest surface of every pixel. At equal depth, the higher primitive id wins.
 
         Args:
             select: (I,) bool; only these instances are drawn. None: all.
@@ -102,7 +102,8 @@ class Rasterizer(Protocol):
                 so a mirrored instance keeps its fronts. None: both sides are drawn.
             beyond: layer; only surfaces strictly behind it, by depth and then by id, are drawn (depth peeling). Where
                 the layer sees nothing, nothing is drawn.
-            before: layer; only surfaces strictly in front of it are drawn. Where the layer sees nothing, all are.
+            before: layer of other instances, as if drawn first; surfaces behind it are not drawn, those at the same
+                depth are. Where the layer sees nothing, all are.
             earlier: (H, W) int32, ids; only primitives with lower ids than these are drawn.
             latest: return the surface with the highest id instead of the nearest one; ``inv_z`` is undefined then.
         """

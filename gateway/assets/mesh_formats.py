@@ -108,7 +108,7 @@ def parse_mesh(
 
 
 def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits, warnings: list[str], up: Up) -> tuple[Part, ...]:
-    scene = read_gltf(data, resolve=resolve, limits=limits)
+    scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True)
     warnings += scene.warnings
     is_z_up = up == "z" or (up == "auto" and scene.from_drake)
     parts: list[Part] = []

@@ -75,19 +75,28 @@ class FolderFiles:
         return data
 
 
-def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = None) -> SceneFile:
+def read_scene_file(
+    path: Path, *, up: Up = "auto", limits: GltfLimits | None = None, variant: str | None = None
+) -> SceneFile:
     """Read a ``.gltf`` or ``.glb`` file.
 
     Args:
         up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
         limits: None: ``GltfLimits()``.
+        variant: Name of a variant of KHR_materials_variants; None: the default materials.
 
     Raises:
         SceneFileError: The file is not readable, not glTF, or beyond a limit.
     """
     files = FolderFiles(path)
     try:
-        scene = read_gltf(files.read_scene(), resolve=files.resolve, limits=limits or GltfLimits())
+        scene = read_gltf(
+            files.read_scene(),
+            resolve=files.resolve,
+            limits=limits or GltfLimits(),
+            variant=variant,
+            decode_images=True,
+        )
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:

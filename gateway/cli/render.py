@@ -44,7 +44,8 @@ def render(
         list[str] | None,
         typer.Option(
             metavar="CAMERA",
-            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees. '
+            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, '
+            "or xmag=metres in place of fovy for an orthographic camera. "
             "Can be repeated. Default: the file's first camera, or fit.",
         ),
     ] = None,
@@ -84,6 +85,15 @@ def render(
         Path | None,
         typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML file with lights for the studio look."),
     ] = None,
+    alpha_threshold: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            metavar="ALPHA",
+            help="Alpha below which blended surfaces are left out of depth and label images; 0: none are.",
+        ),
+    ] = 0.0,
     depth_format: Annotated[
         Literal["tiff", "png"],
         typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
@@ -94,6 +104,9 @@ def render(
     ] = "auto",
     joint: Joints = None,
     root: Roots = None,
+    variant: Annotated[
+        str, typer.Option(metavar="NAME", help="Variant of the materials of glTF files (KHR_materials_variants).")
+    ] = "",
     keyframe: Keyframe = "",
     robot_gltf_up: GltfUp = "y",
     strict: Strict = False,
@@ -156,10 +169,12 @@ def render(
         depth_format=depth_format,
         background=color,
         samples=samples,
+        alpha_threshold=alpha_threshold,
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
         joints=joints,
         roots=tuple(str(folder.absolute()) for folder in root or ()),
+        variant=variant,
         keyframe=keyframe,
         robot_gltf_up=robot_gltf_up,
         strict=strict,

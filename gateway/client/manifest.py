@@ -67,6 +67,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """RGB background of colour images."""
     samples: int = 0
     """Samples per pixel of colour images; 0: 4 for the look ``studio``, 1 for the others."""
+    alpha_threshold: float = 0.0
+    """Alpha below which blended surfaces are left out of depth and label images."""
     rig: str | None = None
     """Path of the rig file, which has the lights of the look ``studio``; None: the built-in lights."""
     rig_sha256: str | None = None
@@ -75,6 +77,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Joint values of robot files, as ``name=value``."""
     roots: tuple[str, ...] = ()
     """Folders with the packages that robot files name."""
+    variant: str = ""
+    """Variant of the materials of glTF files (KHR_materials_variants); empty: the default materials."""
     keyframe: str = ""
     """Keyframe of MJCF files; empty: the joints have the values of the model."""
     robot_gltf_up: str = "y"
@@ -143,6 +147,9 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Distance of the far plane along the optical axis in metres; None: no far plane."""
     X_world_camera: tuple[tuple[float, float, float, float], ...]
     """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres): 4 x 4, row-major."""
+    depth_origin: float = 0.0
+    """Metres along the optical axis from which depth images count. Not 0 for an orthographic camera, which is
+    written as a pinhole far behind it."""
 
 
 class ImageFile(msgspec.Struct, frozen=True):

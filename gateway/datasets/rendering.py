@@ -38,7 +38,7 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """Shading of colour images."""
+    """Shading of colour images, and what is cut out of the others."""
 
     look: Literal["auto", "phong", "pbr", "gltf", "plain", "studio"] = "auto"
     """Look; ``auto``: ``LoadedScene.look``."""
@@ -50,6 +50,8 @@ class Style:
     """Samples per pixel; 0: 4 for the look ``studio``, 1 for the others."""
     rig: Rig = STUDIO
     """Lights of the look ``studio``."""
+    alpha_threshold: float = 0.0
+    """As ``Look.alpha_threshold``."""
 
 
 def style_of(settings: Settings) -> Style:
@@ -64,6 +66,7 @@ def style_of(settings: Settings) -> Style:
         settings.antialias,  # type: ignore[arg-type]  # as the look
         settings.samples,  # type: ignore[arg-type]  # as the look
         STUDIO if settings.rig is None else _rig(settings.rig),
+        settings.alpha_threshold,
     )
 
 
@@ -112,7 +115,8 @@ def render_images(
     look: LookName = scene.look if style.look == "auto" else style.look
     outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    with renderer.render(scene.draw_list, camera, outputs, Look(look, style.background, samples, style.rig)) as frame:
+    full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
+    with renderer.render(scene.draw_list, camera, outputs, full_look) as frame:
         # FXAA would blur points, which may be one pixel wide.
         has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
         use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
@@ -143,6 +147,7 @@ class RequestRenderer:
             background=settings.background,
             antialias=settings.antialias,  # type: ignore[arg-type]  # as the look
             samples=settings.samples or 1,  # type: ignore[arg-type]  # as the look
+            alpha_threshold=settings.alpha_threshold,
             depth_format="png16" if settings.depth_format == "png" else "tiff32f",
             scene_cache_count=1,
         )

@@ -73,6 +73,7 @@ def load_options(settings: manifest.Settings) -> SceneOptions:
         settings.up,  # type: ignore[arg-type]  # checked by the command, as that of robots
         settings.joints,
         settings.roots,
+        settings.variant,
         settings.keyframe,
         settings.robot_gltf_up,  # type: ignore[arg-type]
         settings.strict,

@@ -26,7 +26,7 @@ from gateway.scene.cameras import (
     parse_camera,
 )
 from gateway.scene.tree import Node
-from gateway.scene.viewpoints import resolve_camera
+from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
@@ -125,7 +125,7 @@ def camera_of(
     intrinsics = view.intrinsics
     width, height = intrinsics.width or width, intrinsics.height or height
     if view.pose is None and file_camera is not None:
-        camera = _camera_from_file(file_camera, width, height)
+        camera = _camera_from_file(file_camera, width, height, draw_list)
     else:
         spec: CameraSpec | OrbitCamera | PoseCamera
         if isinstance(view.pose, OrbitCamera):
@@ -149,18 +149,26 @@ def camera_of(
             fy,
             camera.cx if intrinsics.cx is None else intrinsics.cx,
             camera.cy if intrinsics.cy is None else intrinsics.cy,
-            intrinsics.near or camera.near,
-            intrinsics.far or camera.far,
+            camera.near if intrinsics.near is None else camera.depth_origin + intrinsics.near,
+            camera.far if intrinsics.far is None else camera.depth_origin + intrinsics.far,
             camera.X_world_camera,
+            camera.depth_origin,
         )
     except ValueError as error:
         raise CameraError(f"view {view.name}: {error}") from None
 
 
-def _camera_from_file(file_camera: GltfCamera, width: int, height: int) -> Camera:
+def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_list: DrawList) -> Camera:
     """Return the camera of a scene file for an image size in pixels."""
     if file_camera.yfov is None:
-        raise CameraError(f"the file's camera {file_camera.name!r} is orthographic; name another with --camera")
+        try:
+            pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
+        except RequestError as error:
+            raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
+        if not file_camera.xmag or not math.isfinite(file_camera.xmag):
+            raise CameraError(f"the file's camera {file_camera.name!r} has neither yfov nor xmag")
+        xmag = abs(file_camera.xmag)
+        return orthographic_camera(pose, width, height, xmag, draw_list, file_camera.znear, file_camera.zfar)
     focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
     far = file_camera.zfar if file_camera.zfar is not None else math.inf
     try:
@@ -196,4 +204,5 @@ def record_of(camera: Camera) -> CameraRecord:
         near=float(camera.near),
         far=far,
         X_world_camera=rows,  # type: ignore[arg-type]  # four rows of four
+        depth_origin=float(camera.depth_origin),
     )

@@ -13,7 +13,7 @@ import pybase64
 
 from gateway.gltf import meshopt
 from gateway.gltf.container import Container
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json
 from gateway.gltf.schema import Document, MeshoptCompression
@@ -177,7 +177,7 @@ class Buffers:
             GltfError: The limit is exceeded.
         """
         if self._nbytes + nbytes > self._limits.max_buffer_bytes:
-            raise GltfError(f"{path}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
+            raise GltfLimitError(f"{path}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
         self._nbytes += nbytes
 
     def _from_file(self, uri: str, path: str) -> Buffer:

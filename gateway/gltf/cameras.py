@@ -33,6 +33,8 @@ class GltfCamera:
     """Distance of the far plane, metres; None for an infinite projection."""
     aspect: float | None
     """Width / height; None for the aspect of the viewport."""
+    xmag: float | None = None
+    """Half of the width of an orthographic camera's view, metres; None for a perspective camera."""
 
 
 def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tuple[GltfCamera, ...]:
@@ -56,6 +58,7 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tupl
             name=source.name or node.name or "",
             X_world_camera=_optical_pose(X_world_node),
             yfov=None if perspective is None else perspective.yfov,
+            xmag=None if perspective is not None or source.orthographic is None else source.orthographic.xmag,
             znear=0.0 if projection is None or projection.znear is None else projection.znear,
             zfar=None if projection is None else projection.zfar,
             aspect=None if perspective is None else perspective.aspect_ratio,

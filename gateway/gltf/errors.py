@@ -11,6 +11,10 @@ class GltfError(ValueError):
     """A document that cannot be read. The message names the property, its value and the reason."""
 
 
+class GltfLimitError(GltfError):
+    """A document beyond one of ``GltfLimits``."""
+
+
 def checked_item(items: list[T | None] | None, index: object, array_name: str, path: str) -> T:
     """Return ``items[index]``, where ``index`` comes from the document.
 

@@ -21,7 +21,9 @@ SUPPORTED: Final = frozenset(
         "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_specular",
         "KHR_materials_unlit",
+        "KHR_materials_variants",
         "KHR_mesh_quantization",
+        "KHR_node_visibility",
         "KHR_texture_transform",
     }
 )

@@ -18,7 +18,8 @@ class GltfLimits:
     max_nodes: int = 100_000
     """Nodes of the scene; 30 times the largest robot cell seen."""
     max_node_depth: int = 256
-    """Levels of nodes; kinematic chains have tens, and code that walks the tree may recurse."""
+    """Levels of nodes; kinematic chains have tens. Deeper nodes of glTF files become siblings of their ancestor at this
+    depth. COLLADA files with deeper nodes are refused, since code that walks them recurses."""
     max_primitives: int = 100_000
     """Primitives of the meshes in use; reading one takes about 30 us."""
     max_instances: int = 200_000

@@ -26,31 +26,43 @@ _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _DIELECTRIC_REFLECTANCE: Final = 0.04
 """Reflectance at normal incidence for an index of refraction of 1.5."""
 
+_VARIANTS: Final = "KHR_materials_variants"
+
 _Extension = TypeVar("_Extension", bound=msgspec.Struct)
 
 
 def label_from_material(material: Material) -> int:
     """Return the label that Drake's client encodes in a material of a label request, red in the low byte.
 
-    The client sends each label as a linear colour of 8-bit steps, ``[r / 255, g / 255, b / 255, 1]``. A primitive
-    without a material carries no label.
+    The client sends each label as a linear ``baseColorFactor`` of 8-bit steps, ``[r / 255, g / 255, b / 255, 1]``,
+    whatever extensions the material has. A primitive without a material carries no label.
     """
     if material is DEFAULT_MATERIAL:
         return LABEL_NONE
-    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in material.base_color[:3])
+    base_color = (material.fallback or material).base_color
+    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in base_color[:3])
     return red | green << 8 | blue << 16
 
 
 class Materials:
     """The materials of one document, each read at its first use."""
 
-    def __init__(self, document: schema.Document, textures: Textures) -> None:
+    def __init__(
+        self, document: schema.Document, textures: Textures, warnings: list[str], variant: str | None = None
+    ) -> None:
+        """
+        Args:
+            variant: Name of a variant of KHR_materials_variants; None: the default materials.
+        """
         self._sources = document.materials
+        self._variant = None if variant is None else _variant_index(document, variant, warnings)
         self._textures = textures
         self._from_drake = document.from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
-        """By index in the document, and True if VTK's exporter may have written the primitive."""
+        """By index in the document, and True if VTK's exporter wrote the primitive."""
+        self._written_by_vtk: dict[int, bool] = {}
+        """By index in the document."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive, or ``DEFAULT_MATERIAL``.
@@ -61,18 +73,45 @@ class Materials:
         Raises:
             GltfError: An index is out of range, a factor is invalid, or images are beyond the limits.
         """
-        index = primitive.material
+        index = self._index(primitive, name)
         if index is None:
             return DEFAULT_MATERIAL
-        # Other exporters may write the same properties as VTK's, but VTK's never writes normals or vertex colours.
-        may_be_vtk = self._from_drake and _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ())
-        material = self._materials.get((index, may_be_vtk))
+        vtk = self.is_from_vtk(primitive, name)
+        material = self._materials.get((index, vtk))
         if material is None:
             check_stop()
             source = checked_item(self._sources, index, "materials", f"{name}.material")
-            vtk = may_be_vtk and _looks_written_by_vtk(source)
-            material = self._materials[index, may_be_vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
+            material = self._materials[index, vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
         return material
+
+    def _index(self, primitive: schema.Primitive, name: str) -> int | None:
+        """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""
+        raw = None if self._variant is None else extension_json(primitive.extensions, _VARIANTS)
+        if raw is None:
+            return primitive.material
+        try:
+            mappings = msgspec.json.decode(raw, type=schema.VariantMappings).mappings or []
+        except msgspec.MsgspecError as error:
+            raise GltfError(f"{name}.extensions.{_VARIANTS}: {error}") from error
+        chosen = [each.material for each in mappings if each is not None and self._variant in (each.variants or ())]
+        return chosen[0] if chosen else primitive.material
+
+    def is_from_vtk(self, primitive: schema.Primitive, name: str) -> bool:
+        """Return True for a primitive that VTK's exporter wrote for Drake's client.
+
+        Other exporters may write the same material, but VTK's never writes normals or vertex colours.
+
+        Args:
+            name: ``meshes[2].primitives[0]``, for messages.
+        """
+        index = primitive.material
+        if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
+            return False
+        is_from_vtk = self._written_by_vtk.get(index)
+        if is_from_vtk is None:
+            source = checked_item(self._sources, index, "materials", f"{name}.material")
+            is_from_vtk = self._written_by_vtk[index] = _looks_written_by_vtk(source)
+        return is_from_vtk
 
     def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
         """Read a material.
@@ -125,7 +164,7 @@ class Materials:
         if extension_json(source.extensions, _GLOSSINESS) is None:
             return material
         glossiness = _parsed_extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
-        return self._with_glossiness(material, glossiness, name)
+        return replace(self._with_glossiness(material, glossiness, name), fallback=material)
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.
@@ -146,6 +185,21 @@ class Materials:
                 source.specular_glossiness_texture, f"{name}.specularGlossinessTexture"
             ),
         )
+
+
+def _variant_index(document: schema.Document, name: str, warnings: list[str]) -> int | None:
+    """Return the index of a variant; None and a warning if the document has none of this name."""
+    raw = extension_json(document.extensions, _VARIANTS)
+    try:
+        variants = [] if raw is None else msgspec.json.decode(raw, type=schema.Variants).variants or []
+    except msgspec.MsgspecError as error:
+        raise GltfError(f"extensions.{_VARIANTS}: {error}") from error
+    names = [variant.name if variant is not None else None for variant in variants]
+    if name in names:
+        return names.index(name)
+    listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
+    warnings.append(f"the file has no material variant {name!r:.60} (it has {listed}), the default materials are drawn")
+    return None
 
 
 def _looks_written_by_vtk(source: schema.Material) -> bool:

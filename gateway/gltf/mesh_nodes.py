@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.gltf import schema
 from gateway.gltf.accessors import Accessors
 from gateway.gltf.deformation import Pose
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.nodes import SceneNodes
 from gateway.gltf.parser import extension_json
@@ -109,7 +109,7 @@ class _AddedNodes:
         first, count = len(self._indices), len(X_parent_node)
         index, mesh = self._indices[position], self._meshes[position]
         if first + count > self._limits.max_nodes:
-            raise GltfError(f"nodes[{index}]: the scene has more nodes than max_nodes = {self._limits.max_nodes}")
+            raise GltfLimitError(f"nodes[{index}]: the scene has more nodes than max_nodes = {self._limits.max_nodes}")
         source = schema.Node(name=self._sources[position].name, mesh=mesh)
         self._indices += [index] * count
         self._sources += [source] * count
@@ -209,7 +209,7 @@ def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, limits: GltfLimit
             if accessor.components != len(default):
                 raise GltfError(f"{path}.attributes.{attribute}: {accessor.name} has {accessor.components} components")
             if accessor.count > limits.max_nodes:  # before memory is allocated
-                raise GltfError(f"{path}: {accessor.count} instances are more than max_nodes = {limits.max_nodes}")
+                raise GltfLimitError(f"{path}: {accessor.count} instances are more than max_nodes = {limits.max_nodes}")
             columns[attribute] = accessor.floats().astype(np.float64)
     if len({len(values) for values in columns.values()}) != 1:
         raise GltfError(f"{path}.attributes: no TRANSLATION, ROTATION or SCALE, or of different lengths")

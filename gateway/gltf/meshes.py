@@ -13,20 +13,21 @@ from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, Pose, deformation_of
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError
+from gateway.gltf.errors import GltfError, GltfLimitError
 from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.normals import unit_rows, vertex_normals
 from gateway.gltf.parser import extension_json
 from gateway.gltf.schema import Primitive
 from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, elements_of
 from gateway.gltf.vertex_attributes import (
     Floats,
     rgba_colors,
+    unit_normals,
     unit_tangents,
     without_invalid_vertices,
     zero_if_not_finite,
 )
+from gateway.scene.crease_normals import NO_CREASES, smooth_vertices
 from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
 from renderers.stop import check_stop
@@ -69,11 +70,13 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     pose with joints also JOINTS_n and WEIGHTS_n."""
     deformation: Deformation | None
     """None: the mesh is drawn as it is stored."""
+    smooth: bool
+    """True: computed normals are smooth; False: there are none, and the triangles are flat."""
 
     @property
     def key(self) -> MeshKey:
         accessors = (self.indices, *map(self.attributes.get, _COMPONENT_COUNTS))
-        key = bytes((self.mode,)) + b"".join([b"\0" if a is None else a.key for a in accessors])
+        key = bytes((self.mode, self.smooth)) + b"".join([b"\0" if a is None else a.key for a in accessors])
         return key if self.deformation is None else key + self.deformation.key
 
 
@@ -104,18 +107,19 @@ class Meshes:
         self.any_positions = False
         """True if any primitive so far has a POSITION."""
 
-    def read(self, primitive: Primitive, name: str, pose: Pose = REST) -> Mesh | None:
+    def read(self, primitive: Primitive, name: str, pose: Pose = REST, *, smooth: bool = False) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
             name: ``meshes[2].primitives[0]``, for messages.
             pose: The state that deforms the mesh.
+            smooth: True: compute smooth normals for triangles without stored normals; False: they are flat.
 
         Raises:
             GltfError: A reference or an index is out of range, or a limit is exceeded.
         """
         check_stop()
-        checked = self._check(primitive, name, pose)
+        checked = self._check(primitive, name, pose, smooth)
         if checked is None:
             return None
         key = checked.key
@@ -139,7 +143,7 @@ class Meshes:
             self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str, pose: Pose) -> _CheckedPrimitive | None:
+    def _check(self, primitive: Primitive, name: str, pose: Pose, smooth: bool) -> _CheckedPrimitive | None:
         """Check a primitive's references to accessors; return None if it has no positions."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
@@ -162,7 +166,13 @@ class Meshes:
             if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
-            accessor = self._accessors.get(index, path)
+            try:
+                accessor = self._accessors.get(index, path)
+            except GltfLimitError:
+                raise
+            except GltfError as error:
+                self._warnings.append(f"{error}; {path} is ignored")
+                continue
             if accessor.components not in allowed:
                 self._warnings.append(f"{path}: {accessor.components} components, ignored")
             elif accessor.count < position.count:
@@ -182,7 +192,7 @@ class Meshes:
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
-        return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation)
+        return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation, smooth)
 
     def _count(self, new_vertices: int, new_elements: int, name: str) -> None:
         """Count vertices and elements towards the limits before they are allocated.
@@ -195,11 +205,11 @@ class Meshes:
         self._element_count += new_elements
         self._max_nbytes += _VERTEX_BYTES * new_vertices + _ELEMENT_BYTES * new_elements
         if self._vertex_count > limits.max_vertices:
-            raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
+            raise GltfLimitError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
         if self._element_count > limits.max_elements:
-            raise GltfError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
+            raise GltfLimitError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
         if self._max_nbytes > limits.max_mesh_bytes:
-            raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
+            raise GltfLimitError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
     def _read_new(self, checked: _CheckedPrimitive) -> Mesh | None:
         """Read a mesh from its accessors; return None if it has no complete element with finite positions."""
@@ -244,34 +254,28 @@ class Meshes:
             self._warnings.append(f"{checked.name}: {dropped} elements with vertices that are not finite are left out")
             if len(elements) == 0:
                 return None
-        positions.setflags(write=False)
-        elements.setflags(write=False)
         optional: dict[str, Floats] = {}
-        normals = _normals(attributes.get("NORMAL"), positions, elements)
-        if normals is not None:
+        stored = attributes.get("NORMAL")
+        normals: Floats | None
+        if stored is None and checked.smooth and elements.shape[1] == 3:
+            vertices, elements, normals = smooth_vertices(positions, elements, NO_CREASES)
+            positions = positions[vertices]
+            attributes = {name: values[vertices] for name, values in attributes.items()}
+        else:
+            normals = None if stored is None else unit_normals(stored, positions, elements)
+        if normals is None:  # triangles are flat, and their tangents are ignored (glTF 2.0, 3.7.2.1)
+            attributes.pop("TANGENT", None)
+        else:
             normals.setflags(write=False)
             optional["normals"] = normals
+        positions.setflags(write=False)
+        elements.setflags(write=False)
         for attribute, (field, convert) in _CONVERSIONS.items():
             if attribute in attributes:
                 check_stop()
                 values = optional[field] = convert(attributes[attribute])
                 values.setflags(write=False)
         return Mesh(positions, elements, **optional)
-
-
-def _normals(stored: Floats | None, positions: Floats, elements: NDArray[np.uint32]) -> Floats | None:
-    """Return the normals of a mesh at unit length; None for points and lines without stored normals.
-
-    Computed normals replace those that are not stored or invalid.
-    """
-    are_triangles = elements.shape[1] == 3
-    if stored is None:
-        return vertex_normals(positions, elements) if are_triangles else None
-    normals, invalid = unit_rows(stored)
-    if invalid.any():
-        computed = vertex_normals(positions, elements) if are_triangles else np.array([(0, 0, 1)], np.float32)
-        normals = np.where(invalid[:, None], computed, normals)
-    return normals
 
 
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.node_transforms import local_matrices, world_matrices
+from gateway.gltf.parser import extension_json
 from gateway.scene import tree
 from gateway.scene.geometry import Part
-from gateway.scene.transforms import IDENTITY
+from gateway.scene.transforms import IDENTITY, affine_product
 from renderers.stop import check_stop
+
+VISIBILITY: Final = "KHR_node_visibility"
+_NODES_PER_STOP_CHECK: Final = 1 << 12
+"""Nodes between two checks of the ``StopFlag``."""
 
 NodeParts: TypeAlias = list[tuple[Part, ...] | None]
 """The primitives of each node; None for a node without a mesh."""
@@ -101,9 +107,7 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
                 raise GltfError(f"{path}: nodes[{index}] has several parents or is part of a cycle")
             position = len(indices)
             if position == limits.max_nodes:
-                raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
-            if len(stack) > limits.max_node_depth:
-                raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
+                raise GltfLimitError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
             visited.add(index)
             indices.append(index)
             sources.append(source)
@@ -115,9 +119,50 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
         else:
             stack.pop()
     X_parent_node = local_matrices(sources, indices)
-    meshes = [source.mesh for source in sources]
     X_world_node = world_matrices(X_parent_node, parents, levels)
+    if len(levels) > limits.max_node_depth:
+        _flatten_deep_nodes(parents, X_parent_node, limits.max_node_depth)
+    _hide_invisible(sources, parents, indices)
+    meshes = [source.mesh for source in sources]
     return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node)
+
+
+def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], max_depth: int) -> None:
+    """Make nodes deeper than ``max_depth`` siblings of their ancestor at that depth. Their world matrices stay."""
+    depths: list[int] = []
+    with np.errstate(all="ignore"):
+        for position, parent in enumerate(parents):
+            if position % _NODES_PER_STOP_CHECK == 0:
+                check_stop()
+            if parent >= 0 and depths[parent] == max_depth:
+                own, above = slice(position, position + 1), slice(parent, parent + 1)
+                X_parent_node[own] = affine_product(X_parent_node[above], X_parent_node[own])
+                parents[position] = parent = parents[parent]
+            depths.append(depths[parent] + 1 if parent >= 0 else 1)
+
+
+def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: list[int]) -> None:
+    """Take mesh and light from nodes that KHR_node_visibility hides, and from the nodes below them.
+
+    Raises:
+        GltfError: The extension's value is invalid.
+    """
+    if not any(source.extensions for source in sources):
+        return
+    hidden: set[int] = set()
+    for position, (source, parent) in enumerate(zip(sources, parents, strict=True)):
+        raw = extension_json(source.extensions, VISIBILITY) if source.extensions else None
+        if raw is not None:
+            try:
+                visible = msgspec.json.decode(raw, type=schema.NodeVisibility).visible
+            except msgspec.MsgspecError as error:
+                raise GltfError(f"nodes[{indices[position]}].extensions.{VISIBILITY}: {error}") from error
+            if visible is False:
+                hidden.add(position)
+        if parent in hidden:
+            hidden.add(position)
+        if position in hidden:
+            sources[position] = msgspec.structs.replace(source, mesh=None, extensions=None)
 
 
 def _roots(document: schema.Document) -> tuple[list[int | None], str]:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from gateway.gltf.errors import GltfError
+from gateway.gltf.errors import GltfError, GltfLimitError
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.schema import Document, Extensions
 from renderers.stop import check_stop
@@ -25,10 +25,10 @@ def parse_document(text: bytes, limits: GltfLimits) -> Document:
         GltfError: The text is not JSON, not a glTF 2 document, or beyond ``limits``.
     """
     if len(text) > limits.max_json_bytes:
-        raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
+        raise GltfLimitError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
     # A value takes at least one byte, so the values of a short text need not be counted.
     if len(text) > limits.max_json_values and (value_count := count_values(text)) > limits.max_json_values:
-        raise GltfError(
+        raise GltfLimitError(
             f"the JSON text has about {value_count} values, more than max_json_values = {limits.max_json_values}"
         )
     text = text.removeprefix(b"\xef\xbb\xbf")
@@ -39,7 +39,6 @@ def parse_document(text: bytes, limits: GltfLimits) -> Document:
             document = _parse_leniently(text)
     except RecursionError as error:
         raise GltfError("the JSON text is nested too deeply") from error
-    _check_version(document)
     return document
 
 
@@ -91,15 +90,19 @@ def _with_path_first(message: str) -> str:
     return f"{path or 'the document'}: {reason[:1].lower()}{reason[1:]}"
 
 
-def _check_version(document: Document) -> None:
+def check_version(document: Document, warnings: list[str]) -> None:
+    """Warn about a document that needs a later minor version than 2.0.
+
+    Raises:
+        GltfError: The document has another major version.
+    """
     if document.asset is None:
         return
-    version, min_version = document.asset.version, document.asset.min_version
-    # glTF 2.0, section 3.2: minVersion includes the minor version; without it, only the major version counts.
-    if min_version is not None and min_version != "2.0":
-        raise GltfError(f"asset.minVersion: the file asks for glTF {min_version[:16]}, but only 2.0 is read")
-    if version is not None and version.split(".")[0] != "2":
-        raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
+    for name, version in (("version", document.asset.version), ("minVersion", document.asset.min_version)):
+        if version is not None and version.split(".")[0] != "2":
+            raise GltfError(f"asset.{name}: glTF {version[:16]} is not supported, only 2.x")
+    if document.asset.min_version not in (None, "2.0"):
+        warnings.append(f"asset.minVersion: glTF {document.asset.min_version[:16]} is read as glTF 2.0")
 
 
 def finite_vector_or_default(values: list[float] | None, default: tuple[float, ...], path: str) -> tuple[Any, ...]:

@@ -21,7 +21,7 @@ from gateway.gltf.container import open_container
 from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
@@ -30,7 +30,7 @@ from gateway.gltf.materials import Materials
 from gateway.gltf.mesh_nodes import INSTANCING, expand_mesh_nodes, has_own_parts
 from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
-from gateway.gltf.parser import parse_document
+from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
 from gateway.gltf.schema import DRAKE_MERGER, Document
 from gateway.gltf.textures import Textures
@@ -50,6 +50,8 @@ def read_gltf(
     limits: GltfLimits | None = None,
     cache: GltfCache | None = None,
     textures: bool = True,
+    variant: str | None = None,
+    decode_images: bool = False,
 ) -> GltfScene:
     """Read a ``.gltf`` or ``.glb`` file.
 
@@ -59,6 +61,9 @@ def read_gltf(
         limits: None: ``GltfLimits()``.
         cache: Cache shared with other documents; None: equal meshes and images are shared within this document only.
         textures: False to leave textures out, for renderings that need none.
+        variant: Name of a variant of KHR_materials_variants; None: the default materials. Not with ``cache``.
+        decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
+            an ``ImageError``. Not with ``cache``.
 
     Raises:
         GltfError: The document cannot be read. The message names the property, its value and the reason.
@@ -86,6 +91,7 @@ def read_gltf(
     posed = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
     warnings: list[str] = []
+    check_version(document, warnings)
     check_extensions(document, warnings)
     buffers = Buffers(document, container, limits, resolve)
     accessors = Accessors(document, buffers, limits, warnings)
@@ -93,7 +99,8 @@ def read_gltf(
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     draco_meshes = DracoMeshes(document, buffers, limits)
     meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
-    materials = Materials(document, Textures(document, buffers, cache.content, limits, warnings, enabled=textures))
+    images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures, decodes=decode_images)
+    materials = Materials(document, images, warnings, variant)
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
@@ -115,12 +122,16 @@ def _read_content(
 
     Args:
         poses: Poses of nodes whose meshes have their own, by position in ``nodes``.
+
+    Raises:
+        GltfError: A limit is exceeded, or nothing can be drawn. A primitive that cannot be read is left out otherwise.
     """
     lights = read_lights(document, warnings)
     parts: dict[int, tuple[Part, ...]] = {}
     posed_parts: dict[int, tuple[Part, ...]] = {}
     parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
     primitive_count = 0
+    first_error: GltfError | None = None
     for position, mesh_index in enumerate(nodes.meshes):
         pose = poses.get(position)
         if mesh_index is None or (pose is None and mesh_index in parts):
@@ -132,20 +143,31 @@ def _read_content(
         primitives = mesh.primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
-            raise GltfError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
+            raise GltfLimitError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
         if pose is None:
             pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
         mesh_parts: list[Part] = []
         for number, primitive in enumerate(primitives):
             name = f"meshes[{mesh_index}].primitives[{number}]"
-            if primitive is not None and (surface := meshes.read(primitive, name, pose)) is not None:
-                mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
+            if primitive is None:
+                continue
+            try:
+                smooth = materials.is_from_vtk(primitive, name)
+                if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
+                    mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
+            except GltfLimitError:
+                raise
+            except GltfError as error:
+                first_error = first_error or error
+                warnings.append(f"{error}; {name} is left out")
         if position in poses:
             posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
         else:
             parts[mesh_index] = tuple(mesh_parts)
     if meshes.first_without_positions and not meshes.any_positions:
         raise GltfError(f"{meshes.first_without_positions}: no POSITION, and no other primitive has one")
+    if first_error is not None and not any((*parts.values(), *posed_parts.values())):
+        raise first_error
     return DocumentContent(
         generator=document.generator,
         cameras=document.cameras or [],
@@ -189,10 +211,10 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
         element_count += content.element_counts[mesh] if posed_parts is None else _element_count(posed_parts)
         if instance_count > limits.max_instances:
             limit = limits.max_instances
-            raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
+            raise GltfLimitError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
         if element_count > limits.max_drawn_elements:
             limit = limits.max_drawn_elements
-            raise GltfError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
+            raise GltfLimitError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
     return node_parts, instance_count, element_count
 
 

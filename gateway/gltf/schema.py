@@ -166,6 +166,7 @@ class Perspective(_Object):
 
 
 class Orthographic(_Object):
+    xmag: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
@@ -218,6 +219,33 @@ class Document(_Object):
         """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
         first_mesh = self.meshes[0] if self.meshes else None
         return self.from_drake and first_mesh is not None and first_mesh.name == "mesh0"
+
+
+class Variant(_Object):
+    name: str | None = None
+
+
+class Variants(_Object):
+    """KHR_materials_variants in the document's extensions."""
+
+    variants: list[Variant | None] | None = None
+
+
+class VariantMapping(_Object):
+    material: int | None = None
+    variants: list[int] | None = None
+
+
+class VariantMappings(_Object):
+    """KHR_materials_variants in a primitive's extensions."""
+
+    mappings: list[VariantMapping | None] | None = None
+
+
+class NodeVisibility(_Object):
+    """KHR_node_visibility in a node's extensions."""
+
+    visible: bool | None = None
 
 
 class TextureTransform(_Object):

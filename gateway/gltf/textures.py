@@ -9,12 +9,12 @@ import msgspec
 
 from gateway.gltf import schema
 from gateway.gltf.buffers import Buffers
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey, ImageKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension_json, finite_vector_or_default
 from renderers.cache import Cache
-from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap
+from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap, name_image_errors
 from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
@@ -41,11 +41,14 @@ class Textures:
         warnings: list[str],
         *,
         enabled: bool = True,
+        decodes: bool = False,
     ) -> None:
         """
         Args:
             enabled: False to leave all textures out; then no images are read.
+            decodes: True: decode each image, and leave out those that cannot be decoded.
         """
+        self._decodes = decodes
         self._document = document
         self._buffers = buffers
         self._content = content
@@ -107,8 +110,14 @@ class Textures:
             source, name = self._webp_source(texture, index), f"textures[{index}].extensions.EXT_texture_webp.source"
         if source is None:
             return None
-        image, image_name = self._image(source, name)
-        return Texture(image, self._sampler(texture.sampler, index), name=image_name)
+        try:
+            image, image_name = self._image(source, name)
+            return Texture(image, self._sampler(texture.sampler, index), name=image_name)
+        except GltfLimitError:
+            raise
+        except (GltfError, ImageError) as error:
+            self._warnings.append(f"{error}; textures[{index}] is left out")
+            return None
 
     def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
@@ -166,32 +175,35 @@ class Textures:
         if not isinstance(image, Image):
             image = image_from_bytes(bytes(data), max_pixels=self._limits.max_image_pixels)
             self._content.put(key, image, length + IMAGE_BYTES)
-        self._images[index] = image, name
         if image not in self._counted_images:
-            self._counted_images.add(image)
             self._count_pixels(data, name)
+            if self._decodes:
+                from renderers.shading.textures import texels_of  # here, because it loads kernels
+
+                with name_image_errors(name):
+                    texels_of(image)  # kept for the renderer
+            self._counted_images.add(image)
+        self._images[index] = image, name
         return image, name
 
     def _count_pixels(self, data: memoryview, name: str) -> None:
-        """Count an image's pixels towards the limits; an image with an unknown header has none, and gives a warning.
+        """Count an image's pixels towards the limits.
 
         Args:
             data: The encoded image.
             name: Name of the image, for messages.
+
+        Raises:
+            ImageError: The image's format is unknown, or its header is broken.
         """
-        try:
-            pixels = image_header(data, name).pixels
-        except ImageError as error:
-            # Depth and label images do not need the texture; rendering a colour image raises the error.
-            self._warnings.append(str(error))
-            pixels = 0
+        pixels = image_header(data, name).pixels
         self._total_pixels += pixels
         limits = self._limits
         if pixels > limits.max_image_pixels:
-            raise GltfError(f"{name}: {pixels} pixels are more than max_image_pixels = {limits.max_image_pixels}")
+            raise GltfLimitError(f"{name}: {pixels} pixels are more than max_image_pixels = {limits.max_image_pixels}")
         if self._total_pixels > limits.max_total_image_pixels:
             limit = limits.max_total_image_pixels
-            raise GltfError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
+            raise GltfLimitError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
 
 
 def _uv_transform(source: schema.TextureTransform, path: str) -> tuple[float, float, float, float, float, float]:

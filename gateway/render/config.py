@@ -25,6 +25,8 @@ class RenderConfig:
     """Shading model that ``auto`` selects for scenes of generators other than VTK and Drake's merger."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background of colour images, 0 .. 255; the default of Drake's engines."""
+    alpha_threshold: float = 0.0
+    """As ``Look.alpha_threshold``."""
     antialias: Literal["fxaa", "none"] = "fxaa"
     """Antialiasing of colour images. RenderEngineVtk uses FXAA: with FXAA 0.0 to 0.5 % of the values differ from VTK's
     images, without FXAA 0.2 to 3.4 %. RenderEngineGl has no antialiasing."""

@@ -69,17 +69,28 @@ class Pipeline:
             RequestError: The scene, its camera or one of its images cannot be used.
         """
         start_time = time.perf_counter()
+        document = posted_document(request)
         try:
-            scene = self.scenes.get(posted_document(request))
-            camera = camera_of(request, scene)
-            draw_list = self._with_backdrop(scene.draw_list)
-            parsed_time = time.perf_counter()
-            look = Look(self._look_name(scene.generator), self._config.background, self._config.samples)
-            with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
-                rendered_time = time.perf_counter()
-                body, media_type = self._encode(frame, request)
+            try:
+                return self._render_scene(request, self.scenes.get(document), start_time)
+            except ImageError:  # nearly no document has a broken image, so that this is not checked before
+                return self._render_scene(request, self.scenes.get(document, decode_images=True), start_time)
         except (GltfError, ImageError) as error:
             raise RequestError(400, f"scene: {error}") from error
+
+    def _render_scene(self, request: RenderRequest, scene: PreparedScene, start_time: float) -> EncodedImage:
+        camera = camera_of(request, scene)
+        draw_list = self._with_backdrop(scene.draw_list)
+        parsed_time = time.perf_counter()
+        look = Look(
+            self._look_name(scene.generator),
+            self._config.background,
+            self._config.samples,
+            alpha_threshold=self._config.alpha_threshold,
+        )
+        with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
+            rendered_time = time.perf_counter()
+            body, media_type = self._encode(frame, request)
         encoded_time = time.perf_counter()
         return EncodedImage(
             body=body,

@@ -50,16 +50,22 @@ class SceneStore:
         self.geometry: Final = GltfCache(caches)
         self._topologies: Cache[TopologyKey, SceneTopology] = Cache("topologies", _MAX_TOPOLOGIES, budget=caches)
 
-    def get(self, document: HashedDocument) -> PreparedScene:
+    def get(self, document: HashedDocument, *, decode_images: bool = False) -> PreparedScene:
         """Return the scene of a document.
+
+        Args:
+            decode_images: True: read it anew, without textures whose images cannot be decoded.
 
         Raises:
             GltfError: The document cannot be read. It is not cached.
         """
-        cached = self.scenes.get(document.digest)
-        if cached is not None:
-            return cached
-        gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
+        if decode_images:
+            gltf = read_gltf(document.data, limits=self._limits, decode_images=True)
+        else:
+            cached = self.scenes.get(document.digest)
+            if cached is not None:
+                return cached
+            gltf = read_gltf(document, limits=self._limits, cache=self.geometry)
         draw_list = draw_list_of(gltf, self._topologies)
         assert isinstance(draw_list.instances, PosedInstances)
         scene = PreparedScene(

@@ -30,6 +30,8 @@ class SceneOptions:
     """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
     roots: tuple[str | Path, ...] = ()
     """Folders with the packages of a robot's ``package://`` names."""
+    variant: str = ""
+    """Variant of a glTF file's materials; empty: the default materials."""
     keyframe: str = ""
     """Keyframe of an MJCF robot."""
     gltf_up: RobotGltfUp = "y"
@@ -57,7 +59,7 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
 def _read(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
     if suffix in _GLTF_SUFFIXES:
-        return read_scene_file(path, up=options.up)
+        return read_scene_file(path, up=options.up, variant=options.variant or None)
     if suffix in SUFFIXES:
         return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:

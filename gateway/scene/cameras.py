@@ -7,7 +7,9 @@
 ``path:["robot", "head"]``
     a camera at a node, given by its path in JSON. The node's frame is the optical frame: +Z forward, +X right, +Y down;
 ``eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees``
-    a free camera; ``up`` (default 0,0,1) and ``fovy`` may be left out.
+    a free camera; ``up`` (default 0,0,1) and ``fovy`` may be left out;
+``eye=x,y,z;target=x,y,z;up=x,y,z;xmag=metres``
+    a free orthographic camera, whose image is twice ``xmag`` wide, as in glTF.
 """
 
 from __future__ import annotations
@@ -41,13 +43,15 @@ _NUMBER: Final = r"[+-]?[0-9]{1,9}(\.[0-9]{0,9})?([eE][+-]?[0-2])?"
 _VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
 _NAME: Final = r'("[^"\\\x00-\x1f]*"|0|-?[1-9][0-9]{0,8})'
 _FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-9]{0,9})?)"
+_XMAG: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|[1-9][0-9]{0,8}(\.[0-9]{0,9})?)"
 CAMERA_PATTERN: Final = (
-    rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?(;fovy={_FOVY})?)$"
+    rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?"
+    rf"(;fovy={_FOVY}|;xmag={_XMAG})?)$"
 )
 """Regular expression of the grammar, for API descriptions.
 
-It does not say all: ``parse_camera`` also accepts spaces and another order of ``eye``, ``target``, ``up`` and ``fovy``,
-and rejects an ``eye`` equal to ``target`` and an ``up`` of zeros.
+It does not say all: ``parse_camera`` also accepts spaces and another order of ``eye``, ``target``, ``up``, ``fovy`` and
+``xmag``, and rejects an ``eye`` equal to ``target`` and an ``up`` of zeros.
 """
 
 
@@ -78,13 +82,15 @@ class NodeCamera:
 
 @dataclass(frozen=True, slots=True)
 class LookAtCamera:
-    """``eye=...;target=...;up=...;fovy=...``: a free camera."""
+    """``eye=...;target=...;up=...;fovy=...`` or ``...;xmag=...``: a free camera."""
 
     eye: Vector
     target: Vector
     up: Vector = (0.0, 0.0, 1.0)
     fovy: float | None = None
     """Vertical field of view, degrees; None: the caller's default."""
+    xmag: float | None = None
+    """Half of the width of an orthographic view, metres; None: the camera is a pinhole."""
 
 
 CameraSpec = StereoCamera | FitCamera | NodeCamera | LookAtCamera
@@ -157,8 +163,8 @@ def _parse_look_at(text: str) -> LookAtCamera:
             continue
         name, equals, value = part.partition("=")
         name = name.strip()
-        if not equals or name not in ("eye", "target", "up", "fovy"):
-            raise CameraError(f"camera part {quoted(part)} is not one of eye=, target=, up= and fovy=")
+        if not equals or name not in ("eye", "target", "up", "fovy", "xmag"):
+            raise CameraError(f"camera part {quoted(part)} is not one of eye=, target=, up=, fovy= and xmag=")
         if name in values:
             raise CameraError(f"camera part {quoted(part)} repeats {name}=")
         values[name] = value
@@ -177,7 +183,13 @@ def _parse_look_at(text: str) -> LookAtCamera:
         if not MIN_FOVY <= fovy < 180.0:
             part = quoted("fovy=" + values["fovy"])
             raise CameraError(f"camera part {part} must be at least {MIN_FOVY:g} and less than 180 degrees")
-    return LookAtCamera(eye, target, up, fovy)
+    xmag = None
+    if "xmag" in values:
+        xmag = _parse_number("xmag", values["xmag"])
+        if fovy is not None or not xmag >= MIN_PLANE_DISTANCE:
+            part = quoted("xmag=" + values["xmag"])
+            raise CameraError(f"camera part {part} must be at least {MIN_PLANE_DISTANCE:g} metres, without fovy=")
+    return LookAtCamera(eye, target, up, fovy, xmag)
 
 
 def _parse_vector(name: str, text: str) -> Vector:

@@ -1,4 +1,12 @@
-"""Computes normals for meshes without normals: smooth, except at creases, where vertices are duplicated."""
+"""Computes normals for meshes without normals: smooth, except at creases, where vertices are duplicated.
+
+Which edges are creases depends on the format:
+
+- Meshes of Director and Drake's viewer, OBJ, STL, PLY and the other mesh files: edges of more than ``CREASE_ANGLE``.
+- Shapes in requests of Drake's render client: none. VTK's exporter omits their normals, but not their seams: at edges
+  that RenderEngineVtk shows, vertices are not shared.
+- Other glTF files: all (glTF 2.0, 3.7.2.1). Meshes without normals are flat, so that nothing is computed here.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +25,10 @@ from renderers.compiler.structs import F32, F64, I64, U32, Struct, pointer_to
 from renderers.drawlist import Mesh
 from renderers.stop import check_stop, current_stop
 
-CREASE_COSINE: Final = math.cos(math.radians(45.0))
-"""Cosine of the crease angle: where faces meet at a larger angle, there is a crease. It is Director's feature angle."""
+CREASE_ANGLE: Final = 45.0
+"""Degrees between the normals of faces above which their edge is a crease. It is Director's feature angle."""
+NO_CREASES: Final = 180.0
+"""Crease angle with which faces that share a vertex share its normal."""
 MAX_FACES_PER_VERTEX: Final = 256
 """Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
 with more faces, each corner has the normal of its own face, and is compared with as many output vertices at most."""
@@ -35,6 +45,7 @@ CREASED_MESH: Final = Struct(
         "faces": pointer_to(U32),  # (M, 3)
         "vertex_count": I64,  # N
         "face_count": I64,  # M
+        "crease_cosine": F64,  # cosine of the crease angle
         "stop_at": I64,  # address of a StopFlag; the outputs are incomplete once it is set
         # Scratch.
         "area_normals": pointer_to(F64),  # (M, 3): cross products of the faces' edges; their length is twice the area
@@ -107,7 +118,8 @@ def _split_at_creases(mesh_at):
     source_vertex, out_normals, out_faces = mesh.source_vertex, mesh.out_normals, mesh.out_faces
     _write_face_normals(mesh)
     _sort_corners(mesh)
-    half_angle_cosine = math.sqrt(max(0.0, (1.0 + CREASE_COSINE) / 2.0))
+    crease_cosine = mesh.crease_cosine
+    half_angle_cosine = math.sqrt((1.0 + crease_cosine) / 2.0) if crease_cosine > -1.0 else -math.inf
     out_count = 0
     for vertex in range(mesh.vertex_count):
         if vertex % _STEPS_PER_STOP_CHECK == 0 and is_set(mesh.stop_at):
@@ -153,7 +165,7 @@ def _split_at_creases(mesh_at):
                         + unit_normals[face + 1] * unit_normals[other + 1]
                         + unit_normals[face + 2] * unit_normals[other + 2]
                     )
-                    if cosine > CREASE_COSINE:
+                    if cosine > crease_cosine:
                         x += area_normals[other]
                         y += area_normals[other + 1]
                         z += area_normals[other + 2]
@@ -197,9 +209,13 @@ def smooth_mesh(
 
 
 def smooth_vertices(
-    positions: NDArray[np.float32], faces: NDArray[np.uint32]
+    positions: NDArray[np.float32], faces: NDArray[np.uint32], crease_angle: float = CREASE_ANGLE
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.float32]]:
-    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place."""
+    """Return what ``smooth_mesh`` does, with the vertex in ``positions`` of each position, (K,) int64, in its place.
+
+    Args:
+        crease_angle: Degrees, up to ``NO_CREASES``.
+    """
     wait_until_compiled("formats")
     vertex_count, face_count, corner_count = len(positions), len(faces), faces.size
     area_normals, unit_normals = np.empty((2, face_count, 3), np.float64)
@@ -209,7 +225,8 @@ def smooth_vertices(
     stop = current_stop()
     mesh = np.zeros(1, CREASED_MESH.dtype)
     mesh[0] = (
-        *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count, stop.address),
+        *(address_of(positions, np.float32), address_of(faces, np.uint32), vertex_count, face_count),
+        *(math.cos(math.radians(crease_angle)), stop.address),
         *(address_of(area_normals, np.float64), address_of(unit_normals, np.float64)),
         *(address_of(array, np.int64) for array in (corners, starts, source_vertex)),
         *(address_of(normals, np.float32), address_of(out_faces, np.uint32)),

@@ -71,7 +71,7 @@ def textured(rgba: Color, image: Image, *, has_alpha: bool, repeats: bool = True
 def faded(source: Material, opacity: float) -> Material:
     """Return a material with its alpha multiplied by the opacity of its node, 0 to 1."""
     r, g, b, alpha = source.base_color
-    return replace(source, base_color=(r, g, b, alpha * opacity), alpha_mode=AlphaMode.BLEND)
+    return replace(source, base_color=(r, g, b, alpha * opacity), alpha_mode=AlphaMode.BLEND, fallback=None)
 
 
 def tinted(source: Material, rgba: Color) -> Material:
@@ -85,4 +85,5 @@ def tinted(source: Material, rgba: Color) -> Material:
         source,
         base_color=(base[0] * linear_from_srgb(r), base[1] * linear_from_srgb(g), base[2] * linear_from_srgb(b), alpha),
         alpha_mode=AlphaMode.BLEND if a < 1.0 and source.alpha_mode is AlphaMode.OPAQUE else source.alpha_mode,
+        fallback=None,
     )

@@ -25,6 +25,8 @@ class SceneApiConfig:
     """Lights of the studio look."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB background of colour images, 0 .. 255; the same as the render endpoint's."""
+    alpha_threshold: float = 0.0
+    """As ``Look.alpha_threshold``."""
     antialias: Literal["fxaa", "none"] = "fxaa"
     """Antialiasing of colour images with one sample per pixel. The studio look has no FXAA."""
     max_pixels: int = 4096 * 4096

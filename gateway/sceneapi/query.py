@@ -138,7 +138,7 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
         Parameter(
             "camera",
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
-            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
+            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, or xmag=metres in place of fovy (orthographic).",
             {"type": "string", "default": "fit", "pattern": CAMERA_PATTERN},
             "eye=2,-2,1.5;target=0,0,0.5",
         ),

@@ -135,7 +135,8 @@ class SceneApi:
         snapshot = self._tree.snapshot
         draw_list = self._flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
-        look = Look(query.look, self.config.background, query.samples, self.config.rig)
+        config = self.config
+        look = Look(query.look, config.background, query.samples, config.rig, config.alpha_threshold)
         apply_fxaa = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:

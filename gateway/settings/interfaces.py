@@ -49,6 +49,14 @@ class InterfaceSettings(BaseSettings):
         "Samples per pixel of colour images. With 1, edges are smoothed by FXAA, as in Drake's RenderEngineVtk.",
     )
     background: Color = option((204, 229, 255), "Render endpoint", "Background colour, 0 to 255 each.")
+    alpha_threshold: float = option(
+        0.0,
+        "Render endpoint",
+        "Alpha, 0 to 1, below which blended surfaces are left out of depth and label images, also of the live scene "
+        "and the stereo camera; 0: none are. The looks 'phong' and 'pbr' leave out nothing, as RenderEngineVtk.",
+        ge=0.0,
+        le=1.0,
+    )
     depth_format: Literal["tiff", "png"] = option(
         "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
     )

@@ -12,7 +12,7 @@ from gateway.stereo.images import Capture, ColorImage, Imaging
 from gateway.stereo.motion import MAX_INTERVAL, Motion, has_equal_instances
 from gateway.stereo.settings import StreamSettings
 from renderers.camera import Camera
-from renderers.interface import Look, Output
+from renderers.interface import Output
 from renderers.stereo.color_camera import ColorCamera
 
 _STRIPS: Final = 16
@@ -42,7 +42,6 @@ def expose_color_camera(
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
     """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
     motion, relative_readout = _motion(color_camera, camera, capture)
-    look = Look(imaging.config.look, imaging.config.background)
     image = np.empty((camera.height, camera.width, 3), np.uint8)
     edges = np.linspace(0, camera.height, (_STRIPS if motion is not None else 1) + 1).astype(int)
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -53,7 +52,7 @@ def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, 
         strip = Camera(
             camera.width, bottom - top, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.near, camera.far, pose
         )
-        with imaging.renderer.render(scene, strip, Output.COLOR, look) as frame:
+        with imaging.renderer.render(scene, strip, Output.COLOR, imaging.look) as frame:
             assert frame.color is not None
             image[top:bottom] = frame.color
     return image

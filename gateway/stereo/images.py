@@ -99,6 +99,12 @@ class Imaging:
     exposure_memory: ExposureMemory = field(default_factory=ExposureMemory)
     """State of automatic exposure."""
 
+    @property
+    def look(self) -> Look:
+        """Look of the rendered images, depth and labels."""
+        config = self.config
+        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold)
+
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
 
@@ -112,7 +118,7 @@ class Imaging:
         camera = config.model.camera(
             capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far
         )
-        return self.renderer.render(capture.scene, camera, outputs, Look(config.look, config.background))
+        return self.renderer.render(capture.scene, camera, outputs, self.look)
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         """Return the exposure of a capture's images, and the mean brightness of the left image.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo.images import Capture, Imaging
 from renderers.camera import Camera
-from renderers.interface import Look, Output
+from renderers.interface import Output
 from renderers.stereo.distortion import distorted_image, raw_pose
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.noise import NoiseStream, frame_key
@@ -28,13 +28,13 @@ def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: boo
     Raises:
         ImageError: a texture cannot be decoded.
     """
-    config, look = imaging.config, Look(imaging.config.look, imaging.config.background)
+    config = imaging.config
     offset = config.model.baseline if right else 0.0
     camera = config.model.camera(capture.X_world_left, offset=offset, divisor=1, near=config.near, far=config.far)
     camera = replace(camera, X_world_camera=raw_pose(camera.X_world_camera, config.distortion, right=right))
 
     def render(pinhole: Camera) -> NDArray[np.uint8]:
-        with imaging.renderer.render(capture.scene, pinhole, Output.COLOR, look) as frame:
+        with imaging.renderer.render(capture.scene, pinhole, Output.COLOR, imaging.look) as frame:
             assert frame.color is not None
             return frame.color.copy()
 

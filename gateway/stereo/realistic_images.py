@@ -17,7 +17,7 @@ from gateway.stereo.motion import MAX_INTERVAL, Motion, has_equal_instances, mov
 from gateway.stereo.settings import StreamSettings
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.interface import Frame, Look, Output, Renderer
+from renderers.interface import Frame, Output, Renderer
 from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.exposure import LUMA, Exposure
 from renderers.stereo.fixed_pattern import fixed_pattern
@@ -111,13 +111,13 @@ class RealisticImaging(Imaging):
         if "shadows" not in self.config.realism:
             return None
         with ExitStack() as stack:
-            geometry = stack.enter_context(self.renderer.render(scene, camera, _GEOMETRY))
+            geometry = stack.enter_context(self.renderer.render(scene, camera, _GEOMETRY, self.look))
             assert geometry.depth is not None
             assert geometry.normal is not None
             light = shadow_camera(geometry.depth, camera)
             if light is None:
                 return None
-            shadows = stack.enter_context(self.renderer.render(scene, light, Output.DEPTH))
+            shadows = stack.enter_context(self.renderer.render(scene, light, Output.DEPTH, self.look))
             assert shadows.depth is not None
             return light_factors(geometry.depth, geometry.normal, camera, shadows.depth, light)
 
@@ -143,7 +143,6 @@ class RealisticImaging(Imaging):
         relative_exposure = exposure_time / seconds
         rectangles = moving_rectangles(motion, camera, relative_exposure)
         total_area = sum(rectangle.area for rectangle in rectangles)
-        look = Look(self.config.look, self.config.background)
         for rectangle in rectangles:
             count = subframe_count(rectangle, total_area, camera.width * camera.height)
             with ExitStack() as stack:
@@ -164,7 +163,7 @@ class RealisticImaging(Imaging):
                         motion.camera_at(interval),
                     )
                     frame = stack.enter_context(
-                        self.renderer.render(motion.scene_at(interval), view, Output.COLOR, look)
+                        self.renderer.render(motion.scene_at(interval), view, Output.COLOR, self.look)
                     )
                     assert frame.color is not None
                     others.append(frame.color)

@@ -43,6 +43,7 @@ def _config(settings: Settings) -> RenderConfig:
         look=settings.look,
         samples=settings.samples,
         background=settings.background,
+        alpha_threshold=settings.alpha_threshold,
         depth_format="png16" if settings.depth_format == "png" else "tiff32f",
         max_body_bytes=settings.max_body_mb * MIB,
         max_inflight_bytes=settings.queue_mb * MIB,

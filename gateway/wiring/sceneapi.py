@@ -12,7 +12,12 @@ from gateway.wiring.context import Context
 async def setup(context: Context) -> None:
     """Add the scene's routes."""
     settings = context.settings
-    config = SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=rig_of(settings.rig))
+    config = SceneApiConfig(
+        background=settings.background,
+        alpha_threshold=settings.alpha_threshold,
+        max_pixels=settings.max_pixels,
+        rig=rig_of(settings.rig),
+    )
     service = SceneApi(
         context.tree,
         context.renderer,

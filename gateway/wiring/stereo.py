@@ -196,6 +196,7 @@ def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = N
         dot_light=projector.light if projector is not None else 0.0,
         mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
+        alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,
         realism=realism_of(settings),
     )

@@ -68,7 +68,6 @@ _STEREO: Final = tuple(
 )
 _FORMATS: Final = (
     "gateway.gltf.meshopt_kernels",
-    "gateway.gltf.normals",
     "gateway.gltf.skinning",
     "gateway.scene.crease_normals",
     "gateway.treeviewer.json_kernels",

@@ -127,8 +127,8 @@ def _draw_primitive(frame, target, primitive_address, first_row, end_row):
 def clear_rows(frame, layer, first_row, end_row):
     """Clear a layer's rows."""
     stride = frame.stride
-    # Nothing at or beyond this 1/z passes the depth test: the far plane needs no test of its own.
-    empty_inv_z = vec.f32(np.nextafter(np.float32(1.0 / frame.far), np.float32(-1.0)))
+    # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
+    empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
     no_id = vec.i32(-1)
     # One array after the other: consecutive stores to a cache line are combined.
     for pixel in range(first_row * stride, end_row * stride, vec.LANES):
@@ -156,7 +156,7 @@ def _build_depth_tiles(frame, layer, first_row, end_row, tiles):
             inv_z_min = vec.load(layer.inv_z, top * stride + column)
             for row in range(top + 1, bottom):
                 inv_z_min = vec.minimum(inv_z_min, vec.load(layer.inv_z, row * stride + column))
-            # Bits are ordered as the values are: none is negative but that of empty pixels.
+            # Bits are ordered as the values are: none is negative.
             bits[tile_row + column] = vec.minimum_of(vec.float_bits(inv_z_min))
 
 

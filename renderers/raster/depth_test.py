@@ -1,4 +1,8 @@
-"""Depth test and write of eight pixels: the innermost step of rasterization."""
+"""Depth test and write of eight pixels: the innermost step of rasterization.
+
+The test is OpenGL's LEQUAL, in the order of the primitives' ids: of two surfaces at the same depth the
+later one is seen.
+"""
 
 from __future__ import annotations
 
@@ -11,29 +15,28 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at
 
 IN_ORDER: Final = 0
-"""For primitives drawn in the order of their ids: of two at the same depth the first stays."""
+"""For primitives drawn in the order of their ids: of two at the same depth the one drawn last is seen."""
 PEELED: Final = 1
 """As IN_ORDER, and only what the frame's layers ``beyond``, ``before`` and ``earlier`` leave over."""
 ANY_ORDER: Final = 2
-"""For primitives drawn in any order: of two at the same depth, the one with the lower id wins."""
+"""For primitives drawn in any order: of two at the same depth the one with the higher id is seen."""
 
 
 @device_function
 def _is_between(frame, pixel, inv_z, ids):
-    """Return m8: pixels strictly beyond one and before another of the frame's layers, by depth, then id, and with ids
+    """Return m8: pixels beyond one of the frame's layers by depth, then id; not behind another by depth; and with ids
     below those of a third."""
     zero = vec.i32(0)
     passed = zero == zero
     if frame.beyond_ids != 0:
         layer_ids = vec.load(i32_at(frame.beyond_ids), pixel)
         layer_inv_z = vec.load(f32_at(frame.beyond_inv_z), pixel)
-        is_beyond = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids > layer_ids))
+        is_beyond = (inv_z < layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
         passed = passed & (layer_ids >= zero) & is_beyond
     if frame.before_ids != 0:
         layer_ids = vec.load(i32_at(frame.before_ids), pixel)
         layer_inv_z = vec.load(f32_at(frame.before_inv_z), pixel)
-        is_before = (inv_z > layer_inv_z) | ((inv_z == layer_inv_z) & (ids < layer_ids))
-        passed = passed & ((layer_ids < zero) | is_before)
+        passed = passed & ((layer_ids < zero) | (inv_z >= layer_inv_z))
     if frame.earlier_ids != 0:
         passed = passed & (ids < vec.load(i32_at(frame.earlier_ids), pixel))
     return passed
@@ -41,7 +44,7 @@ def _is_between(frame, pixel, inv_z, ids):
 
 @inlined
 def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
-    """Write those of eight pixels that are covered and nearer than the layer.
+    """Write those of eight pixels that are covered and not behind the layer.
 
     With the frame's ``takes_latest`` the layer's 1/z stays, and higher ids win.
 
@@ -51,9 +54,9 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
         inv_z, covered, ids: f32x8, m8, i32x8: 1/z, coverage mask and primitive id.
     """
     old_inv_z = vec.load_volatile(layer.inv_z, pixel)
-    passed = covered & (inv_z > old_inv_z)
+    passed = covered & (inv_z >= old_inv_z)
     if depth_rule == ANY_ORDER:
-        passed = passed | (covered & (inv_z == old_inv_z) & (ids < vec.load(layer.ids, pixel)))
+        passed = passed & ((inv_z > old_inv_z) | (ids > vec.load(layer.ids, pixel)))
     if depth_rule == PEELED:
         passed = passed & _is_between(frame, pixel, inv_z, ids)
         if frame.takes_latest != 0:
@@ -69,7 +72,7 @@ def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
     old_inv_z = layer.inv_z[pixel]
     old_id = layer.ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.
-    passed = (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (primitive_id < old_id))
+    passed = (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (primitive_id > old_id))
     if depth_rule == PEELED:
         passed = passed & (vec.movemask(_is_pixel_between(frame, pixel, inv_z, primitive_id)) != 0)
         if frame.takes_latest != 0:

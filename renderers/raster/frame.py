@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ from renderers.raster.buffer_pool import Scratch
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
 from renderers.raster.layout import BINNED_BYTES, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
-from renderers.raster.resolve import LAYER_GAP, draw_band, resolve_normals, row_stride
+from renderers.raster.resolve import LAYER_GAP, draw_band, resolve_layer, resolve_normals, row_stride
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
@@ -55,7 +55,7 @@ class FrameJob:
             keep_back_faces: culled faces appear in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, so that hidden back faces need not be drawn.
             samples: 1, 4 or 8 per pixel; several are for ``sampled_task``.
-            whole_layer: ``layers`` will be called.
+            whole_layer: ``layers`` or ``resolver`` will be called.
         """
         width, height = camera.width, camera.height
         instances = prepared.instances
@@ -70,7 +70,7 @@ class FrameJob:
         """Address of ``X_camera_mesh``."""
         self._poses = poses[: 16 * count]
         self._task, self._task_address = self._new_task(height)
-        frame, address = scratch.take("frame", FRAME.size // 8, np.int64)
+        frame, self._frame_address = scratch.take("frame", FRAME.size // 8, np.int64)
         self._frame = frame[: FRAME.size // 8].view(FRAME.dtype)
         reach, offsets, lanes = _sample_tables(samples)[:3] if samples > 1 else (0, 0, 0)
         values: dict[str, Any] = {
@@ -106,13 +106,13 @@ class FrameJob:
             **_work_buffers(scratch, vertices, -(-primitives // CHUNK), band_count(height)),
         }
         self._frame[0] = tuple([values.get(name, 0) for name in _FRAME_FIELDS])
-        self._task["frame"] = address
-        useful_threads: int = set_up_frame(address)
+        self._task["frame"] = self._frame_address
+        useful_threads: int = set_up_frame(self._frame_address)
         if useful_threads == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
             self._frame["poses_ready"] = 1
-            useful_threads = set_up_frame(address)
+            useful_threads = set_up_frame(self._frame_address)
         self._useful_threads = useful_threads
 
     def _new_task(self, height: int) -> tuple[NDArray[np.void], int]:
@@ -186,6 +186,18 @@ class FrameJob:
             frame["normals_kernel"] = _normals_address()
         self._task["has_outputs"] = any(addresses)
         self._keep.append(images)
+
+    def resolver(self, visible: Visibility) -> Callable[[int], None]:
+        """Return a function that writes the outputs of a band, by its index, from a finished layer."""
+        ids = address_of(self._padded(visible.ids), np.int32)
+        inv_z = address_of(self._padded(visible.inv_z), np.float32)
+        height = len(visible.ids)
+
+        def resolve(band: int) -> None:
+            first_row = band * BAND_ROWS
+            resolve_layer(self._frame_address, ids, inv_z, first_row, min(first_row + BAND_ROWS, height))
+
+        return resolve
 
     def task(self, shade_job: int = 0) -> Task:
         """Return the work for threads to share.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,18 +16,19 @@ from renderers.camera import Camera
 from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
-from renderers.interface import Frame, Look, LookName, Output
+from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
 from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, PooledArrays, ScratchPool
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import allocate_sample_bands, edge_kernels, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
-from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint
+from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
+from renderers.shading.depth_peeling import draw_cut_outs
 from renderers.shading.studio.passes import paint as paint_studio
 from renderers.stop import check_stop
-from renderers.visibility_buffer import SampledShader, SampledView, Visibility
+from renderers.visibility_buffer import SampledShader, SampledView, Visibility, band_count
 
 _OUTPUTS: Final = (
     (Output.COLOR.value, True, np.uint8),
@@ -36,7 +38,7 @@ _OUTPUTS: Final = (
     (Output.NORMAL.value, True, np.float32),
 )
 """A frame's outputs in their order: flag, whether values are vectors, dtype. All but colour show both sides of all
-surfaces, and translucent ones as if they were opaque."""
+surfaces. What is translucent is opaque there, or cut out: see ``Look.alpha_threshold``."""
 
 
 def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple[int, ...]]:
@@ -98,6 +100,15 @@ class _Call:
     addresses: tuple[int, ...]
     """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
 
+    @property
+    def cut_out(self) -> NDArray[np.bool_] | None:
+        """(I,) bool: instances of which parts may be missing in the geometry outputs; None: there are none."""
+        if self.look.name in VTK_LOOKS:
+            return None
+        structure = self.prepared.instances.structure
+        selected = structure.masked | structure.blended if self.look.alpha_threshold > 0.0 else structure.masked
+        return selected if selected.any() else None
+
 
 class CpuRenderer:
     """Renders on the CPU. Thread-safe. The output is bit-identical for any number of threads.
@@ -134,7 +145,7 @@ class CpuRenderer:
         """As ``Renderer.render``.
 
         Raises:
-            ImageError: a texture that colour needs cannot be decoded.
+            ImageError: a texture that colour or a cut-out needs cannot be decoded.
             ValueError, TypeError: the image is larger than MAX_SIDE, or a mesh is not as ``Mesh`` requires.
         """
         if not camera.width <= MAX_SIDE >= camera.height:
@@ -152,6 +163,8 @@ class CpuRenderer:
                     self._draw_geometry(call)
                 else:
                     self._draw_color(call, color)
+            if depth is not None and camera.depth_origin != 0.0:
+                depth -= np.float32(camera.depth_origin)
         except BaseException:
             frame.close()
             raise
@@ -226,6 +239,10 @@ class CpuRenderer:
 
     def _draw_geometry(self, call: _Call) -> None:
         """Fill the geometry outputs; the visibility layer itself is not kept."""
+        cut_out = call.cut_out
+        if cut_out is not None:
+            self._draw_cut_geometry(call, cut_out)
+            return
         scratch = self._scratch.take()
         try:
             job = FrameJob(call.prepared, call.camera, scratch, self._threads.threads, opaque=True)
@@ -233,6 +250,21 @@ class CpuRenderer:
             self._threads.share(job.task())
         finally:
             self._scratch.give(scratch)
+
+    def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_]) -> None:
+        """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
+        scene, camera = call.scene, call.camera
+        look = replace(call.look, name="gltf") if call.look.name == "studio" else call.look
+        solid = partial(solid_pixels, self, _shading(scene, look.name, self.parallel), look)
+        with self.visibility(scene, camera, select=~cut_out) as visible:
+            draw_cut_outs(self, scene, camera, cut_out, visible, solid)
+            scratch = self._scratch.take()
+            try:
+                job = FrameJob(call.prepared, camera, scratch, self._threads.threads, whole_layer=True)
+                job.outputs(call.frame, call.addresses[1:])
+                self.parallel(band_count(camera.height), job.resolver(visible))
+            finally:
+                self._scratch.give(scratch)
 
     def _draw_color(self, call: _Call, color: NDArray[np.uint8]) -> None:
         """Fill all outputs, colour included.

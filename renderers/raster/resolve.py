@@ -248,6 +248,18 @@ def _resolve_rows(frame, layer, first_row, end_row):
         call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, end_row))
 
 
+@kernel("void(int64, int64, int64, int64, int64)")
+def resolve_layer(frame_address, ids_address, inv_z_address, first_row, end_row):
+    """Write the wanted outputs of some rows from a finished layer.
+
+    Args:
+        ids_address, inv_z_address: addresses of (H, stride) int32 and float32.
+    """
+    layer = _new_layer()
+    layer.ids, layer.inv_z = i32_at(ids_address), f32_at(inv_z_address)
+    _resolve_rows(frame_at(frame_address), layer, first_row, end_row)
+
+
 LAYER_GAP: Final = 1040
 """Values between a band's primitive ids and its depths. Without it, both would often lie a multiple of 4096 bytes
 apart, where loads of one wait for stores to the other."""

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
+from renderers.drawlist import (
+    AlphaMode,
+    DrawList,
+    Instance,
+    InstanceSet,
+    Mesh,
+    PosedInstances,
+    Topology,
+    used_vertices,
+)
 from renderers.raster.convex_culling import cullable_mesh
 from renderers.raster.layout import INSTANCE, MAX_POINT_SIZE
 from renderers.stop import check_stop
@@ -54,6 +63,10 @@ class _Structure:
     """(I + 1,): first primitive id of every instance, and the number of primitives."""
     materials: tuple[Any, ...]
     """(I,) Material, from which the sizes were taken."""
+    masked: NDArray[np.bool_]
+    """(I,): True for instances of the alpha mode MASK."""
+    blended: NDArray[np.bool_]
+    """(I,): True for instances of the alpha mode BLEND."""
     keep: tuple[PreparedMesh, ...]
 
 
@@ -241,4 +254,12 @@ def _build_structure(instances: Sequence[Instance]) -> _Structure:
     table["size"][:-1] = [min(max(size, 1.0), MAX_POINT_SIZE) if math.isfinite(size) else 1.0 for size in sizes]
     boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
     table["box_center"][:-1], table["box_half"][:-1] = boxes[:, :3], boxes[:, 3:]
-    return _Structure(table, first_ids, materials, keep=tuple(by_mesh.values()))
+    modes = [material.alpha_mode for material in materials]
+    return _Structure(
+        table,
+        first_ids,
+        materials,
+        masked=np.array([mode is AlphaMode.MASK for mode in modes], np.bool_),
+        blended=np.array([mode is AlphaMode.BLEND for mode in modes], np.bool_),
+        keep=tuple(by_mesh.values()),
+    )

@@ -27,7 +27,7 @@ pointers instead of arrays, and their loops over pixels overrun by up to seven.
 
 from __future__ import annotations
 
-from renderers.shading.headlight.passes import HeadlightJob, paint
+from renderers.shading.headlight.passes import HeadlightJob, paint, solid_pixels
 from renderers.shading.scene import ShadingScene, prepare
 from renderers.shading.texture_table import Parallel
 
@@ -37,4 +37,5 @@ __all__ = [
     "ShadingScene",
     "paint",
     "prepare",
+    "solid_pixels",
 ]

@@ -6,7 +6,7 @@ order in which it draws them: instance by instance, primitive by primitive. This
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -37,7 +37,7 @@ def peeled(
     *,
     in_drawing_order: bool = False,
 ) -> Iterator[Visibility]:
-    """Yield the layers of the selected instances in front of ``behind``, nearest first.
+    """Yield the layers of the selected instances that ``behind`` does not hide, nearest first.
 
     To stop peeling a pixel, set its id in a layer to -1. Each layer is closed when the next one is requested.
 
@@ -66,6 +66,31 @@ def peeled(
     finally:
         if previous is not None:
             previous.close()
+
+
+SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
+"""Function that returns a mask of the pixels where a layer is not cut out, (H, W)."""
+
+
+def draw_cut_outs(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    camera: Camera,
+    cut_out: NDArray[np.bool_],
+    visible: Visibility,
+    solid_pixels: SolidPixels,
+    max_layers: int = MAX_LAYERS,
+) -> None:
+    """Draw the solid parts of instances into a layer of the other instances.
+
+    Args:
+        cut_out: (I,) bool, the instances of which parts may be cut out.
+    """
+    for layer in peeled(rasterizer, scene, camera, cut_out, None, visible, max_layers):
+        is_solid = solid_pixels(layer, camera)
+        np.copyto(visible.ids, layer.ids, where=is_solid)
+        np.copyto(visible.inv_z, layer.inv_z, where=is_solid)
+        layer.ids[is_solid] = -1  # surfaces behind are hidden
 
 
 def surfaces_in_drawing_order(

@@ -27,7 +27,7 @@ def look_material(material: Material, look: LookName) -> Material:
     - ``phong``, ``plain``: only the base colour, its texture and vertex colours are used, as RenderEngineVtk (without
       glTF meshes) and RenderEngineGl do.
     - ``plain``: the base colour factor is encoded as sRGB. (So are vertex colours, in the buffers of the mesh.)
-    - ``phong``, ``pbr``: every alpha blends, and textures are sampled as in VTK.
+    - ``phong``, ``pbr``: every alpha blends, textures are sampled as in VTK, and the material's ``fallback`` is used.
     - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
     - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
@@ -61,6 +61,7 @@ def look_material(material: Material, look: LookName) -> Material:
 
 def _vtk_material(material: Material) -> Material:
     """Return a glTF material as vtkGLTFImporter imports it."""
+    material = material.fallback or material
     metallic_roughness, emissive = material.metallic_roughness_texture, material.emissive_texture
     return replace(
         material,

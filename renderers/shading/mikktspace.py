@@ -29,11 +29,16 @@ _BLOCK: Final = 1 << 14
 def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     """Return the mesh with tangents for a set of texture coordinates (0 or 1), without unused vertices.
 
-    A mesh that has tangents, or has no normals, texture coordinates or triangles, is returned unchanged.
+    A mesh that has tangents, or has no texture coordinates or triangles, is returned unchanged. A mesh without normals
+    gets those of its faces.
     """
     wait_until_compiled("normals")
+    if mesh.tangents is not None or mesh.topology is not Topology.TRIANGLES:
+        return mesh
+    if mesh.normals is None:
+        mesh = _with_flat_normals(mesh)
     uv = mesh.uv1 if uv_set == 1 else mesh.uv0
-    if mesh.tangents is not None or uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
+    if uv is None or mesh.normals is None:
         return mesh
     tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
     check_stop()
@@ -57,6 +62,23 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
         None if mesh.uv1 is None else mesh.uv1[vertex],
         None if mesh.colors is None else mesh.colors[vertex],
         tangents[source_corner],
+    )
+
+
+def _with_flat_normals(mesh: Mesh) -> Mesh:
+    """Return triangles that share no vertices, with the normals of their faces."""
+    corner_vertex = mesh.elements.reshape(-1)
+    a, b, c = mesh.positions[mesh.elements].astype(np.float64).transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    check_stop()
+    return Mesh(
+        mesh.positions[corner_vertex],
+        np.arange(len(corner_vertex), dtype=np.uint32).reshape(-1, 3),
+        np.repeat(normals.astype(np.float32), 3, axis=0),
+        None if mesh.uv0 is None else mesh.uv0[corner_vertex],
+        None if mesh.uv1 is None else mesh.uv1[corner_vertex],
+        None if mesh.colors is None else mesh.colors[corner_vertex],
     )
 
 

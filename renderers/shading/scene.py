@@ -70,6 +70,7 @@ def _is_transparent(instance: Instance, look: LookName) -> bool:
     """
     material = instance.material
     if look in VTK_LOOKS:
+        material = material.fallback or material
         texture, colors = material.base_color_texture, instance.mesh.colors
         return (
             material.base_color[3] < 1.0
@@ -85,8 +86,8 @@ def _is_transparent(instance: Instance, look: LookName) -> bool:
 
 
 def _has_alpha(instance: Instance) -> bool:
-    """Return True if the base colour texture is not opaque."""
-    texture = instance.material.base_color_texture
+    """Return True if the base colour texture is not opaque in the looks of VTK."""
+    texture = (instance.material.fallback or instance.material).base_color_texture
     return texture is not None and not texels_of(texture.image).opaque
 
 

@@ -154,10 +154,21 @@ def test_without_a_pose_the_camera_of_the_file_is_used(scenes: Path) -> None:
     assert (camera.cx, camera.cy) == (1.0, 24.0)
     assert (camera.near, camera.far) == (0.5, np.inf)
     assert camera_of(View("v", None), root, drawn, replace(own, zfar=3.0), 64, 48, 45.0).far == 3.0
-    with pytest.raises(CameraError, match="'main' is orthographic; name another with --camera"):
+    with pytest.raises(CameraError, match="'main' has neither yfov nor xmag"):
         camera_of(View("v", None), root, drawn, replace(own, yfov=None), 64, 48, 45.0)
     with pytest.raises(CameraError, match="the file's camera 'main': "):
         camera_of(View("v", None), root, drawn, replace(own, X_world_camera=np.zeros((4, 4))), 64, 48, 45.0)
+
+
+def test_the_orthographic_camera_of_a_file(scenes: Path) -> None:
+    own = GltfCamera(0, "main", np.eye(4), yfov=None, znear=0.5, zfar=9.0, aspect=None, xmag=2.0)
+    for intrinsics, planes in ((Intrinsics(), (0.5, 9.0)), (Intrinsics(near=1.0, far=3.0), (1.0, 3.0))):
+        camera = camera_of(View("v", None, intrinsics), Node(), DrawList(), own, 64, 48, 45.0)
+        origin = camera.depth_origin
+        assert (camera.near - origin, camera.far - origin) == pytest.approx(planes)
+        assert camera.X_world_camera[2, 3] == -origin
+        assert 32 / camera.fx * origin == pytest.approx(2.0, rel=1e-3)
+        assert record_of(camera).depth_origin == origin
 
 
 def test_records_of_cameras() -> None:

@@ -20,6 +20,7 @@ from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from tests.datasets.conftest import SETTINGS
+from tests.gltf.builder import Builder, data_uri
 from tests.support import forms
 
 
@@ -101,3 +102,62 @@ def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer,
     one, four = (msgspec.structs.replace(settings, samples=samples) for samples in (1, 4))
     images = [RequestRenderer(renderer, each).render(colored)[2] for each in (settings, one, four)]
     assert images[0] == images[1] != images[2]
+
+
+def test_labels_and_depth_of_a_leaf_with_a_hole_before_a_wall(renderer: CpuRenderer, tmp_path: Path) -> None:
+    """As scenegate render draws them; the looks of RenderEngineVtk ignore alpha."""
+    pixels = np.full((4, 4, 4), 255, np.uint8)
+    pixels[:, :2, 3] = 0
+    b = Builder()
+    square = {
+        "POSITION": b.accessor([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]),
+        "TEXCOORD_0": b.accessor([(0, 1), (1, 1), (1, 0), (0, 0)]),
+    }
+    indices = b.accessor([0, 1, 2, 0, 2, 3], "B")
+    b.add("images", {"uri": data_uri(cv2.imencode(".png", pixels)[1].tobytes(), "image/png")})
+    b.add("textures", {"source": 0})
+    b.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "alphaMode": "MASK"})
+    b.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 0.25]}, "alphaMode": "BLEND"})
+    for name, z, material in (("leaf", 0, {"material": 0}), ("film", -1, {"material": 1}), ("wall", -2, {})):
+        mesh = b.mesh({"attributes": square, "indices": indices, **material})
+        b.node(name=name, mesh=mesh, translation=[0, 0, z])
+    b.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1, "zfar": 100}})
+    b.node(camera=0, translation=[0, 0, 4])
+    path = tmp_path / "leaf.gltf"
+    path.write_bytes(b.text())
+    (source,) = find_sources([path])
+    scene = load_scene(source)
+    view = camera_of(View("v", None), scene.root, scene.draw_list, scene.file_camera, 32, 24, 45.0)
+    labels = {paths[0][-1]: int(label) for label, paths in scene.description.labels.items()}
+    for style, seen, depth in (
+        (Style(), "film", 5.0),
+        (Style(alpha_threshold=0.5), "wall", 6.0),
+        (style_of(msgspec.structs.replace(SETTINGS, look="gltf", alpha_threshold=0.5)), "wall", 6.0),
+        (Style("pbr", alpha_threshold=0.5), "leaf", 4.0),
+    ):
+        images = render_images(renderer, scene, view, {"label": "png", "depth": "tiff"}, style)
+        label = cv2.imdecode(np.frombuffer(images["label"], np.uint8), cv2.IMREAD_COLOR)
+        tiff = cv2.imdecode(np.frombuffer(images["depth"], np.uint8), cv2.IMREAD_UNCHANGED)
+        assert label is not None
+        assert tiff is not None
+        assert label[12, 14, 2] == labels[seen]
+        assert label[12, 18, 2] == labels["leaf"]
+        assert tiff[12, 14] == pytest.approx(depth, rel=1e-6)
+
+
+def test_a_texture_that_cannot_be_decoded_is_left_out(renderer: CpuRenderer, tmp_path: Path) -> None:
+    png = cv2.imencode(".png", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+    b = Builder()
+    b.add("images", {"uri": data_uri(png[:60], "image/png"), "name": "skin"})
+    b.add("textures", {"source": 0})
+    pbr = {"baseColorFactor": [0, 1, 0, 1], "baseColorTexture": {"index": 0}}
+    b.node(mesh=b.triangle(material=b.add("materials", {"pbrMetallicRoughness": pbr, "doubleSided": True})))
+    path = tmp_path / "broken.gltf"
+    path.write_bytes(b.text())
+    (source,) = find_sources([path])
+    scene = load_scene(source)
+    (warning,) = scene.description.warnings
+    assert warning.startswith("images[0] (skin): ")
+    assert warning.endswith("; textures[0] is left out")
+    image = color(renderer, scene, Style("plain"))
+    assert ((image[..., 1] > 100) & (image[..., 0] == 0)).any()

@@ -492,6 +492,51 @@ def back_faces(folder: Path) -> Scene:
     return Scene([BEHIND, Body(gltf(folder, document))])
 
 
+@scene("without_normals")
+def without_normals(folder: Path) -> Scene:
+    """A ball, the same mirrored, and a sheet of triangles with both windings."""
+    document = Gltf()
+    material = document.material(pbrMetallicRoughness={"metallicFactor": 0.0}, doubleSided=True)
+    attributes, indices = sphere(0.2, 8, 12)
+    ball = document.mesh({"POSITION": attributes["POSITION"]}, indices, material)
+    document.node(ball, translation=[-0.25, 0.0, 0.0])
+    document.node(ball, translation=[0.25, 0.0, 0.0], scale=[-1.0, 1.0, 1.0])
+    attributes, indices = quad(0.9, 0.3)
+    triangles = np.array(indices).reshape(-1, 3)
+    triangles[0] = triangles[0, ::-1]
+    document.node(document.mesh({"POSITION": attributes["POSITION"]}, triangles.reshape(-1), material))
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("twins")
+def twins(folder: Path) -> Scene:
+    """Of two identical things, the one that is drawn last is seen, by its label as well."""
+    red, green = (0.9, 0.1, 0.1, 1.0), (0.1, 0.9, 0.1, 1.0)
+    boxes = [Body(Box(0.2, 0.2, 0.2), (0.25, 0, 0), (0.3, 0.2, 0.5), color) for color in (red, green)]
+    return Scene([*boxes, *(Body(Sphere(0.15), (-0.25, 0, 0), diffuse=color) for color in (green, red))])
+
+
+@scene("twins_gltf")
+def twins_gltf(folder: Path) -> Scene:
+    document = Gltf()
+    for color in ([0.9, 0.1, 0.1, 1.0], [0.1, 0.9, 0.1, 1.0], [0.1, 0.1, 0.9, 1.0]):
+        material = document.material(pbrMetallicRoughness={"baseColorFactor": color, "metallicFactor": 0.0})
+        document.node(document.mesh(*sphere(0.2), material))
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("specular_glossiness")
+def specular_glossiness(folder: Path) -> Scene:
+    """An extension that VTK ignores, and whose colour is no label."""
+    document = Gltf()
+    glossiness = {"diffuseFactor": [0.2, 0.4, 0.9, 1.0], "specularFactor": [0.5, 0.5, 0.5], "glossinessFactor": 0.9}
+    pbr = {"baseColorFactor": [0.9, 0.4, 0.1, 1.0], "metallicFactor": 0.0}
+    extensions = {"KHR_materials_pbrSpecularGlossiness": glossiness}
+    document.use("KHR_materials_pbrSpecularGlossiness")
+    material = document.material(pbrMetallicRoughness=pbr, extensions=extensions)
+    return single_ball(folder, document, material)
+
+
 @scene("skin_and_morph_target")
 def skin_and_morph_target(folder: Path) -> Scene:
     path = folder / "mesh.gltf"

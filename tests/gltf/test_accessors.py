@@ -23,7 +23,16 @@ def test_indices_of_every_type(dtype: str) -> None:
 
 def test_arrays_are_read_only_contiguous_and_aligned() -> None:
     b = Builder()
-    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(TRIANGLE[:, :2])}}, b)
+    mesh = only_mesh(
+        {
+            "attributes": {
+                "POSITION": b.accessor(TRIANGLE),
+                "NORMAL": b.accessor(TRIANGLE),
+                "TEXCOORD_0": b.accessor(TRIANGLE[:, :2]),
+            }
+        },
+        b,
+    )
     for array in (mesh.positions, mesh.elements, mesh.normals, mesh.uv0):
         assert array is not None
         assert array.flags.c_contiguous

@@ -138,10 +138,7 @@ def test_extraction_of_uris_is_reversible(value: Any, indent: int | None) -> Non
         (b'{"nodes":[{"mesh":true}]}', r"nodes\[0\]\.mesh: expected `int \| null`, got `bool`"),
         (b'{"asset":{"generator":"\xff\xfe"}}', "not JSON: "),
         (b'{"asset":{"version":"1.0"}}', r"asset\.version: glTF 1\.0 is not supported, only 2\.x"),
-        (
-            b'{"asset":{"version":"2.1","minVersion":"2.1"}}',
-            r"asset\.minVersion: the file asks for glTF 2\.1, but only 2\.0 is read",
-        ),
+        (b'{"asset":{"minVersion":"3.0"}}', r"asset\.minVersion: glTF 3\.0 is not supported, only 2\.x"),
         (b'{"nodes":' + b"[" * 100_000, "nested too deeply"),
         (b'{"x":' + b'{"x":' * 100_000, "nested too deeply"),
         (b'{"x":NaN,"nodes":' + b"[" * 100_000 + b"]" * 100_000 + b"}", "nested too deeply"),
@@ -353,3 +350,12 @@ def test_numbers_that_are_not_finite_are_refused(value: str, place: str) -> None
     text = json.dumps({"nodes": [{place: [0] * count}]}).replace("0]", f"{value}]")
     with pytest.raises(GltfError, match=rf"nodes\[0\]\.{place}\[{count - 1}\]: expected `float`, got `null`"):
         read_gltf(text.encode())
+
+
+def test_a_later_minor_version_is_read_with_a_warning() -> None:
+    b = Builder()
+    b.json["asset"].update(version="2.1", minVersion="2.1")
+    b.node(mesh=b.triangle())
+    scene = b.read()
+    assert scene.instance_count == 1
+    assert scene.warnings == ("asset.minVersion: glTF 2.1 is read as glTF 2.0",)

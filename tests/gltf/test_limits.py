@@ -63,7 +63,6 @@ def images(*sizes: tuple[int, int]) -> Builder:
         (triangles, "max_nodes", 3),
         (triangles, "max_instances", 3),
         (triangles, "max_drawn_elements", 3),
-        (lambda: chain(5), "max_node_depth", 5),
         (lambda: primitives(4), "max_primitives", 4),
         (lambda: separate_triangles(3), "max_vertices", 9),
         (lambda: separate_triangles(3), "max_elements", 3),
@@ -131,7 +130,6 @@ def test_large_positions_are_kept(value: float) -> None:
     (part,) = scene.parts[0] or ()
     shape: Any = part.shape
     assert shape.mesh.positions[0, 1] == np.float32(value)
-    assert np.isfinite(shape.mesh.normals).all()
 
 
 @pytest.mark.parametrize("axis", range(3))

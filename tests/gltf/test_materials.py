@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from typing import Any
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.gltf import DEFAULT_MATERIAL, GltfCache, GltfError, GltfLimits, GltfScene, label_from_material
-from renderers.drawlist import LABEL_NONE, AlphaMode, ImageError, Material, Sampler, Texture, Wrap
+from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Sampler, Texture, Wrap
 from tests.gltf.builder import Builder, data_uri, parts
 
 
@@ -241,6 +242,15 @@ def test_specular_glossiness_becomes_a_dielectric_of_the_same_reflectance() -> N
     assert scene.warnings == ()
 
 
+def test_specular_glossiness_changes_neither_the_label_nor_the_material_of_other_readers() -> None:
+    glossy = {"diffuseFactor": [0.5, 0.25, 0, 0.5], "glossinessFactor": 0.75}
+    pbr = {"baseColorFactor": [7 / 255, 1 / 255, 0, 1], "roughnessFactor": 0.5}
+    extended = {"pbrMetallicRoughness": pbr, "extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}}
+    material, _ = read_material(extended)
+    assert label_from_material(material) == 7 + 256
+    assert material.fallback == read_material({"pbrMetallicRoughness": pbr})[0]
+
+
 def test_texture_without_usable_source_is_left_out_with_a_warning() -> None:
     b = with_texture(source=None, extensions={"KHR_texture_basisu": {"source": 0}})
     b.json["extensionsRequired"] = ["KHR_texture_basisu"]
@@ -249,17 +259,14 @@ def test_texture_without_usable_source_is_left_out_with_a_warning() -> None:
     assert scene.warnings == ("textures[0]: no source (KHR_texture_basisu), so there is no texture",)
 
 
-def test_unknown_formats_fail_only_when_they_are_decoded() -> None:
+def test_images_of_unknown_formats_are_left_out_with_a_warning() -> None:
     b = Builder()
     b.add("images", {"uri": data_uri(b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(99)), "name": "bottle"})
     b.add("textures", {"source": 0})
     material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
     reason = "KTX2 images are not supported, only PNG, JPEG and WebP"
-    assert scene.warnings == (f"images[0] (bottle): {reason}",)
-    assert material.emissive_texture is not None
-    assert material.emissive_texture.name == "images[0] (bottle)"
-    with pytest.raises(ImageError, match=f"^{reason}$"):
-        material.emissive_texture.image.decode()
+    assert scene.warnings == (f"images[0] (bottle): {reason}; textures[0] is left out",)
+    assert material.emissive_texture is None
 
 
 def test_image_names_are_those_of_each_document() -> None:
@@ -329,8 +336,7 @@ def test_without_textures_images_are_not_read() -> None:
     b.add("textures", {"source": 0})
     b.node(mesh=b.triangle(material=b.add("materials", {"emissiveTexture": {"index": 0}})))
     assert parts(b.read(textures=False))[0][1].material == Material()
-    with pytest.raises(GltfError, match=r"images\[0\]\.uri: not a valid data URI"):
-        b.read()
+    assert "images[0].uri: not a valid data URI" in b.read().warnings[0]
 
 
 def test_pixels_are_limited_by_the_headers() -> None:
@@ -407,11 +413,15 @@ def test_errors_name_the_material(material: dict[str, Any], message: str) -> Non
         ({}, {"uri": "data:image/png;base64"}, r"images\[0\]\.uri: not a valid data URI: there is no comma"),
     ],
 )
-def test_errors_name_texture_and_image(texture: dict[str, Any], image: dict[str, Any], message: str) -> None:
+def test_textures_that_cannot_be_read_are_left_out(
+    texture: dict[str, Any], image: dict[str, Any], message: str
+) -> None:
     b = with_texture(**texture)
     b.json["images"][0].update(image)
-    with pytest.raises(GltfError, match=message):
-        read_material({"normalTexture": {"index": 0}}, b)
+    material, scene = read_material({"normalTexture": {"index": 0}}, b)
+    assert material.normal_texture is None
+    (warning,) = scene.warnings
+    assert re.match(f"{message}.*; textures\\[0\\] is left out$", warning)
 
 
 def test_extensions_that_are_not_required_are_ignored() -> None:
@@ -451,3 +461,22 @@ def test_labels_of_colors_out_of_range_are_clamped_and_others_rounded(
     color: tuple[float, float, float], label: int
 ) -> None:
     assert label_from_material(Material(base_color=(*color, 1.0))) == label
+
+
+def test_variants_choose_other_materials() -> None:
+    b = Builder()
+    red, green, blue = (
+        b.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": [*color, 1]}})
+        for color in ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    )
+    b.json["extensions"] = {"KHR_materials_variants": {"variants": [{"name": "meadow"}, {"name": "sea"}]}}
+    mappings = [{"material": green, "variants": [0]}, {"material": blue, "variants": [1]}]
+    b.node(mesh=b.triangle(material=red, extensions={"KHR_materials_variants": {"mappings": mappings}}))
+    b.node(mesh=b.triangle(material=red))
+    for variant, color in ((None, (1, 0, 0)), ("meadow", (0, 1, 0)), ("sea", (0, 0, 1)), ("desert", (1, 0, 0))):
+        scene = b.read(variant=variant)
+        first, second = (part.material for _, part in parts(scene))
+        assert list(first.base_color[:3]) == list(color)
+        assert list(second.base_color[:3]) == [1, 0, 0]
+        expected = "the file has no material variant 'desert' (it has 'meadow', 'sea'), the default materials are drawn"
+        assert scene.warnings == ((expected,) if variant == "desert" else ())

@@ -7,7 +7,6 @@ import pytest
 
 from gateway.gltf import GltfCache, GltfLimits
 from gateway.gltf.errors import GltfError
-from gateway.gltf.normals import vertex_normals
 from gateway.gltf.topology import element_count, elements_of
 from renderers.cache import CacheBudget
 from renderers.drawlist import Topology
@@ -53,8 +52,6 @@ def test_strips_and_fans_cover_the_square_with_one_winding(indexed: bool) -> Non
         c = corners(mesh)
         areas = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])[:, 2] / 2
         assert areas.tolist() == [0.5, 0.5]
-        assert mesh.normals is not None
-        assert (mesh.normals == (0, 0, 1)).all()
 
 
 def test_lines_and_points_have_no_normals_of_their_own() -> None:
@@ -65,21 +62,55 @@ def test_lines_and_points_have_no_normals_of_their_own() -> None:
         assert mesh.normals is None
 
 
-def test_missing_normals_are_summed_by_area_per_vertex_index() -> None:
-    """A floor and a wall thrice as large share an edge; a vertex at the same place but of its own stays flat."""
-    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3), (0, 0, 0)], np.float32)
-    triangles = np.array([(0, 1, 2), (0, 3, 1), (4, 1, 2)], np.uint32)
-    normals = vertex_normals(positions, triangles)
-    shared = np.array((0, 3, 1)) / np.sqrt(10)  # 1 * (0, 0, 1) + 3 * (0, 1, 0), as cross products
-    np.testing.assert_allclose(normals[0], shared, atol=1e-6)
-    np.testing.assert_allclose(normals[4], (0, 0, 1), atol=1e-6)
-    np.testing.assert_allclose(normals[2], (0, 0, 1), atol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+def test_triangles_without_normals_are_flat_and_their_tangents_are_ignored() -> None:
+    """glTF 2.0, 3.7.2.1: no vertex is duplicated for it, the renderer computes the normals of faces."""
+    b = Builder()
+    tangents = b.accessor([(1, 0, 0, 1)] * 4)
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE), "TANGENT": tangents}, "mode": 5}, b)
+    assert mesh.normals is None
+    assert mesh.tangents is None
+    assert len(mesh.positions) == 4
 
 
-def test_normals_of_unused_vertices_point_up() -> None:
-    positions = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 5, 5)], np.float32)
-    assert vertex_normals(positions, np.array([(0, 1, 2)], np.uint32)).tolist() == [[0, 0, 1]] * 4
+@pytest.mark.parametrize(
+    ("generator", "material", "smooth"),
+    [
+        ("VTK", {}, True),
+        ("Drake glTF merger", {}, True),
+        ("Drake glTF merger", {"name": "of a glTF file"}, False),
+        ("Blender", {}, False),
+    ],
+)
+def test_shapes_of_drake_whose_normals_vtk_omits_are_smooth(generator: str, material: Any, smooth: bool) -> None:
+    """A roof of 120 degrees, whose triangles share the vertices of the ridge."""
+    b = Builder()
+    b.json["asset"]["generator"] = generator
+    pbr = {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    b.json["materials"] = [{"pbrMetallicRoughness": pbr, **material}]
+    roof = b.accessor([(0, 0, 0), (0, 1, 0), (-1, 0, 0), (0.5, 0, -(0.75**0.5))])
+    indices = b.accessor([0, 1, 2, 0, 3, 1], "B")
+    mesh = only_mesh({"attributes": {"POSITION": roof}, "indices": indices, "material": 0}, b)
+    assert (mesh.normals is not None) == smooth
+    if mesh.normals is not None:
+        assert len(mesh.positions) == 4
+        np.testing.assert_allclose(mesh.normals[:2], [(0.5, 0, 0.75**0.5)] * 2, atol=1e-6)
+
+
+def test_normals_without_any_direction_count_as_missing() -> None:
+    b = Builder()
+    normals = b.accessor(np.zeros((4, 3)))
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE), "NORMAL": normals}, "mode": 5}, b)
+    assert mesh.normals is None
+
+
+def test_a_vertex_whose_normal_has_no_direction_gets_that_of_one_of_its_triangles_with_an_area() -> None:
+    b = Builder()
+    corners = b.accessor([(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (5, 5, 5)])
+    normals = b.accessor([(0, 0, 0), (0, 1, 0), (0, 1, 0), (np.inf, 0, 0), (0, 0, 0)])
+    indices = b.accessor([0, 1, 2, 0, 1, 3], "B")
+    mesh = only_mesh({"attributes": {"POSITION": corners, "NORMAL": normals}, "indices": indices}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]
 
 
 def test_given_normals_get_unit_length_and_bad_ones_are_computed() -> None:
@@ -134,6 +165,7 @@ def test_second_texture_coordinates_and_tangents() -> None:
     b = Builder()
     attributes = {
         "POSITION": b.accessor(TRIANGLE),
+        "NORMAL": b.accessor([(0, 0, 1)] * 3),
         "TEXCOORD_0": b.accessor(TRIANGLE[:, :2]),
         "TEXCOORD_1": b.accessor(2 * TRIANGLE[:, :2]),
         "TANGENT": b.accessor([(3, 0, 0, -1), (0, 0, 0, 1), (0, 1, 0, 0.9)]),
@@ -288,7 +320,8 @@ def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: 
     for count in (2, 3, 4):
         b = Builder()
         values = b.accessor(np.full((count, width), width**-0.5))
-        b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), attribute: values}}))
+        normals = {"NORMAL": b.accessor([(0, 0, 1)] * 3)}
+        b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), **normals, attribute: values}}))
         scene = b.read()
         expected = f"meshes[0].primitives[0].attributes.{attribute}: 2 values for 3 vertices, ignored"
         assert scene.warnings == ((expected,) if count == 2 else ())
@@ -301,7 +334,7 @@ def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: 
             "COLOR_0": mesh.colors,
         }
         for name, array in arrays.items():
-            expected_present = name == "NORMAL" or (name == attribute and count > 2)
+            expected_present = (name == "NORMAL" and attribute != name) or (name == attribute and count > 2)
             assert (array is not None) == expected_present
             assert array is None or len(array) == 3
 
@@ -342,6 +375,6 @@ def test_the_size_of_the_meshes_counts_each_once() -> None:
     cache = GltfCache()
     for _ in range(2):  # new, and from the cache
         scene = b.read(cache=cache)
-        assert scene.content.mesh_bytes == meshes(scene)[0].nbytes == 3 * 12 + 12 + 3 * 12
+        assert scene.content.mesh_bytes == meshes(scene)[0].nbytes == 3 * 12 + 12
         assert scene.content.element_counts == {0: 2}
     assert scene.element_count == 4

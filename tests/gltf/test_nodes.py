@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.gltf import GltfError, GltfLimits, read_gltf
+from gateway.gltf import GltfError, read_gltf
 from gateway.scene.transforms import IDENTITY, Matrix, from_pose, look_at
-from tests.gltf.builder import Builder, parts
+from tests.gltf.builder import TRIANGLE, Builder, parts, world_triangles
 
 SHIFT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]
 
@@ -132,13 +132,33 @@ def test_errors_name_the_node(nodes: list[Any], message: str) -> None:
         b.read()
 
 
-def test_depth_is_limited_and_long_chains_do_not_recurse() -> None:
+def test_a_long_chain_is_drawn_and_its_tree_is_not_as_deep() -> None:
     b = Builder()
-    b.json["nodes"] = [{"children": [i + 1]} for i in range(3000)] + [{}]
-    with pytest.raises(GltfError, match=r"nodes\[256\] lies deeper than max_node_depth = 256"):
-        b.read()
-    scene = b.read(limits=GltfLimits(max_node_depth=3001))
+    b.json["nodes"] = [{"children": [i + 1], "translation": [1, 0, 0], "name": "link"} for i in range(3000)]
+    b.node(mesh=b.triangle(), rotation=[0, 0, 1, 0])
+    scene = b.read()
+    assert scene.warnings == ()
     assert sum(1 for _ in scene.root.walk()) == 3002
+    assert max(len(path) for path, _ in scene.root.walk()) == 256
+    (triangle,) = world_triangles(scene)
+    np.testing.assert_allclose(triangle, TRIANGLE[None] * (-1, -1, 1) + (3000, 0, 0), atol=1e-3)
+
+
+def test_hidden_nodes_draw_and_light_nothing() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    b.json["extensionsUsed"] = ["KHR_node_visibility"]
+    hidden, shown = ({"KHR_node_visibility": {"visible": visible}} for visible in (False, True))
+    light = {"KHR_lights_punctual": {"light": 0}}
+    b.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    b.node(name="a", mesh=mesh, extensions={**hidden, **light}, children=[1])
+    b.node(name="below a", mesh=mesh, extensions={**shown, **light})
+    b.node(name="b", mesh=mesh, extensions={**shown, **light}, children=[3])
+    b.node(name="below b", mesh=mesh)
+    scene = b.read()
+    assert [path for path, _ in parts(scene)] == [("b",), ("b", "below b")]
+    assert len(scene.lights) == 1
+    assert scene.warnings == ()
 
 
 def test_instances_share_mesh_and_parts() -> None:

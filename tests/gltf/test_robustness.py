@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -200,3 +202,39 @@ def test_any_bytes_are_read_or_a_gltf_error(data: bytes) -> None:
 def test_unpaired_surrogates_are_errors_that_quote_the_string(text: str) -> None:
     with pytest.raises(GltfError, match=r"^the JSON string 'a\\ud800' has an unpaired surrogate, '\\ud800'$"):
         read_gltf(text.encode())
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda b: b.json["buffers"][1].pop("uri"), "buffers[1]: there is neither a uri nor a binary chunk"),
+        (lambda b: b.json["bufferViews"][1].update(byteLength=99), "bufferViews[1]: bytes 0 .. 99 are outside"),
+        (lambda b: b.json["meshes"][1]["primitives"][0].update(mode=9), "mode: 9 is not between 0 and 6"),
+        (lambda b: b.json["meshes"][1]["primitives"][0].update(material=3), "material: 3 is out of range"),
+        (lambda b: b.json["accessors"][1].update(count=4), "accessors[1]"),
+    ],
+)
+def test_a_primitive_that_cannot_be_read_is_left_out(damage: Callable[[Builder], object], reason: str) -> None:
+    """The others are drawn. A document of which nothing can be drawn is refused."""
+    b = Builder()
+    for _ in range(2):
+        b.node(mesh=b.triangle())
+    damage(b)
+    scene = b.read()
+    assert scene.instance_count == 1
+    (warning,) = scene.warnings
+    assert reason in warning
+    assert warning.endswith("; meshes[1].primitives[0] is left out")
+    del b.json["nodes"][0]
+    with pytest.raises(GltfError, match=re.escape(reason)):
+        b.read()
+
+
+def test_an_attribute_that_cannot_be_read_is_ignored() -> None:
+    b = Builder()
+    b.node(mesh=b.triangle())
+    b.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 7
+    scene = b.read()
+    assert scene.instance_count == 1
+    path = "meshes[0].primitives[0].attributes.COLOR_0"
+    assert scene.warnings == (f"{path}: 7 is out of range (1 accessors); {path} is ignored",)

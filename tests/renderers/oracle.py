@@ -97,7 +97,7 @@ def draw(scene: DrawList, camera: Camera) -> Picture:
                 covered, inverse = _point(p[0], instance.material.point_size, camera)
             covered &= inverse >= 1.0 / camera.far
             hits += covered
-            nearer = covered & (inverse > best)
+            nearer = covered & (inverse >= best)  # of equally near ones the last is seen
             best[nearer] = inverse[nearer]
             ids[nearer] = record
     with np.errstate(divide="ignore"):

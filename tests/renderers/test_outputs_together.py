@@ -81,14 +81,14 @@ def replace_sides(drawn: DrawList) -> DrawList:
     return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in drawn.instances))
 
 
-def test_coplanar_faces_label_of_the_first_and_color_of_the_front() -> None:
+def test_coplanar_faces_label_of_the_last_and_color_of_the_front() -> None:
     wall = quad(2.0, 3.0)
     away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
     red, green = Material((1.0, 0.0, 0.0, 1.0)), Material((0.0, 1.0, 0.0, 1.0))
     drawn = DrawList(
         (
-            replace(placed(away, red), label=1),
             replace(placed(wall, green), label=2),
+            replace(placed(away, red), label=1),
         )
     )
     camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.05, 50.0, np.eye(4))

@@ -167,11 +167,11 @@ def test_any_number_of_threads_gives_the_same_bytes(
     several.close()
 
 
-def test_equal_depth_shows_the_lower_primitive_id(renderer: CpuRenderer) -> None:
+def test_equal_depth_shows_the_higher_primitive_id(renderer: CpuRenderer) -> None:
     plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 3), (-9, 9, 3)), ((0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)))
-    for scene in (draw_list(plate), draw_list(plate, plate, plate)):
-        with renderer.visibility(scene, camera(200, 150)) as seen:
-            assert set(np.unique(seen.ids)) == {0, 1}
+    for copies in (1, 3):
+        with renderer.visibility(draw_list(*[plate] * copies), camera(200, 150)) as seen:
+            assert set(np.unique(seen.ids)) == {4 * copies - 2, 4 * copies - 1}
 
 
 def test_outputs_belong_to_the_visible_instance(renderer: CpuRenderer) -> None:
@@ -246,7 +246,7 @@ def test_depth_peeling_yields_layers_in_depth_order(renderer: CpuRenderer) -> No
         assert (layer.ids[both] >= 0).all()
         assert (following.inv_z[both] <= layer.inv_z[both]).all()
         tied = both & (following.inv_z == layer.inv_z)
-        assert (following.ids[tied] > layer.ids[tied]).all()
+        assert (following.ids[tied] < layer.ids[tied]).all()
         layer.close()
         layer = following
     layer.close()

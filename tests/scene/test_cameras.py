@@ -25,7 +25,10 @@ from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.tree import Node, TreeEdit
 from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
-from renderers.drawlist import Material
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.interface import Output
+from renderers.primitives import box
+from renderers.raster import CpuRenderer
 
 
 def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -55,6 +58,7 @@ def tree(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) 
         ("eye=1,2,3;target=0,0,0", LookAtCamera((1, 2, 3), (0, 0, 0))),
         ("target=0, 0, 0; eye=1,2,-3e1 ;", LookAtCamera((1, 2, -30), (0, 0, 0))),
         ("eye=1,2,3;target=0,0,0;up=0,1,0;fovy=30", LookAtCamera((1, 2, 3), (0, 0, 0), (0, 1, 0), 30.0)),
+        ("eye=1,2,3;target=0,0,0;xmag=2.5", LookAtCamera((1, 2, 3), (0, 0, 0), xmag=2.5)),
     ],
 )
 def test_the_grammar(text: Any, spec: Any) -> None:
@@ -81,6 +85,8 @@ def test_the_grammar(text: Any, spec: Any) -> None:
         ("eye=1,2,3;target=1,2,3", "'target=1,2,3' is the same point as eye"),
         ("eye=1,2,3;target=0,0,0;up=0,0,0", "'up=0,0,0' has no direction"),
         ("eye=1,2,3;target=0,0,0;fovy=180", "'fovy=180' must be at least 0.001 and less than 180"),
+        ("eye=1,2,3;target=0,0,0;xmag=0", "'xmag=0' must be at least 1e-09 metres, without fovy="),
+        ("eye=1,2,3;target=0,0,0;xmag=1;fovy=30", "'xmag=1' must be at least 1e-09 metres, without fovy="),
         ("eye=1,2,3;target=0,0,0;fovy=-5", "must be at least 0.001 and less than 180"),
         ("eye=1,2,3;eye=0,0,0;target=0,0,0", "'eye=0,0,0' repeats eye="),
         ("eye=1,2,3;target=0,0,0;roll=3", "'roll=3' is not one of eye="),
@@ -309,3 +315,35 @@ def test_a_far_plane_of_the_caller_moves_the_near_plane() -> None:
     spec, root = LookAtCamera((0, -500, 0), (0, 0, 0)), tree(((1, 1, 1), (0, 0, 0)))
     assert resolve_camera(spec, root, 64, 48, far=100.0).near == 50.0
     assert resolve_camera(spec, root, 64, 48, near=1000.0).far == 2000.0
+
+
+def test_an_orthographic_camera_shows_lengths_at_any_distance_alike_and_depth_linearly() -> None:
+    """Two rods of 1 m, 1 m and 5 m before the eye, and a slope between."""
+    width = 200
+    rods = [box(), box()]
+    poses = [tf.translation(0.0, -0.6, 1.5), tf.translation(0.0, 0.6, 5.5)]
+    slope = Mesh(
+        np.array(((-1, -0.05, 1), (1, -0.05, 5), (1, 0.05, 5), (-1, 0.05, 1)), np.float32),
+        np.array(((0, 1, 2), (0, 2, 3)), np.uint32),
+    )
+    scene = DrawList(
+        (
+            *(Instance(rod, Material(), X, k) for k, (rod, X) in enumerate(zip(rods, poses, strict=True))),
+            Instance(slope, Material(), np.eye(4), 2),
+        )
+    )
+    camera = resolve_camera(
+        parse_camera("eye=0,0,0;target=0,0,1;up=0,-1,0;xmag=1"), Node(), width, width, draw_list=scene
+    )
+    renderer = CpuRenderer(1)
+    with renderer.render(scene, camera, Output.DEPTH | Output.LABEL) as frame:
+        assert frame.depth is not None
+        assert frame.label is not None
+        for label, row, depth in ((0, 40, 1.0), (1, 160, 5.0)):
+            columns = np.flatnonzero(frame.label[row] == label)
+            assert abs(len(columns) - width / 2) <= 1
+            assert abs(columns.mean() + 0.5 - width / 2) <= 0.5
+            np.testing.assert_allclose(frame.depth[row, columns], depth, atol=1e-3)
+        x = (np.arange(width) + 0.5) / (width / 2) - 1.0
+        np.testing.assert_allclose(frame.depth[width // 2], 3.0 + 2.0 * x, atol=5e-3)
+    renderer.close()

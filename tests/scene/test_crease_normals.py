@@ -5,7 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from gateway.scene.crease_normals import MAX_FACES_PER_VERTEX, smooth_mesh, with_creases
+from gateway.scene.crease_normals import (
+    MAX_FACES_PER_VERTEX,
+    NO_CREASES,
+    smooth_mesh,
+    smooth_vertices,
+    with_creases,
+)
 from renderers import primitives
 from renderers.drawlist import Mesh
 from renderers.stop import StopFlag
@@ -153,3 +159,28 @@ def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
     placed, elements, normals = smooth_mesh(positions, faces)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
     np.testing.assert_array_equal(placed[elements], positions[faces])
+
+
+def test_without_creases_normals_are_summed_by_area_per_vertex_index() -> None:
+    """A floor and a wall thrice as large share an edge; a vertex at the same place but of its own stays flat."""
+    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3), (0, 0, 0)], np.float32)
+    triangles = np.array([(0, 1, 2), (0, 3, 1), (4, 1, 2)], np.uint32)
+    vertices, faces, normals = smooth_vertices(positions, triangles, NO_CREASES)
+    assert vertices.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(faces, triangles)
+    shared = np.array((0, 3, 1)) / np.sqrt(10)  # 1 * (0, 0, 1) + 3 * (0, 1, 0), as cross products
+    np.testing.assert_allclose(normals[0], shared, atol=1e-6)
+    np.testing.assert_allclose(normals[4], (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(normals[2], (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+
+
+def test_without_creases_the_tip_of_a_cone_of_many_faces_has_one_normal() -> None:
+    count = MAX_FACES_PER_VERTEX * 4
+    angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
+    points = np.concatenate((np.stack((np.cos(angle), np.sin(angle), 0 * angle), axis=1), [(0, 0, 1)]))
+    ring = np.arange(count)
+    triangles = np.stack((ring, np.roll(ring, -1), np.full(count, count)), axis=1).astype(np.uint32)
+    vertices, _, normals = smooth_vertices(points.astype(np.float32), triangles, NO_CREASES)
+    assert len(vertices) == count + 1
+    np.testing.assert_allclose(normals[-1], (0, 0, 1), atol=1e-5)

@@ -75,6 +75,12 @@ async def test_listing_has_the_labels_of_label_images(world: World) -> None:
     assert (pixels @ (1, 256, 65536))[0, 0] == 0xFFFFFF
 
 
+async def test_the_threshold_on_alpha_is_a_setting(world: World) -> None:
+    world.service.config = SceneApiConfig(alpha_threshold=0.25)
+    await world.client.get(f"/scene/render?type=label&{SMALL}")
+    assert world.renderer.calls[-1][3].alpha_threshold == 0.25
+
+
 async def test_unchanged_scene_is_304(world: World) -> None:
     for path in ("/scene", "/scene.glb"):
         first = await world.client.get(path)

@@ -13,14 +13,16 @@ from gateway.gltf import read_gltf
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Sphere
 from gateway.scene.live import LiveTree
-from gateway.scene.transforms import look_at
+from gateway.scene.transforms import look_at, translation
 from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, Imaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.profile import PROFILE_NAMES, read_profile
 from gateway.stereo.settings import StreamSettings, read_settings
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material
 from renderers.interface import LookName, Output
+from renderers.primitives import box
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality, StereoModel
 from tests.stereo.scenes import part
@@ -99,3 +101,20 @@ def test_both_cameras_have_the_same_light(renderer: CpuRenderer, look: LookName)
     difference = np.abs(images[1][rows, landing] - images[0][rows, columns])[same]
     assert len(difference) > 10_000
     assert np.quantile(difference, 0.95) <= 3
+
+
+def test_truth_has_no_cut_outs_and_no_surfaces_below_the_threshold(renderer: CpuRenderer) -> None:
+    film = Material((1.0, 0.0, 0.0, 0.25), alpha_mode=AlphaMode.BLEND)
+    cut_out = Material((1.0, 0.0, 0.0, 0.25), alpha_mode=AlphaMode.MASK)
+    boxes = [
+        Instance(box(), material, translation(0.0, 0.0, z), label)
+        for material, z, label in ((cut_out, 2.0, 1), (film, 4.0, 2), (Material(), 6.0, 3))
+    ]
+    capture = Capture(0, DrawList(tuple(boxes)), 1, np.eye(4), 0)
+    for threshold, label, depth in ((0.0, 2, 3.5), (0.5, 3, 5.5)):
+        imaging = Imaging(StereoConfig(alpha_threshold=threshold), renderer)
+        with imaging.render(capture, 0.0, 8, Output.DEPTH | Output.LABEL) as frame:
+            assert frame.depth is not None
+            assert frame.label is not None
+            middle = frame.label.shape[0] // 2, frame.label.shape[1] // 2
+            assert (frame.label[middle], frame.depth[middle]) == (label, pytest.approx(depth, rel=1e-6))

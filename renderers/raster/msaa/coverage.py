@@ -144,8 +144,8 @@ def draw_sample_rows(frame, memory, first_row, end_row):
     band.ids, band.slots = i32_at(address(memory.ids) - offset), i32_at(address(memory.slots) - offset)
     band.owners = i32_at(address(memory.owners) - offset)
     band.far, band.near = f32_at(address(memory.far) - offset), f32_at(address(memory.near) - offset)
-    # Nothing at or beyond this 1/z passes the depth test: the far plane needs no test of its own.
-    empty_inv_z = vec.f32(np.nextafter(np.float32(1.0 / frame.far), np.float32(-1.0)))
+    # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
+    empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
     none = vec.i32(-1)
     for pixel in range(first_row * stride, end_row * stride, vec.LANES):
         vec.store(band.owners, pixel, none)

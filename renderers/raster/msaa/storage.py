@@ -119,13 +119,13 @@ def _open_slot(frame, band, slot_count, pixel):
 
 @inlined
 def _depth_test(inv_z, old_inv_z, ids, old_ids):
-    """Return m8: samples at which a primitive is in front of the old one. Empty samples have the id -1."""
-    return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids < old_ids))
+    """Return m8: samples at which a primitive is seen instead of the old one. Empty samples have the id -1."""
+    return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids))
 
 
 @inlined
 def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
-    """Write those of a pixel's covered samples that are nearer than what is stored.
+    """Write those of a pixel's covered samples that are not behind what is stored.
 
     Without a branch: which samples are, and whether the pixel was empty, cannot be predicted.
 
@@ -146,6 +146,6 @@ def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
     inv_z = vec.select(passed, inv_z, old_inv_z)
     vec.store(band.sample_inv_z, first, inv_z)
     vec.store(band.sample_ids, first, vec.select(passed, ids, old_ids))
-    # Bits are ordered as the values are: none is negative but that of empty samples.
+    # Bits are ordered as the values are: none is negative.
     as_i32(band.far)[pixel] = vec.minimum_of(vec.float_bits(inv_z))
     return slot_count

@@ -73,6 +73,18 @@ def paint(
         _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
 
 
+def solid_pixels(
+    rasterizer: Rasterizer, shading: ShadingScene, look: Look, layer: Visibility, camera: Camera
+) -> NDArray[np.bool_]:
+    """Return a mask of the pixels where a layer is not cut out and has at least ``look.alpha_threshold``, (H, W)."""
+    gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
+    gathered[3] = 1.0
+    _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
+    transmittance = gathered[3, :, : camera.width]
+    one = np.float32(1.0)
+    return (transmittance < one) & (transmittance <= one - np.float32(look.alpha_threshold))
+
+
 class HeadlightJob:
     """The HEADLIGHT_JOB of an image or layer, and the memory that it points into. Immutable, thread-safe."""
 

@@ -37,7 +37,7 @@ def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
         weight = one - fu
     elif column == width - 1:
         weight = fu
-    # Empty texels hold a negative 1/z.
+    # Empty texels hold a 1/z of 0.
     is_clear = inv_z <= vec.maximum(plane + plane_du * vec.f32(column), zero)
     return row_sum + vec.select(is_clear, weight, zero)
 

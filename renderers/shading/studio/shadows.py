@@ -11,7 +11,7 @@ plane is computed for every texel, so that a plane never shadows itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,7 +22,7 @@ from renderers.cache import Cache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
-from renderers.shading.depth_peeling import peeled
+from renderers.shading.depth_peeling import SolidPixels, draw_cut_outs
 from renderers.shading.studio.layout import SHADOW_MAP
 
 if TYPE_CHECKING:  # the rasterizer imports the callers of this module
@@ -52,9 +52,6 @@ _CENTER_STEP: Final = 0.125
 _STEP_MARGIN: Final = 16.0 / 15.0
 """Factor of a map's radius, so that the map covers all points although its centre is rounded to a step."""
 
-SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
-"""Function of a layer and its camera that returns a mask of the pixels where the layer is not cut out, (H, W)."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowMap:
@@ -62,7 +59,7 @@ class ShadowMap:
 
     camera: Camera
     inv_z: NDArray[np.float32]
-    """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); negative: no caster."""
+    """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); 0: no caster."""
 
 
 _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache("shadow_maps", weak=True)
@@ -198,12 +195,9 @@ def shadow_map_of(
     is_caster = casters(scene.instances)
     solid, cut_out = is_caster & ~transparent, is_caster & transparent
     with rasterizer.visibility(scene, camera, select=solid) as layer:
-        inv_z = layer.inv_z.copy()
         if cut_out.any():
-            for nearer in peeled(rasterizer, scene, camera, cut_out, None, layer, MAX_CUT_OUT_LAYERS):
-                is_solid = solid_pixels(nearer, camera)
-                np.copyto(inv_z, nearer.inv_z, where=is_solid)
-                nearer.ids[is_solid] = -1  # surfaces behind are hidden
+            draw_cut_outs(rasterizer, scene, camera, cut_out, layer, solid_pixels, MAX_CUT_OUT_LAYERS)
+        inv_z = layer.inv_z.copy()
     new = ShadowMap(camera, inv_z)
     newest = (new, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
     _maps.put(scene, newest, sum(each.inv_z.nbytes for each in newest))

@@ -1,4 +1,4 @@
-"""Which of several surfaces at a pixel is seen, against the definition: the nearest, of equally near ones the first."""
+"""Which of several surfaces at a pixel is seen, against the definition: the nearest, of equally near ones the last."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.drawlist import DrawList, Instance, Material
-from renderers.interface import Look, Output
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material
+from renderers.interface import Look, LookName, Output, SampleCount
+from renderers.primitives import box
 from renderers.raster import CpuRenderer
 from renderers.visibility_buffer import Visibility
-from tests.renderers.scenes import camera, grid
+from tests.renderers.scenes import camera, grid, mesh, sphere
 
-RENDERER = CpuRenderer(1)
+RENDERER, SEVERAL = CpuRenderer(1), CpuRenderer(3)
 VIEW = camera(61, 47)
 DEPTHS = (2.0, 2.5, 4.0)
 
@@ -37,7 +38,7 @@ def values(layer: Visibility) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_layers_of_coplanar_surfaces(seed: int) -> None:
-    """Each layer is the first one beyond the previous one; the layers before another are the same from the front."""
+    """Each layer is the first one beyond the previous one; what is not behind another begins with the first."""
     scene = plates(np.random.default_rng(seed))
     seen = []
     for k in range(len(scene.instances)):
@@ -45,7 +46,7 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
             seen.append(values(alone))
     ids, inv_z = (np.stack(arrays) for arrays in zip(*seen, strict=True))
     inv_z = np.where(ids >= 0, inv_z, 0.0)
-    order = np.lexsort((ids, -inv_z), axis=0)
+    order = np.lexsort((-ids, -inv_z), axis=0)
     ids, inv_z = np.take_along_axis(ids, order, 0), np.take_along_axis(inv_z, order, 0)
     layers: list[Visibility] = []
     for number in range(6):
@@ -57,10 +58,7 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
     assert (inv_z[0] == inv_z[1])[ids[1] >= 0].mean() > 0.1, "ties are frequent"
     for number, layer in enumerate(layers):
         with RENDERER.visibility(scene, VIEW, before=layer) as front:
-            # Where nothing is seen, everything is before it.
-            nothing = layer.ids < 0
-            np.testing.assert_array_equal(front.ids[nothing], ids[0][nothing])
-            np.testing.assert_array_equal(front.ids[~nothing], ids[0][~nothing] if number else -1)
+            np.testing.assert_array_equal(front.ids, ids[0])
         for later in layers[number + 2 :]:
             with RENDERER.visibility(scene, VIEW, beyond=layer, before=later) as between:
                 inside = later.ids >= 0
@@ -71,9 +69,62 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
         layer.close()
 
 
+TWINS = {
+    "tiny triangles": sphere(150, 80),
+    "small triangles": sphere(24, 12),
+    "large triangles": box(),
+    "through the near plane": mesh(((-9, 0, -9), (9, 0, -9), (0, 0, 9), (0, 1, -9)), ((0, 1, 2), (0, 2, 3))),
+    "lines": mesh(((-1, -1, 0), (1, 1, 0), (1, -1, 0), (-1, 1, 0.5)), ((0, 1), (2, 3))),
+    "points": mesh(((-1, -1, 0), (1, 1, 0), (1, -1, 0), (-1, 1, 0.5)), ((0,), (1,), (2,), (3,))),
+}
+
+
+@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize(("look", "samples"), [("phong", 1), ("phong", 4), ("plain", 8), ("studio", 1), ("studio", 4)])
+def test_of_two_identical_things_the_later_one_is_seen(name: str, look: LookName, samples: SampleCount) -> None:
+    """As OpenGL's LEQUAL decides: in colour, label and instance, with any number of threads."""
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    red, green = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0))
+
+    def instance(color: tuple[float, float, float, float], label: int) -> Instance:
+        material = Material(color, unlit=True, double_sided=True, point_size=5.0, line_width=3.0)
+        return Instance(TWINS[name], material, X, label, label)
+
+    outputs = Output.COLOR | Output.LABEL | Output.INSTANCE | Output.DEPTH
+    both = DrawList((instance(red, 1), instance(green, 2)))
+    alone = DrawList((instance(green, 2),))
+    with (
+        RENDERER.render(both, VIEW, outputs, Look(look, samples=samples)) as seen,
+        RENDERER.render(alone, VIEW, outputs, Look(look, samples=samples)) as expected,
+        SEVERAL.render(both, VIEW, outputs, Look(look, samples=samples)) as other,
+    ):
+        assert seen.label is not None
+        assert (seen.label == 2).any()
+        for output in ("color", "label", "instance", "depth"):
+            np.testing.assert_array_equal(getattr(seen, output), getattr(expected, output))
+            assert getattr(seen, output).tobytes() == getattr(other, output).tobytes()
+
+
+def test_a_translucent_surface_on_an_opaque_one_is_blended_over_it_in_any_order() -> None:
+    """Opaque surfaces are drawn first, and translucent ones at the same depth pass the test."""
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    wall = Instance(box(), Material((1.0, 0.0, 0.0, 1.0), unlit=True), X)
+    film = Instance(box(), Material((0.0, 0.0, 1.0, 0.5), unlit=True, alpha_mode=AlphaMode.BLEND), X)
+    for look in ("phong", "plain"):
+        images = []
+        for instances in ((wall, film), (film, wall)):
+            with RENDERER.render(DrawList(instances), VIEW, Output.COLOR, Look(look)) as frame:
+                assert frame.color is not None
+                images.append(frame.color.copy())
+        np.testing.assert_array_equal(images[0], images[1])
+        assert (images[0][VIEW.height // 2, VIEW.width // 2] == (128, 0, 128)).all()
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_coplanar_fronts_and_backs(seed: int) -> None:
-    """Colour culls back faces, labels do not: drawn together, fronts come before backs, and still the first wins."""
+    """Colour culls back faces, labels do not: drawn together, fronts come before backs, and still the last wins."""
     rng = np.random.default_rng(seed)
     instances = tuple(
         replace(instance, mesh=replace(instance.mesh, elements=instance.mesh.elements[:, ::-1].copy()))

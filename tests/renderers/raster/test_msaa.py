@@ -128,7 +128,7 @@ def test_thread_count_and_repetition_do_not_change_the_image() -> None:
 
 
 @pytest.mark.parametrize("samples", [4, 8])
-def test_equal_depth_shows_the_first_primitive(renderer: CpuRenderer, samples: int) -> None:
+def test_equal_depth_shows_the_last_primitive(renderer: CpuRenderer, samples: int) -> None:
     """Regardless of the drawing order: large triangles are drawn after small ones."""
     wall = grid(1, 1, [(-3, -3, 2.0), (3, -3, 2.0), (3, 3, 2.0), (-3, 3, 2.0)])
     rng = np.random.default_rng(3)
@@ -136,12 +136,14 @@ def test_equal_depth_shows_the_first_primitive(renderer: CpuRenderer, samples: i
     points[:, :, 2] = 2.0
     small = mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3))
     view = camera(333, 217)
-    only_wall = color(renderer, unlit(wall, double_sided=True), view, "phong", samples)
-    assert np.array_equal(color(renderer, unlit(wall, small, double_sided=True), view, "phong", samples), only_wall)
-    # In the colour of the first mesh: wherever small triangles cover all samples.
-    covered = (color(renderer, unlit(small, double_sided=True), view, "phong", samples) == only_wall[108, 160]).all(-1)
+    nothing = mesh(np.zeros((3, 3)), np.zeros((0, 3)))  # its place decides the other's colour
+    only_wall = color(renderer, unlit(nothing, wall, double_sided=True), view, "phong", samples)
+    assert np.array_equal(color(renderer, unlit(small, wall, double_sided=True), view, "phong", samples), only_wall)
+    # In the colour of the second mesh: wherever small triangles cover all samples.
+    only_small = color(renderer, unlit(nothing, small, double_sided=True), view, "phong", samples)
+    covered = (only_small == only_wall[108, 160]).all(-1)
     assert 1000 < covered.sum() < covered.size / 2
-    both = color(renderer, unlit(small, wall, double_sided=True), view, "phong", samples)
+    both = color(renderer, unlit(wall, small, double_sided=True), view, "phong", samples)
     assert (both[covered] == only_wall[108, 160]).all()
 
 

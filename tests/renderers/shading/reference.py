@@ -101,13 +101,13 @@ class BruteForce:
                 is_candidate = (inv > 1 / camera.far) & (inv < 1 / camera.near)
                 if beyond is not None:
                     b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
-                    is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id > b)))
+                    is_candidate &= (b >= 0) & ((inv < at) | ((inv == at) & (primitive_id < b)))
                 if before is not None:
                     b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
-                    is_candidate &= (b < 0) | (inv > at) | ((inv == at) & (primitive_id < b))
+                    is_candidate &= (b < 0) | (inv >= at)
                 if earlier is not None:
                     is_candidate &= primitive_id < earlier.reshape(-1)
-                nearer = is_candidate & ((ids < 0) | (inv > best) | latest)
+                nearer = is_candidate & ((ids < 0) | (inv >= best) | latest)
                 best[nearer], ids[nearer] = inv[nearer], primitive_id
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
@@ -188,7 +188,7 @@ def drawn_as_by_vtk(surfaces: list[Surface], background: Array) -> Array:
     mixed, depth = background, np.inf
     for surface in sorted(surfaces, key=lambda surface: surface.is_transparent):
         alpha = min(max(surface.alpha, 0.0), 1.0)
-        if surface.z >= depth or alpha == 0.0:
+        if surface.z > depth or alpha == 0.0:
             continue
         mixed = mixed * (1 - alpha) + surface.color * alpha
         depth = depth if surface.is_transparent else surface.z

@@ -121,8 +121,8 @@ def test_coplanar_translucent_surfaces_are_each_drawn_once() -> None:
     twice = DrawList((placed(quad(), GLASS), placed(quad(), BLUE)))
     color = painted(twice, VIEW, Look("plain"))[12, 16] / 255.0
     blue, green = (srgb_values_from_linear(np.array(material.base_color[:3])) for material in (BLUE, GLASS))
-    under = np.array((204, 229, 255)) / 255 * 0.6 + blue * 0.4
-    np.testing.assert_allclose(color, under * 0.7 + green * 0.3, atol=0.6 / 255)
+    under = np.array((204, 229, 255)) / 255 * 0.7 + green * 0.3
+    np.testing.assert_allclose(color, under * 0.6 + blue * 0.4, atol=0.6 / 255)
 
 
 @pytest.mark.parametrize("panes", [MAX_LAYERS - 1, MAX_LAYERS, MAX_LAYERS + 3])

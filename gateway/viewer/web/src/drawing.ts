@@ -270,7 +270,10 @@ export class Drawing {
     if (payload.uv) geometry.setAttribute("uv", new BufferAttribute(payload.uv, 2));
     if (payload.uv1) geometry.setAttribute("uv1", new BufferAttribute(payload.uv1, 2));
     if (payload.index) geometry.setIndex(new BufferAttribute(payload.index, 1));
-    if (payload.topology === 3 && !payload.normal) geometry.computeVertexNormals();
+    if (payload.topology === 3 && !payload.normal) {
+      if (payload.index) geometry = geometry.toNonIndexed(); // flat: triangles share no vertices
+      geometry.computeVertexNormals();
+    }
     setBounds(geometry, payload);
     this.geometries.set(payload.id, geometry);
     return geometry;

@@ -41,7 +41,7 @@ def cast_rays(scene: DrawList, view: Camera, direction: Array | None = None) -> 
         z, w = hits(d, points[each.mesh.elements])
         first = np.where(np.isnan(z), np.inf, z).argmin(axis=0)
         columns = np.arange(len(d))
-        nearer = z[first, columns] < best
+        nearer = z[first, columns] <= best
         best[nearer], instance[nearer], primitive[nearer] = z[first, columns][nearer], k, first[nearer]
         weights[nearer] = w[first, columns][nearer]
     return VisibleSurfaces(instance, primitive, weights, d * np.where(np.isfinite(best), best, 0.0)[:, None])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -135,12 +134,24 @@ def test_vertices_are_split_where_tangents_differ() -> None:
         np.testing.assert_array_equal(getattr(made, name)[made.elements], getattr(mesh, name)[mesh.elements])
 
 
-@pytest.mark.parametrize("without", ["normals", "uv0"])
-def test_meshes_without_normals_or_coordinates_get_no_tangents(without: str) -> None:
-    changes: dict[str, Any] = {"tangents": None, without: None}
-    mesh = replace(ball(4), **changes)
+def test_meshes_without_texture_coordinates_get_no_tangents() -> None:
+    mesh = replace(ball(4), tangents=None, uv0=None)
     assert with_tangents(mesh, 0) is mesh
     assert with_tangents(ball(4), 0).tangents is not None
+
+
+def test_tangents_without_normals_are_those_of_flat_faces() -> None:
+    mesh = replace(ball(4), tangents=None, normals=None)
+    corner = mesh.elements.reshape(-1)
+    a, b, c = mesh.positions[mesh.elements].transpose(1, 0, 2)
+    normals = np.repeat(ref.normalized(np.cross(b - a, c - a)), 3, axis=0)
+    made = with_tangents(mesh, 0)
+    assert made.normals is not None
+    assert made.tangents is not None
+    np.testing.assert_array_equal(made.positions[made.elements].reshape(-1, 3), mesh.positions[corner])
+    np.testing.assert_allclose(made.normals[made.elements].reshape(-1, 3), normals, atol=1e-6)
+    across = np.einsum("ni,ni->n", made.tangents[:, :3], made.normals)
+    np.testing.assert_allclose(across, 0.0, atol=1e-6)
 
 
 def test_vertices_are_welded_and_weighted_by_angle() -> None:
