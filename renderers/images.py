@@ -155,6 +155,10 @@ _images: Final[WeakValueDictionary[ImageFile, Image]] = WeakValueDictionary()
 """Images in use, by content and ``max_pixels``. Renderers cache textures by the identity of their image."""
 
 
+_PNG_BIT_DEPTH: Final = 24
+"""Offset of the number of bits per channel in a PNG."""
+
+
 def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
     """Return an image that decodes an encoded file. Equal bytes give the same object while it is in use.
 
@@ -165,7 +169,8 @@ def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) 
     file = ImageFile(bytes(data), max_pixels)
     image = _images.get(file)
     if image is None:
-        image = _images[file] = Image(b"%08x" % isal_zlib.crc32(file.data), file)
+        is_deep_png = file.data.startswith(b"\x89PNG") and file.data[_PNG_BIT_DEPTH : _PNG_BIT_DEPTH + 1] == b"\x10"
+        image = _images[file] = Image(b"%08x" % isal_zlib.crc32(file.data), file, is_deep_png)
     return image
 
 

@@ -28,7 +28,8 @@ def look_material(material: Material, look: LookName) -> Material:
       glTF meshes) and RenderEngineGl do.
     - ``plain``: the base colour factor is encoded as sRGB. (So are vertex colours, in the buffers of the mesh.)
     - ``phong``, ``pbr``: every alpha blends, textures are sampled as in VTK, and the material's ``fallback`` is used.
-    - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture.
+    - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture. Textures of 16 bits are
+      linear (``material_values``).
     - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
     if look in VTK_LOOKS:
@@ -184,7 +185,7 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
             return -1
         uv_sets |= 1 << texture.uv_set
         has_gradients |= texture.sampler.depends_on_scale
-        return textures.index_of(texture, srgb)
+        return textures.index_of(texture, srgb and not (look == "pbr" and texture.image.sixteen_bits))
 
     strength = adapted.emissive_strength if look == "studio" else 1.0
     values: dict[str, Any] = {

@@ -16,15 +16,16 @@ _PNG_COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}
 
 
 def png(pixels: np.ndarray) -> bytes:
-    """Encode uint8 pixels of shape (height, width, channels)."""
+    """Encode uint8 or uint16 pixels of shape (height, width, channels)."""
     height, width, channels = pixels.shape
-    rows = np.zeros((height, 1 + width * channels), np.uint8)  # a filter type of 0 before each row
-    rows[:, 1:] = pixels.reshape(height, -1)
+    data = pixels.astype(f">u{pixels.itemsize}").reshape(height, -1).view(np.uint8)
+    rows = np.zeros((height, 1 + data.shape[1]), np.uint8)  # a filter type of 0 before each row
+    rows[:, 1:] = data
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, _PNG_COLOR_TYPES[channels], 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, _PNG_COLOR_TYPES[channels], 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
         + chunk(b"IHDR", header)

@@ -525,6 +525,47 @@ def twins_gltf(folder: Path) -> Scene:
     return Scene([BEHIND, Body(gltf(folder, document))])
 
 
+def _textured_quads(folder: Path, texture: np.ndarray, **material: Any) -> Scene:
+    document = Gltf()
+    pbr = {"baseColorTexture": document.texture(texture), "metallicFactor": 0.0}
+    document.node(document.mesh(*quad(), document.material(pbrMetallicRoughness=pbr, **material)))
+    return Scene([BEHIND, Body(gltf(folder, document))])
+
+
+@scene("grey_alpha")
+def grey_alpha(folder: Path) -> Scene:
+    return _textured_quads(folder, PRIMITIVE_TEXTURES["grey_alpha"])
+
+
+@scene("sixteen_bits")
+def sixteen_bits(folder: Path) -> Scene:
+    return _textured_quads(folder, gradient(64).astype(np.uint16) * 257)
+
+
+@scene("blended_gltf_before_gltf_floor")
+def blended_gltf_before_gltf_floor(folder: Path) -> Scene:
+    """The blended mesh is drawn first, if opaque ones are not."""
+    bodies = []
+    for order, name in enumerate(("film", "floor")):
+        document = Gltf()
+        color = [0.9, 0.1, 0.1, 0.5] if name == "film" else [0.2, 0.8, 0.3, 1.0]
+        pbr = {"baseColorFactor": color, "metallicFactor": 0.0}
+        mode = {"alphaMode": "BLEND"} if name == "film" else {}
+        document.node(document.mesh(*quad(0.4, 0.4), document.material(pbrMetallicRoughness=pbr, **mode)))
+        bodies.append(Body(gltf(folder, document, name), (0.1 * order, 0.2 * order, 0.05 * order)))
+    return Scene([BEHIND, *bodies, *reversed([Body(b.shape, (0.0, 0.1, -0.2)) for b in bodies])])
+
+
+@scene("blended_texture_before_gltf_floor")
+def blended_texture_before_gltf_floor(folder: Path) -> Scene:
+    film, floor = Gltf(), Gltf()
+    pbr = {"baseColorTexture": film.texture(PRIMITIVE_TEXTURES["half_alpha"]), "metallicFactor": 0.0}
+    film.node(film.mesh(*quad(0.4, 0.4), film.material(pbrMetallicRoughness=pbr, alphaMode="BLEND")))
+    floor.node(floor.mesh(*quad(0.6, 0.6), floor.material(pbrMetallicRoughness={"metallicFactor": 0.0})))
+    bodies = [Body(gltf(folder, film, "film"), (0, 0, 0)), Body(gltf(folder, floor, "floor"), (0.1, 0.2, 0.1))]
+    return Scene([BEHIND, *bodies])
+
+
 @scene("specular_glossiness")
 def specular_glossiness(folder: Path) -> Scene:
     """An extension that VTK ignores, and whose colour is no label."""

@@ -32,6 +32,7 @@ MAX_COLOR_FRACTION = 0.002
 COLOR_EXCEPTIONS = {
     "magnified_": 0.01,  # Mesa blurs magnified textures that have mip levels
     "alpha_cut_out_": 0.012,  # likewise
+    "grey_alpha": 0.012,  # likewise
     "mirrored_node": 0.015,  # VTK culls the other side of mirrored meshes, as black as this one but at the rim
     "obj_mirrored": 1.0,  # black by normals that the request does not contain
 }
