@@ -25,8 +25,8 @@ def render(
         typer.Argument(
             metavar="SCENES...",
             exists=True,
-            help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .xml), tree viewer "
-            "requests (.json), recorded render requests (.multipart), or folders of such files.",
+            help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .sdf, .xml, .xacro), tree "
+            "viewer requests (.json), recorded render requests (.multipart), or folders of such files.",
         ),
     ],
     out: Annotated[

@@ -26,11 +26,11 @@ class SourceKind(Enum):
 _MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
 """Suffix of tree viewer requests in folders. If the command names the file, .json suffices."""
-ROBOT_SUFFIXES: Final = (".urdf", ".mjcf")
-"""Suffixes of robot files in folders. If the command names the file, .xml is one, too."""
+ROBOT_SUFFIXES: Final = (".urdf", ".sdf", ".mjcf")
+"""Suffixes of robot files in folders. If the command names the file, .xml, .world and .xacro are too."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
-_NAMED_SUFFIXES: Final = {".json": SourceKind.TREE, ".xml": SourceKind.ROBOT}
+_NAMED_SUFFIXES: Final = {".json": SourceKind.TREE, **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.ROBOT)}
 """Suffixes of files that may be something else, so that they are scenes only if a command names them."""
 MAX_NAME_CHARS: Final = 200
 """Maximum length of a scene's name. It becomes a file name, for which file systems allow 255 bytes."""
@@ -98,7 +98,7 @@ def _named_source(path: Path) -> Source:
     """Return the scene file that a command names."""
     kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise SourceError(f"{path} is not a scene: not .gltf, .glb, .json, .xml, {', '.join(_suffixes())}")
+        raise SourceError(f"{path} is not a scene: not .gltf, .glb, {', '.join((*_NAMED_SUFFIXES, *_suffixes()))}")
     return _make_source(path.name, path, kind)
 
 
