@@ -1,4 +1,4 @@
-"""``make release VERSION=1.2.3``: writes the version and what it makes true into all files, commits, tags.
+"""``make release VERSION=1.2.3``: writes the version into all files that state it, commits and tags.
 
 Standard library only, so that it runs before any environment is made.
 """
@@ -23,7 +23,7 @@ FIRST_RELEASE: Final = {
     },
     "docs/README.md": {"pip install .         ": "pip install scenegate "},
 }
-"""Texts that the first release makes untrue, and those that replace them, by file."""
+"""Replacements, by file, of texts that are true only before the first release."""
 
 
 class ReleaseError(Exception):
@@ -37,7 +37,7 @@ def release(version: str, root: Path = ROOT) -> None:
         ReleaseError: The version is not a new one, or there are changes that are not committed.
     """
     released = released_versions(root)
-    check_version(version, released)
+    check_version(version, read_version(root), released)
     if git(root, "status", "--porcelain"):
         raise ReleaseError("There are changes that are not committed.")
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
@@ -65,13 +65,20 @@ def released_versions(root: Path = ROOT) -> list[str]:
     return re.findall(rf"^## \[({_NUMBER})\]", (root / "CHANGELOG.md").read_text(), re.MULTILINE)
 
 
-def check_version(version: str, released: list[str]) -> None:
-    """Raise ``ReleaseError`` unless the version is higher than all that the changelog lists."""
+def check_version(version: str, current: str, released: list[str]) -> None:
+    """Raise ``ReleaseError`` unless the version is one to release after others.
+
+    Args:
+        current: Version of the checkout. The first release may have it.
+        released: Versions that the changelog lists, all of which are lower.
+    """
     if not re.fullmatch(_NUMBER, version):
         raise ReleaseError(f"make release VERSION=1.2.3: {version!r} is not a version.")
     newest = max(released, key=_key, default="0.0.0")
     if _key(version) <= _key(newest):
         raise ReleaseError(f"{version} is not higher than {newest}, which CHANGELOG.md lists.")
+    if _key(version) < _key(current):
+        raise ReleaseError(f"{version} is lower than {current}, the version of this checkout.")
 
 
 def _key(version: str) -> tuple[int, ...]:

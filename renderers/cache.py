@@ -40,7 +40,7 @@ class CacheBudget:
         self._lock = threading.Lock()
         self._caches: WeakSet[Cache[Any, Any]] = WeakSet()
         self._clock = count()
-        """Numbers the uses of values, for the order of eviction."""
+        """Logical clock: each use of a value takes the next number."""
         # Keys of collected objects whose entries are not dropped yet. Objects may be collected while the lock is held.
         self._collected: deque[tuple[ref[Cache[Any, Any]], Hashable]] = deque()
 
@@ -68,7 +68,7 @@ class CacheBudget:
             if cache._oldest() is newest:
                 return
             cache._drop(next(iter(cache._entries)))
-            self._drop_collected()  # of weak caches, with keys that only that value kept alive
+            self._drop_collected()  # entries of weak caches whose key only the dropped value kept alive
 
 
 SHARED: Final = CacheBudget(DEFAULT_BYTES)
@@ -88,8 +88,8 @@ class _Entry:
 class Cache(Generic[K, V]):
     """Values by key. Callers share the values and must not change them.
 
-    The sizes of the values of all caches of a budget are limited together, and the number of values of each; the least
-    recently used are evicted first. A value larger than the whole budget is not kept.
+    The budget limits the total size of the values of its caches; ``max_count`` limits the number of values of this one.
+    The least recently used values are evicted first. A value larger than the whole budget is not kept.
 
     With ``weak=True``, a key is an object or a tuple of objects, compared by identity. The cache does not keep them
     alive, and drops an entry when one of its objects is collected. The newest value is then kept even if it is larger

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gateway.client.tree.viewer import TreeViewer
 
 RELOAD_SECONDS: Final = 0.5
-"""Time between two looks at the files of a robot with ``--reload``."""
+"""Interval at which ``--reload`` checks the files of a robot for changes."""
 
 
 def publish(
@@ -50,7 +50,7 @@ def publish(
     ] = True,
     strict: Strict = False,
     reload: Annotated[
-        bool, typer.Option("--reload", help="Publish a robot again whenever one of its files changes, until Ctrl+C.")
+        bool, typer.Option("--reload", help="Publish a robot again whenever it or a mesh of it changes, until Ctrl+C.")
     ] = False,
     lcm_url: LcmUrl = None,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the viewer.")] = 10.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import structlog
 import uvloop
@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from gateway.wiring.context import Context
 
 
+NOT_STARTED: Final = 3
+"""Exit code of a process that could not start, as uvicorn's own."""
+
+
 def serve_app(app: FastAPI, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
-    """Serve an application until a signal; return the exit code: 0, or another one if it could not start.
+    """Serve an application until a signal; return the exit code: 0, 1 after a fatal error, or 3 if it could not start.
 
     Args:
         tls: PEM files of certificate and key; None: plain HTTP.
@@ -48,4 +52,4 @@ def serve_app(app: FastAPI, listener: socket.socket, tls: tuple[Path, Path] | No
         runner.run(server.serve(sockets=[listener]))
     if fatal:
         return 1
-    return 0 if server.started else 3
+    return 0 if server.started else NOT_STARTED

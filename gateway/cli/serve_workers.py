@@ -26,7 +26,7 @@ from gateway.runtime.worker_reports import WorkerReports
 from gateway.settings import Settings, SettingsError
 
 RETRY_SECONDS: Final = 5.0
-"""Time after which a process that cannot start ends, and the supervisor tries again."""
+"""Delay before a process that cannot start ends, so that it is not restarted at once."""
 _PREFIX: Final = "scenegate-workers-"
 """Start of the names of the folders for reports."""
 _OLD_SECONDS: Final = 60.0
@@ -89,7 +89,7 @@ def run_worker(
 
 @contextmanager
 def reports_folder() -> Iterator[Path]:
-    """Yield a new temporary folder. It is locked; those of supervisors that were killed are removed.
+    """Yield a new, locked temporary folder. First remove the folders that killed supervisors have left.
 
     Raises:
         OSError: the folder cannot be created.
@@ -109,7 +109,7 @@ def reports_folder() -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[Lock]:
-    """Try to lock a folder; yield whether it is locked. The system releases the lock when the process ends."""
+    """Try to lock a folder, and yield the result. The system releases the lock when the process ends."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         yield try_lock(descriptor)

@@ -17,9 +17,9 @@ from gateway.parsers.shapes import Images, checked_triangles, shape_of
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
 MAX_XML_DEPTH: Final = 512
-"""Maximum depth of XML elements: 256 levels of nodes, and what is in them."""
+"""Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 MAX_VISITED_NODES: Final = 1_000_000
-"""Maximum number of nodes after the expansion of all ``<instance_node>``, without those that hold no geometry."""
+"""Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
 _X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.eye(4)}
@@ -30,7 +30,7 @@ def read_collada(data: bytes, read_file: Callable[[str], bytes], limits: MeshLim
     """Return the content of a COLLADA file, in metres.
 
     Args:
-        use_up_axis: False: the file is taken as Z up whatever it states.
+        use_up_axis: True: the file's up axis is rotated to Z. False: the file is taken as Z up.
 
     Raises:
         MeshFaultError: The file is damaged, or beyond a limit.
@@ -70,7 +70,7 @@ def _check_xml(data: bytes) -> None:
 
 
 def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
-    """Return the transform from a document's unit and, if used, up axis (1.4, 5-19) to metres and Z up."""
+    """Return the (4, 4) transform to metres and, with ``use_up_axis``, to Z up (COLLADA 1.4, 5-19)."""
     unit = document.assetInfo.unitmeter
     metres = 1.0 if unit is None else float(unit)
     if not 1e-9 < metres < 1e9:
@@ -87,9 +87,9 @@ class _SceneReader:
         self._limits = limits
         self._images = images
         self._sizes: dict[int, tuple[int, int, int]] = {}
-        """Number of parts, nodes and levels below each node, itself included, by its identity."""
+        """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
         self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
-        """Shapes with their number of triangles, by geometry and its materials."""
+        """Shape indices with their numbers of triangles, by geometry and materials."""
         self._triangles = self._drawn = 0
         self.result = MeshData(images=images.found)
 
@@ -104,7 +104,7 @@ class _SceneReader:
             self._add(node, X)
 
     def _size(self, node: Any, level: int) -> tuple[int, int, int]:
-        """Return the number of parts, nodes and levels of a node. Each node is counted once, however often it is used.
+        """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
 
         Raises:
             MeshFaultError: There are too many levels.
@@ -167,7 +167,7 @@ class _SceneReader:
                 yield len(self.result.shapes) - 1, count
 
     def _read_primitive(self, primitive: Any, effect: Any) -> Shape | None:
-        """Convert triangles with an index for each attribute to triangles with three vertices of their own each."""
+        """Convert triangles with one index per attribute to triangles that share no vertices."""
         positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
         normals = uv = colors = None
         if primitive.normal is not None:
@@ -216,6 +216,6 @@ def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str)
 
 
 def _about(number: int) -> str:
-    """Return a number, or the power of ten below it if it is long."""
+    """Return a number as text; from ten digits on, as ``more than 10^9``."""
     text = str(number)
     return text if len(text) < 10 else f"more than 10^{len(text) - 1}"

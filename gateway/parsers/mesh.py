@@ -1,4 +1,4 @@
-"""Reads mesh files: OBJ, STL and PLY with trimesh, COLLADA with pycollada, VTK with ``vtk``."""
+"""Reads mesh files: OBJ, STL and PLY with trimesh, COLLADA with pycollada, VTK with our own parser."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def read_mesh(
     Args:
         extension: obj, stl, ply, dae or vtk.
         limits: ``MeshLimits``.
-        use_up_axis: False: COLLADA files are taken as Z up whatever they state.
+        use_up_axis: True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up.
     """
     try:
         result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis)
@@ -39,8 +39,9 @@ def read_mesh(
     except MeshFaultError as error:
         return MeshFault(str(error))
     except Exception as error:  # noqa: BLE001 - third-party code on damaged data
-        reason = " ".join(str(error).split())[:200]
-        return MeshFault(f"it cannot be read as {extension.upper()}: {reason or type(error).__name__}")
+        # Only errors that the parsers raise on purpose have texts for users.
+        reason = " ".join(str(error).split())[:200] if isinstance(error, ValueError) else ""
+        return MeshFault(f"it cannot be read as {extension.upper()}: {reason or 'it is damaged'}")
     if not result.instances:
         return MeshFault("the file holds no triangles or points", is_empty=True)
     _make_visible(result)
@@ -74,7 +75,7 @@ def _single(shape: Shape | None) -> MeshData:
 
 
 class _Resolver(trimesh.resolvers.Resolver):
-    """Lets trimesh read files only by a function."""
+    """Resolver that lets trimesh read files only through ``read_file``."""
 
     def __init__(self, read_file: ReadFile) -> None:
         self._read_file = read_file
@@ -141,7 +142,10 @@ def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None
 def _material(
     geometry: Any, images: Images
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
-    """Return texture coordinates, diffuse colour and texture. Coordinates without a use are None."""
+    """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
+
+    Without an MTL file, coordinates are kept: the material of a robot file may have a texture for them.
+    """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
         return None, _rgba(np.asarray(visual.main_color, np.float64) / 255.0), None

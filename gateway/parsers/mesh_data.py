@@ -41,7 +41,7 @@ class MeshData(msgspec.Struct, tag=True):
     images: list[bytes] = msgspec.field(default_factory=list)
     """Encoded images, not decoded."""
     instances: list[tuple[int, bytes]] = msgspec.field(default_factory=list)
-    """Index of a shape, and its transform to metres and, unless the format has no up axis, Z up: (4, 4) float64."""
+    """Index of a shape, and its (4, 4) float64 transform, which includes the unit and up axis of a COLLADA file."""
     warnings: list[str] = msgspec.field(default_factory=list)
     """Sentences about content that was left out or repaired."""
 

@@ -1,4 +1,4 @@
-"""Converts arrays of parsers to shapes."""
+"""Converts a parser's arrays to a ``Shape``, and collects the images that a mesh file refers to."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gateway.parsers.mesh_data import MeshFaultError, Shape
 
 
 class Images:
-    """Encoded images that a file refers to, each once."""
+    """Encoded images that a mesh file refers to, without duplicates."""
 
     def __init__(self, read_file: Callable[[str], bytes]) -> None:
         self._read_file = read_file
@@ -37,7 +37,7 @@ class Images:
 
 
 def checked_triangles(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
-    """Return triangles, whose indices must be below ``vertex_count``; raises MeshFaultError."""
+    """Return ``faces``; raises MeshFaultError if an index is not below ``vertex_count``."""
     if faces.size and (faces.min() < 0 or faces.max() >= vertex_count):
         worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise MeshFaultError(f"a face refers to vertex {worst} of {vertex_count}")
@@ -57,7 +57,7 @@ def shape_of(
     """Return a shape; None if it draws nothing. Triangles with vertices that are not finite are left out.
 
     Args:
-        uv: Texture coordinates whose origin is the image's bottom left corner. They are used only with an image.
+        uv: Texture coordinates; (0, 0) is the image's bottom left corner. They are kept without an image, too.
     """
     points = np.ascontiguousarray(positions, np.float32)
     if triangles is None:

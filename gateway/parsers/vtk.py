@@ -29,7 +29,7 @@ _FACES: Final = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 """Vertices of each face of a tetrahedron, counter-clockwise from outside."""
 _WORD: Final = re.compile(rb"\S+")
 _MAX_WORD: Final = 64
-"""Longer words are no keywords or counts."""
+"""Maximum length of a word in bytes: keywords and counts are shorter."""
 
 
 class _Cells(NamedTuple):
@@ -55,7 +55,7 @@ class _Parser:
         self._position = 0
 
     def next_is(self, word: bytes) -> bool:
-        """Return True if the next word is ``word``, and skip it then. ``word`` is in lower case."""
+        """Return True and skip the next word if it is ``word``, which is in lower case; else return False."""
         begin = self._position
         if self.word() == word:
             return True
@@ -84,7 +84,7 @@ class _Parser:
         """
         if self._is_binary:
             return self._binary(kind, count)
-        # The window grows until it has more than the numbers. A copy of all the rest for each array would be quadratic.
+        # Split a window that grows until it holds all numbers: splitting the whole rest each time would be quadratic.
         end = self._position
         while True:
             end = min(len(self._data), 2 * end - self._position + 32 * (count + 2))
@@ -147,14 +147,16 @@ def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDAr
         raise MeshFaultError("it has no points or no cells")
     triangles = _triangles(cells, types, max_triangles)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
-        raise MeshFaultError(f"a cell refers to point {triangles.max()} of {len(positions)}")
+        worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
+        raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
     return positions, triangles
 
 
 def _cells(parser: _Parser, limit: int) -> _Cells:
     """Return at most ``limit`` cells."""
     first, size = parser.count(limit), parser.count(16 * limit)
-    if parser.next_is(b"offsets"):  # version 5: numbers of offsets and of indices; before: of cells and of all numbers
+    # Version 5 states the numbers of offsets and of indices; older versions, of cells and of integers in the list.
+    if parser.next_is(b"offsets"):
         offsets = parser.numbers(parser.word(), first).astype(np.int64)
         if parser.word() != b"connectivity":
             raise MeshFaultError("its cells have no connectivity")
@@ -179,7 +181,7 @@ def _triangles(cells: _Cells, types: NDArray[np.int64] | None, limit: int) -> ND
 
     Args:
         types: Type of each cell; None: they are convex polygons.
-        limit: Maximum number of triangles, and of the tetrahedra's faces / 4.
+        limit: Maximum number of triangles.
     """
     points, starts, sizes = cells
     is_polygon = sizes >= 3

@@ -1,16 +1,27 @@
 """Expands xacro files with the package xacro.
 
-xacro evaluates Python expressions and reads the files that it includes, so only files of the user are expanded.
+xacro evaluates Python expressions and reads included files, so only files that the user names are expanded.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import xacro
+
+
+def _refuse_other_files(event: str, arguments: tuple[Any, ...]) -> None:
+    """Raise OSError before a file is opened that is not regular: a named pipe would block for ever."""
+    if event == "open" and isinstance(arguments[0], str):
+        path = Path(arguments[0])
+        if path.exists() and not path.is_file():
+            raise OSError(errno.EINVAL, "it is not a regular file", arguments[0])
 
 
 def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str]:
@@ -24,6 +35,7 @@ def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str]
     # xacro imports this module of ROS for $(find package); it is on no package index.
     sys.modules["ament_index_python"] = ModuleType("ament_index_python")
     sys.modules["ament_index_python.packages"] = packages
+    sys.addaudithook(_refuse_other_files)
     try:
         return xacro.process_file(path).toxml(), ""
     except Exception as error:  # noqa: BLE001 - expressions of the file can raise anything

@@ -1,5 +1,5 @@
-"""Reads robot files (URDF and MJCF): links with their geometry, joints, and the poses of links for joint values.
+"""Reads robot files (URDF, SDF, MJCF): links with their geometry, joints, and the poses of links for joint values.
 
-``reader.read_robot`` reads a file of either format. ``urdf*`` is our reader of URDF; ``mjcf*`` needs the package
-``mujoco``, which the extra ``scenegate[robots]`` installs.
+``reader.read_robot`` reads any of them. ``urdf*`` and ``sdf*`` are our own parsers. ``mjcf*`` and xacro files need
+packages that the extra ``scenegate[robots]`` installs.
 """

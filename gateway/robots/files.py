@@ -64,7 +64,7 @@ class RobotFiles:
     def find(self, name: str) -> Path:
         """Return the path of a file that the robot file names.
 
-        A backslash separates folders, and ``%20`` is a space, where no file has the literal name.
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded.
 
         Args:
             name: File name or URL.
@@ -89,7 +89,7 @@ class RobotFiles:
         """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
 
         Args:
-            uri: File or folder. The ``model.config`` of a folder names the file, else it is ``model.sdf``.
+            uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
             folder: Folder of the file that includes it.
         """
         scheme, separator, rest = uri.partition("://")
@@ -121,7 +121,7 @@ class RobotFiles:
         return self.read(next((path for path in paths if path.is_file()), paths[0]))
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
-        """Yield the paths that a file may have, the best first."""
+        """Yield the paths that a file may have, in order of preference."""
         if scheme == "file":
             yield Path("/" + path.lstrip("/"))
         elif not scheme:
@@ -137,7 +137,7 @@ class RobotFiles:
         """Yield folders that may be a package.
 
         - Folders that contain the robot file, with that folder name or package name.
-        - Folders with that folder name or package name at or below a root, then ``ROS_PACKAGE_PATH``.
+        - Folders with that folder name or package name at or below a root, then a folder of ``PATH_VARIABLES``.
         - The package below a prefix of ``AMENT_PREFIX_PATH``.
         - Folders of that name beside the robot file, or beside a folder that contains it.
         """
@@ -154,8 +154,10 @@ class RobotFiles:
         yield from (folder / package for folder in self.path.parents)
 
     def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
-        """Return why a file is not found: another spelling that exists, or where it was looked for."""
+        """Return the reason of an error: a file that differs in case, or the folders that were searched."""
         for candidate in candidates:
+            if candidate.exists() and not candidate.is_dir():
+                return "it is not a regular file"
             other = _other_case(candidate)
             if other is not None:
                 return f"there is no such file, but one whose name differs in upper and lower case: {other}"
@@ -166,8 +168,8 @@ class RobotFiles:
         if folder is not None:
             return f"there is no such file in {folder}"
         return (
-            f"the package {package!r} is not above or beside the robot file, nor in ROS_PACKAGE_PATH or "
-            "AMENT_PREFIX_PATH; name a folder that contains it with --root"
+            f"the package {package!r} is not above or beside the robot file, nor in a folder of "
+            f"{', '.join(PATH_VARIABLES)} or AMENT_PREFIX_PATH; name a folder that contains it with --root"
         )
 
     def _read(self, path: Path, limit: int) -> bytes:
@@ -201,7 +203,7 @@ def _files_of_config(config: Path) -> list[str]:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return a name as it is, with slashes in place of backslashes, and without URL escapes."""
+    """Return the spellings to try: the name, with slashes for backslashes, and with URL escapes decoded, too."""
     slashes = name.replace("\\", "/")
     return list(dict.fromkeys((name, slashes, unquote(slashes))))
 

@@ -22,7 +22,7 @@ LinkParts: TypeAlias = Sequence[tuple[Part, ...]]
 def nearer_up(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> Literal["y", "z"]:
     """Return the up axis for which the visual geometry's bounds are nearer to those of the collision geometry.
 
-    The difference of two boxes is the sum of their corners' differences. Links without collision geometry do not count.
+    Boxes are compared by the sum of the absolute differences of their corners. A link without one is skipped.
 
     Args:
         y_up, z_up: Visual geometry of all links for either axis.

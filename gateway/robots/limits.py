@@ -21,7 +21,7 @@ class RobotLimits:
     max_attribute_chars: int = 4096
     """Maximum length of an attribute of a URDF file: names become elements of paths, which have the same limit."""
     max_mesh_bytes: int = 256 << 20
-    """Maximum size of a mesh or image, as for mesh files."""
+    """Maximum size of a mesh or image file."""
     max_total_bytes: int = 1 << 30
     """Maximum total size of a robot file and the files that it refers to: the largest of 60 robots tried has 60 MB."""
     max_links: int = 10_000
@@ -38,7 +38,7 @@ class RobotLimits:
     max_xacro_bytes: int = 1 << 30
     """Address space of the process in which xacro expands a file: robots need less than 0.1 GB."""
     max_xacro_seconds: int = 60
-    """Seconds for which that process may run: robots take less than 2."""
+    """Seconds of CPU time for which that process may run: robots take less than 2."""
     mesh: GltfLimits = MESH_LIMITS
     """Limits of the content of each mesh file."""
 

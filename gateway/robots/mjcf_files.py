@@ -48,13 +48,13 @@ class MjcfFiles:
         """Return the start of an error sentence, "link 'a': ", or an empty string.
 
         Args:
-            message: Error message of MuJoCo. If it has the name of a mesh file, ``a`` is the first body with that mesh.
+            message: Error message of MuJoCo. If it names a mesh file, ``a`` is the first body with that mesh.
         """
-        body_by_mesh: dict[str, str] = {}
+        body_by_mesh: dict[str, str | None] = {}
         for document in self._documents:
             for body in document.iter("body"):
                 for geom in body.findall("geom"):
-                    body_by_mesh.setdefault(geom.get("mesh", ""), body.get("name", "without a name"))
+                    body_by_mesh.setdefault(geom.get("mesh", ""), body.get("name"))
         for document in self._documents:
             for mesh in document.iter("mesh"):
                 name = mesh.get("file", "")
@@ -64,7 +64,7 @@ class MjcfFiles:
         return ""
 
     def _included(self, root: Element) -> Iterator[Element]:
-        """Yield the document and all that it includes, each file once. MuJoCo reports those that are included twice.
+        """Yield the document and those that it includes, each file once. MuJoCo reports repeated includes.
 
         Raises:
             RobotFileError: There are too many ``<include>`` elements, or too many elements.

@@ -63,7 +63,7 @@ class MjcfGeometry:
         These are:
 
         - all geometries of ``COLLISION_GROUP`` and higher groups,
-        - colliding geometries of group 0 if their body has visual ones, of group 1 or 2, that do not collide.
+        - colliding geometries of group 0 whose body also has geometries of group 1 or 2 that do not collide.
         """
         model = self._model
         group = model.geom_group
@@ -137,7 +137,7 @@ def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[n
     codes = np.zeros(len(corners), np.int64)
     columns = corners.astype(np.int64)
     sizes = columns.max(axis=0, initial=0) + 1
-    # Codes are replaced by their ranks, so that products stay below 2**63 with at most 10 million vertices.
+    # Ranks in place of codes keep the products below 2**63 for up to 10 million vertices.
     for column, size in zip(columns.T, sizes, strict=True):
         codes = codes * size + column
         _, codes = np.unique(codes, return_inverse=True)

@@ -17,7 +17,7 @@ _UNSET_RGBA = (0.5, 0.5, 0.5, 1.0)
 
 
 class MjcfMaterials:
-    """Converts the materials of geometries, by the index of the geometry. Each texture is converted once."""
+    """Materials of geometries, by the index of the geometry. Each texture is converted once."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
         self._model = model

@@ -111,7 +111,7 @@ class _Reader:
     def _parts(
         self, model: UrdfModel, use: GeometryUse, gltf_up: RobotGltfUp
     ) -> tuple[tuple[tuple[Part, ...], ...], tuple[str, ...]]:
-        """Return the parts of all links, and sentences about choices."""
+        """Return the parts of all links, and with ``gltf_up="auto"`` a note about the up axis that was chosen."""
         if gltf_up != "auto":
             return UrdfParts(self._files, self._limits, self._warnings, gltf_up).parts_of_links(model.links), ()
         y_up = UrdfParts(self._files, self._limits, self._warnings, "y").parts_of_links(model.links)

@@ -49,7 +49,7 @@ class Mimic:
     def value(self, leader: float) -> float:
         """Return the value of the joint for the leader's value."""
         q, value = leader - self.reference, 0.0
-        for coefficient in reversed(self.coefficients):  # Horner's scheme: overflow gives infinity, but raises with **
+        for coefficient in reversed(self.coefficients):  # Horner's scheme overflows to infinity, where ** raises
             value = value * q + coefficient
         return value
 
@@ -98,7 +98,7 @@ class Robot:
     """Sentences about choices that the reader made."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the robot file's folder. The robot file
-    is first."""
+    is first. The files that xacro includes are not among them."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
         """Return the values of all joints.
@@ -172,9 +172,10 @@ class Robot:
 
 
 def without_invalid_mimics(joints: Mapping[str, Joint], warnings: list[str]) -> dict[str, Joint]:
-    """Return the joints. Rules that cannot be followed are left out, each with a warning.
+    """Return the joints without invalid mimic rules, each of which adds a warning.
 
-    Their leader does not exist, has several values, or follows the joint itself; or the chain of leaders is too long.
+    A rule is invalid if its leader does not exist, has several values or follows the joint itself, or if the chain of
+    leaders is too long.
     """
     valid = dict(joints)
     for joint in joints.values():

@@ -22,7 +22,7 @@ SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMAT
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Options of scene files. Each applies to the kind of file that it is for."""
+    """Options for reading a scene file. Each applies only to the kind of file that it names."""
 
     up: Up = "auto"
     """Up axis of a glTF file, see ``read_scene_file``. Other files are not rotated."""

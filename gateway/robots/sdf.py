@@ -151,7 +151,7 @@ class _SdfReader:
         Args:
             name: Its name in the scope.
             placed: The ``<include>`` whose pose and placement frame override the model's.
-            merge: True: its content has names in the scope, not in the model.
+            merge: True: names in the model do not start with the model's name.
         """
         full_name = scoped(scope.name, name or f"model_{len(self._links)}")
         frame = f"{full_name}{SEPARATOR}__merged__" if merge else full_name
@@ -190,7 +190,7 @@ class _SdfReader:
             return
         name = (include.findtext("name") or attribute(model, "name")).strip()
         merge = attribute(include, "merge") in ("true", "1")
-        inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth + 1)
+        inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth)
         self._add_model(model, inner, name, include, merge)
 
     def _add_link(self, link: Element, scope: _Scope) -> None:
@@ -254,7 +254,7 @@ class _SdfReader:
         return tuple(joints.values()), roots
 
     def _ends(self, name: str, element: Element, scope: _Scope) -> tuple[str, str] | None:
-        """Return the links that a joint joins; ``world`` is a parent. None, with a warning, if one does not exist."""
+        """Return a joint's parent (a link or ``world``) and child; None, with a warning, if one does not exist."""
         ends = []
         for tag in ("parent", "child"):
             frame = _resolve(scope, (element.findtext(tag) or "-").strip())
@@ -337,7 +337,7 @@ def _resolve(scope: _Scope, name: str) -> str:
 
 
 def _in_folder(geometry: UrdfGeometry, folder: Path) -> UrdfGeometry:
-    """Return a geometry whose mesh file, if it has a relative name, is below a folder."""
+    """Return a geometry with the relative file name of its mesh, if it has one, joined to a folder."""
     shape = geometry.shape
     if not isinstance(shape, UrdfMesh) or "://" in shape.filename:
         return geometry
@@ -345,7 +345,7 @@ def _in_folder(geometry: UrdfGeometry, folder: Path) -> UrdfGeometry:
 
 
 def _version(root: Element) -> tuple[int, ...]:
-    """Return the version of a document as integers; that of the newest rules if it names none."""
+    """Return the version of a document as integers; ``_JOINT_FRAME_VERSION`` if it names none."""
     try:
         return tuple(int(number) for number in attribute(root, "version").split("."))
     except ValueError:

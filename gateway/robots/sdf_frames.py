@@ -13,7 +13,7 @@ from gateway.scene.transforms import IDENTITY, from_pose
 
 WORLD: Final = "world"
 SEPARATOR: Final = "::"
-"""Between the name of a model and the names in it."""
+"""Separator between the name of a model and a name in it."""
 _MAX_DEPTH: Final = 100
 """Maximum length of a chain of frames that are relative to each other."""
 
@@ -29,7 +29,7 @@ class Frame:
     attached_to: str
     """Full name of the frame that this one moves with; its own name for a link."""
     placement: str = ""
-    """Full name of the frame in a model whose pose is ``X``, in place of the model's own; empty: its own."""
+    """Full name of the frame in the model that ``X`` places; empty: the model's own frame."""
 
 
 class Frames:
@@ -42,10 +42,10 @@ class Frames:
         """
         self._warnings = warnings
         self._frames: dict[str, Frame] = {}
-        self._poses: dict[tuple[str, str], NDArray[np.float64] | None] = {}
-        """Poses that have been computed, by frame and base; None for those in progress."""
-        self._finished = 0
-        """Number of poses that are not in progress."""
+        self._poses: dict[tuple[str, str], NDArray[np.float64]] = {}
+        """Poses by frame and base."""
+        self._in_progress: set[tuple[str, str]] = set()
+        """Frames and bases whose poses are being computed."""
 
     def __contains__(self, name: str) -> bool:
         return name == WORLD or name in self._frames
@@ -59,7 +59,7 @@ class Frames:
         return self._pose(name, WORLD)
 
     def link_of(self, name: str) -> str:
-        """Return the full name of the link that a frame moves with; ``world`` if it is with none."""
+        """Return the full name of the link that a frame moves with; ``world`` if there is none."""
         for _ in range(_MAX_DEPTH):
             frame = self._frames.get(name)
             if frame is None:
@@ -73,22 +73,22 @@ class Frames:
         """Return the pose of a frame in the frame ``base``, which is the world or a model around it."""
         if name in (base, WORLD):
             return IDENTITY
-        known = self._poses.get((name, base))
+        key = (name, base)
+        if key in self._poses:
+            return self._poses[key]
         frame = self._frames.get(name)
-        if known is not None:
-            return known
         if frame is None:
             self._warnings.append(f"there is no frame {name[:60]!r}; the world is used")
             return IDENTITY
-        if (name, base) in self._poses or len(self._poses) - self._finished > _MAX_DEPTH:
+        if key in self._in_progress or len(self._in_progress) > _MAX_DEPTH:
             self._warnings.append(f"the frame {name[:60]!r} is relative to itself or to too many others; it is ignored")
             return IDENTITY
-        self._poses[name, base] = None
+        self._in_progress.add(key)
         X = self._pose(frame.relative_to, base) @ frame.X
         if frame.placement:
             X = X @ np.linalg.inv(self._pose(frame.placement, name))
-        self._poses[name, base] = X
-        self._finished += 1
+        self._in_progress.remove(key)
+        self._poses[key] = X
         return X
 
 

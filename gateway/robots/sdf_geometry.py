@@ -38,7 +38,7 @@ def read_geometries(
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 
     Args:
-        X_link: Returns the (4, 4) pose of a frame of the model in the link's frame, by its name.
+        X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
     """
     geometries = []
     for element in link.findall(use):
@@ -70,14 +70,14 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[U
 
 
 def _with_filename(shape: Element) -> Element:
-    """Return a shape with the ``uri`` of a mesh under the name that URDF has for it."""
+    """Copy a mesh's ``uri`` to the attribute ``filename``, as in URDF, and return the element."""
     if "uri" in shape.attrib:
         shape.set("filename", shape.attrib["uri"])
     return shape
 
 
 def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:
-    """Return a plane as a sheet, and the rotation of its z axis to the normal, (4, 4)."""
+    """Return a plane as a box of height 0, and the (4, 4) rotation from +z to its normal."""
     texts = with_attributes(plane)
     width, height = numbers(texts, "size", (1.0, 1.0), where, warnings)
     normal = np.array(numbers(texts, "normal", (0.0, 0.0, 1.0), where, warnings))

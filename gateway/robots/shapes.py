@@ -45,7 +45,7 @@ def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> Urd
 
 
 def _sizes(element: Element, where: str, warnings: list[str], *names: str) -> list[float]:
-    """Return attributes that are one number above 0 each."""
+    """Return the named attributes, one positive number each."""
     return [
         value
         for name in names

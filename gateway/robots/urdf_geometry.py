@@ -20,7 +20,7 @@ from gateway.robots.xml_text import (
 )
 
 _LARGEST_UNIT_COLOR: Final = 2.0
-"""Colours with a larger number have the range 0 to 255."""
+"""Colours with a larger component are read as 0 to 255."""
 _ROUNDING: Final = 1e-3
 """Colours beyond 0 or 1 by less than this are clamped without a warning."""
 
@@ -97,7 +97,7 @@ class UrdfGeometryReader:
 
 
 def _unit_range(values: tuple[float, ...]) -> list[float]:
-    """Return numbers from 0 to 1, but for rounding errors. If one is above 2, all are read as 0 to 255."""
+    """Clamp numbers to 0 to 1, except rounding errors. If one is above 2, divide all by 255 first."""
     divisor = 255.0 if max(values) > _LARGEST_UNIT_COLOR else 1.0
     return [
         value if -_ROUNDING <= (value := number / divisor) <= 1.0 + _ROUNDING else min(max(value, 0.0), 1.0)

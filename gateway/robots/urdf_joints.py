@@ -36,7 +36,7 @@ class UrdfJointReader:
         self._warnings = warnings
 
     def read(self, elements: list[Element]) -> tuple[UrdfJoint, ...]:
-        """Return the joints. One without a parent or child is left out; a second one of a name is renamed."""
+        """Return the joints. A joint without parent or child is left out; a repeated name is made unique."""
         joints: dict[str, UrdfJoint] = {}
         for index, element in enumerate(elements):
             name = attribute(element, "name")

@@ -23,7 +23,7 @@ class UrdfKinematics:
         links = [link.name for link in model.links]
         ordered = _parents_first(links, model.joints)
         self._X_rest = np.array([model.X_robot_root.get(name, IDENTITY) for name in links])
-        """X_robot_link of links without a parent, (number of links, 4, 4)."""
+        """X_robot_link of links without a parent, the identity for others, (number of links, 4, 4)."""
         index = {name: number for number, name in enumerate(links)}
         self._ends = [(index[joint.parent], index[joint.child]) for joint in ordered]
         """Indices of the parent and child link of each joint, parents first."""
@@ -70,10 +70,10 @@ def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
-    """Return X_joint_child of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
+    """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
 
-    The plane's x axis is an axis of the joint's frame, projected into the plane: the one with the smallest angle to the
-    plane, and x if the normal is z.
+    The plane's x axis is the projection of one axis of the joint's frame: the axis closest to the plane. For a normal
+    along z, it is x.
 
     Args:
         normal: (3,) unit vector.

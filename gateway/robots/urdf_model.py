@@ -1,4 +1,4 @@
-"""Content of a URDF file as dataclasses, which ``urdf`` creates."""
+"""Content of a URDF or SDF file as dataclasses, which ``urdf`` and ``sdf`` create."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class UrdfMesh:
     """A mesh file."""
 
     filename: str
-    """File name or URL in the URDF file."""
+    """File name or URL, as in the robot file."""
     scale: tuple[float, float, float]
     """Factors along the mesh's x, y and z; negative ones mirror it."""
 
@@ -77,10 +77,10 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UrdfModel:
-    """Content of a URDF file."""
+    """Content of a URDF or SDF file."""
 
     name: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
     X_robot_root: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """(4, 4) float64: poses of links without a parent, by name; the identity for others. In URDF there are none."""
+    """(4, 4) float64 poses of links without a parent, by name; default: the identity. Empty for URDF."""

@@ -6,6 +6,7 @@ the list ``warnings``.
 
 from __future__ import annotations
 
+import codecs
 import math
 from collections.abc import Sequence
 from typing import Final, NoReturn
@@ -26,8 +27,8 @@ MAX_DEPTH: Final = 10_000
 def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     """Return the root element. Tags and attributes keep their prefixes, which need no declaration: ``drake:capsule``.
 
-    White space before the XML declaration is accepted; ``--`` in comments, and Latin-1 in place of UTF-8, with a
-    warning, as the readers of ROS, Drake and MuJoCo do.
+    As in ROS, Drake and MuJoCo, some invalid XML is accepted: white space before the XML declaration; with a warning,
+    ``--`` in comments and Latin-1 in place of UTF-8.
 
     Args:
         warnings: Warnings are appended to this list.
@@ -35,7 +36,8 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     Raises:
         RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
     """
-    data = data.strip(b" \t\r\n\0")
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.strip(b" \t\r\n\0")
     try:
         return _parse(data, max_elements)
     except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
@@ -87,7 +89,7 @@ def _parse(data: bytes, max_elements: int, encoding: str | None = None) -> Eleme
 
 
 def uses_xacro(root: Element) -> bool:
-    """Return True if a document has elements of xacro, by whatever prefix it declares for them."""
+    """Return True if a document has elements of xacro, under any prefix that it declares for them."""
     prefixes = {"xacro"}
     for element in root.iter():
         prefixes |= {name[6:] for name, url in element.items() if name.startswith("xmlns:") and "xacro" in url}
@@ -95,7 +97,7 @@ def uses_xacro(root: Element) -> bool:
 
 
 def _remove_comments(data: bytes) -> bytes:
-    """Return the data without comments, whatever they contain."""
+    """Return the data without comments, including those with ``--`` inside."""
     pieces, position = [], 0
     while (start := data.find(b"<!--", position)) >= 0 and (end := data.find(b"-->", start + 4)) >= 0:
         pieces.append(data[position:start])
@@ -132,7 +134,7 @@ def numbers(
 def required_numbers(element: Element, name: str, count: int, where: str, warnings: list[str]) -> tuple[float, ...]:
     """Return the first ``count`` numbers of an attribute, which are finite.
 
-    Commas separate numbers like spaces. They, and numbers too many, add a warning.
+    Commas are read as spaces. Commas and surplus numbers add a warning.
 
     Raises:
         InvalidAttributeError: The attribute is missing or has fewer numbers.
@@ -184,6 +186,6 @@ def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float6
 
 
 def with_attributes(element: Element) -> Element:
-    """Return an element of SDF as URDF would write it: the texts of its children are attributes."""
+    """Return an SDF element in URDF's form: the texts of its child elements become attributes."""
     texts = {child.tag: (child.text or "").strip() for child in element if not len(child)}
     return ElementTree.Element(element.tag, {**texts, **element.attrib})

@@ -1,4 +1,4 @@
-"""The exclusive lock of a file or a folder, for all that only one process may write: kernels, state, datasets."""
+"""Exclusive locks of files and folders that only one process may write: kernels, state, datasets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Lock(Enum):
     TAKEN = "taken"
     """Another process has the lock."""
     UNSUPPORTED = "unsupported"
-    """The file system has no locks, as NFS and Lustre often do. Nothing keeps other processes away."""
+    """The file system has no locks, as NFS and Lustre often do. Other processes are not kept from writing."""
 
 
 def try_lock(descriptor: int) -> Lock:

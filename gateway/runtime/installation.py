@@ -54,7 +54,7 @@ IMPORTS: Final = {
     "mujoco": "mujoco.MjSpec",
     "ray": "ray.init",
 }
-"""What Scenegate uses of each library that it requires: a name in a module."""
+"""A name that Scenegate imports from each required library."""
 _GENERATED: Final = "gateway.generated.image_interface_pb2"
 _REQUIREMENT: Final = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?(?P<limits>[^;]*)(;(?P<marker>.*))?")
 _NONE_WORKS: Final = "Scenegate does not start, or some of its interfaces fail."
@@ -100,7 +100,7 @@ def installation_findings() -> Iterator[Finding]:
 
 
 def _own_packages() -> Iterator[Finding]:
-    """Find packages of others with our names: ones that are imported instead of ours, and ones that could be."""
+    """Find foreign packages with our names: those imported instead of ours, and those in the working directory."""
     home = Path(gateway.__file__).resolve().parents[1]
     for name in OWN_PACKAGES:
         spec = find_spec(name)
@@ -206,7 +206,7 @@ def _import_fault(path: str) -> str:
 
 
 def _twins(name: str) -> list[str]:
-    """Return the other distributions that have a library's package, and modules of the same names as its own."""
+    """Return the other distributions that install the same modules as a library."""
     package = IMPORTS.get(_spelling(name), name).partition(".")[0]
     own = _files(name)
     known = {_plain(name)}
@@ -226,12 +226,12 @@ def _files(name: str) -> set[str]:
 
 
 def _plain(name: str) -> str:
-    """Return the name of a distribution in the spelling in which equal ones are equal."""
+    """Return the normalized name of a distribution (PEP 503)."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def _is_within(installed: str, limits: str) -> bool:
-    """Return whether a version is within limits such as ``<0.70,>=0.68``; only ``>=`` and ``<`` are used."""
+    """Return True if a version is within limits such as ``<0.70,>=0.68``; other operators are ignored."""
     for limit in filter(None, (each.strip() for each in limits.split(","))):
         wanted = limit.lstrip("<>=")
         if limit.startswith(">=") and _numbers(installed) < _numbers(wanted):

@@ -1,10 +1,10 @@
-"""Calls parsers of files from strangers in child processes with limits on memory and time.
+"""Calls parsers of untrusted files in child processes with limits on memory and time.
 
 Damaged or hostile files can make a parser allocate gigabytes, run for hours or crash. Then only the child process ends.
 
 A program that needs a parser starts one helper process (``limited_process_child``), which imports the parser once and
-forks a child process for each call: a fork takes milliseconds, a start with imports a second. No call sees what another
-one left, limits hold for each call, and calls of several threads run at the same time. The reasons are in
+forks a child process for each call: a fork takes milliseconds, a start with imports a second. Calls share no
+state, each has its own limits, and calls of several threads run in parallel. The reasons are in
 docs/decisions/0022-limited-child-processes.md.
 """
 
@@ -32,7 +32,7 @@ from renderers.stop import check_stop
 _PROGRAM: Final = Path(__file__).with_name("limited_process_child.py")
 _SECONDS_BETWEEN_STOP_CHECKS: Final = 0.05
 ELAPSED_FACTOR: Final = 4
-"""Maximum elapsed time of a call, divided by its CPU time: child processes give way to the server's other threads."""
+"""Maximum elapsed time of a call, divided by its CPU time: child processes have a lower priority than the server."""
 _HELPER_SECONDS: Final = 60.0
 """Maximum time of the helper process to import a parser, on a loaded machine. Imports take 0.2 to 0.7 s."""
 _PIECE_BYTES: Final = 1 << 20
@@ -73,8 +73,8 @@ def call_limited(
             returns the bytes of a file by its name, or raises OSError.
         arguments: The other arguments: values that MessagePack can encode.
         limits: Limits of the child process.
-        read_file: Called in this process for each file that the function needs. The function gets an ``OSError`` or
-            ``ValueError`` that it raises as OSError.
+        read_file: Called in this process for each file that the function needs. If it raises OSError or
+            ValueError, the function gets an OSError.
 
     Raises:
         ProcessFailed: The child process failed or exceeded a limit.
@@ -109,7 +109,8 @@ def _call(messages: _Messages, name: str, arguments: tuple[Any, ...], read_file:
 
 
 def _late(limits: ProcessLimits) -> ProcessFailed:
-    return ProcessFailed(f"it took longer than {limits.seconds} s of CPU time", timed_out=True)
+    reason = f"it took longer than {limits.seconds} s of CPU time, or {ELAPSED_FACTOR} times that in all"
+    return ProcessFailed(reason, timed_out=True)
 
 
 class _Messages:
@@ -204,7 +205,7 @@ class _Helper:
         self._process.wait()
 
     def forget(self) -> None:
-        """Close the connection in a fork of this program, which leaves the process to its parent."""
+        """Close the connection in a fork of this program: the helper process stays with the parent."""
         self.has_failed = True
         self._socket.close()
         self._process.returncode = 0  # it is not a child of this process
@@ -230,7 +231,7 @@ _helper: _Helper | None = None
 
 
 def _running_helper() -> _Helper:
-    """Return the helper process of this program. It is started by the first call, and when it has ended."""
+    """Return the helper process of this program. The first call starts it; a later one replaces it if it has failed."""
     global _helper
     with _lock:
         if _helper is None or _helper.has_failed:

@@ -5,7 +5,7 @@
 The descriptor is a Unix socket. A request with a descriptor is ``module memory_bytes seconds``: the response is the
 process id of a child process, which serves one call over that descriptor. A request without one is a process id: the
 child process is killed, and the response is the signal that ended it. When the socket closes, because the program that
-started this one has ended in whatever way, all child processes are killed.
+started this one has ended, all child processes are killed.
 
 It imports nothing of this project but the modules in requests, and has no threads, which a fork would not copy.
 """

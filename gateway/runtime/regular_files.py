@@ -1,6 +1,6 @@
-"""Opens files that somebody names. Only regular files are read: a named pipe or a device could block, or never end.
+"""Reads files by path, and only regular ones: a named pipe or a device could block, or never end.
 
-A path that a person types on the command line may be a pipe: ``read_file_or_pipe``.
+A path on the command line may be a pipe: ``read_file_or_pipe``.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, fo
         while remaining and (piece := file.read(min(remaining, _PIECE_BYTES))):
             pieces.append(piece)
             remaining -= len(piece)
-        if not remaining:  # it has grown, or the system does not tell its size
+        if not remaining:  # it has grown, or its file system reports no size
             raise _too_large(path, max_bytes)
     return b"".join(pieces)
 
@@ -67,7 +67,7 @@ def read_text(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> str:
 
 
 def read_file_or_pipe(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> bytes:
-    """Return the bytes of a file that a person typed on the command line, which may be a pipe: ``<(xacro …)``.
+    """Return the bytes of a file from the command line, which may be a pipe: ``<(xacro …)``.
 
     Raises:
         OSError: as for ``read_regular``.

@@ -1,4 +1,4 @@
-"""A process under a supervisor: both ends of the connection by which it says that it responds."""
+"""Both ends of the heartbeat between a supervised process and its supervisor."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from typing import Final
 BEAT_SECONDS: Final = 0.5
 """Interval between two heartbeats of a process, and between two attempts to start one."""
 READY_SECONDS: Final = 60.0
-"""Time for the start of a process. If one is not ready then after SIGHUP, the old ones stay."""
+"""Maximum time for the start of a process. After SIGHUP, the old processes stay if a new one takes longer."""
 
 
 class Heartbeat:
-    """The process's side: tells the supervisor that the process responds, and whether it is ready.
+    """The process's side: sends heartbeats, which state whether the process is ready.
 
-    A thread beats while the process imports its modules, and then the event loop, in ``beat``.
+    A thread sends them while the process imports its modules; then the event loop does, in ``beat``.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -44,12 +44,12 @@ class Heartbeat:
             time.sleep(BEAT_SECONDS)
 
     def _send(self, is_ready: bool) -> None:
-        with contextlib.suppress(OSError):  # the supervisor has ended, or is stopped
+        with contextlib.suppress(OSError):  # the supervisor has ended, or does not read
             self._connection.send(is_ready)
 
 
 class ChildProcess:
-    """The supervisor's side: a process, and when it has responded."""
+    """The supervisor's side: a process, and the time of its last heartbeat."""
 
     def __init__(self, target: Callable[[Connection], object]) -> None:
         """Start the process.
@@ -70,7 +70,7 @@ class ChildProcess:
         self.pid: Final = self.process.pid
         self.started = time.monotonic()
         self.last_beat = self.started + READY_SECONDS
-        """Time of the last heartbeat. The first one may come late, since the interpreter starts before it."""
+        """Monotonic time of the last heartbeat. In the future at first: the interpreter has to start."""
         self.ready = False
 
     def read_beats(self) -> None:

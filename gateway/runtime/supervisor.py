@@ -22,9 +22,9 @@ from gateway.runtime.supervised_process import BEAT_SECONDS, READY_SECONDS, Chil
 _log = structlog.get_logger("gateway")
 
 START_FAILED: Final = 3
-"""Exit code of a process that cannot start. If no other one is ready, all end."""
+"""Exit code of a process that cannot start. The supervisor then stops, unless another process is ready."""
 KILL_SECONDS: Final = 1.0
-"""Time after ``stop_seconds`` until a process that has not ended is killed."""
+"""Time from the end of ``stop_seconds`` until a process that still runs is killed."""
 
 
 class Supervisor:
@@ -112,7 +112,7 @@ class Supervisor:
             if now - child.last_beat > self._unresponsive_seconds:
                 _log.error("A process does not respond and is killed", pid=child.pid)
                 child.process.kill()
-                child.last_beat = math.inf  # killed once
+                child.last_beat = math.inf  # kill it only once
         for child, deadline in self._ending.items():
             if now > deadline:
                 _log.error("A process has not ended in time and is killed", pid=child.pid)
@@ -134,7 +134,7 @@ class Supervisor:
             child.close()
 
     def _replace_outdated(self) -> None:
-        """Go on with the replacement of processes after SIGHUP."""
+        """Do the next step of the replacement after SIGHUP, if one is due."""
         new = self._replacement
         if new is not None and new.ready:
             self._end(*self._outdated[:1])  # none if it has ended meanwhile

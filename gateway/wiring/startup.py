@@ -24,20 +24,20 @@ _log = structlog.get_logger("gateway")
 SETTLE_SECONDS: Final = 5.0
 """Maximum wait for the services before the start is logged."""
 START_RETRIES: Final = (1.0, 2.0, 4.0, 8.0)
-"""Seconds before each further attempt to load the kernels that the start needs, after an error that may pass."""
+"""Delays before further attempts to load the needed kernels after a transient error, seconds."""
 PASSING_ERRORS: Final = (OSError, MemoryError, kernel_cache.KernelLoadError)
-"""Errors that may pass, such as a moment without file descriptors or memory. Failed compilation is final."""
+"""Transient errors, such as a lack of file descriptors or memory. A failed compilation is final."""
 MAX_RETRY_SECONDS: Final = 300.0
-"""Maximum time before a further attempt to load the kernels of the background, which is repeated without end."""
+"""Maximum delay between attempts to load the background kernels. Their number is not limited."""
 FURTHER_KERNELS: Final = "further_kernels"
-"""Name of the kernels of the background in the service registry, once loading them has failed."""
+"""Name of the background kernels in the service registry. The entry exists only after an error."""
 
 
 async def start(context: Context) -> None:
     """Start everything. Requests wait for ``context.started``.
 
-    Without kernels nothing can be served. Without the stored state, an empty scene must neither be served instead nor
-    overwrite it. The process ends then, by ``context.on_fatal``.
+    The process ends, by ``context.on_fatal``, if the kernels cannot be loaded or the state cannot be restored: an empty
+    scene must not be served in its place, nor overwrite it.
     """
     begin = time.perf_counter()
     async with asyncio.TaskGroup() as tasks:

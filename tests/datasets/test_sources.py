@@ -46,7 +46,7 @@ def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None
     path.parent.mkdir()
     path.write_text("{}")
     assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
-    suffixes = ".gltf, .glb, .dae, .obj, .ply, .stl, .vtk, .urdf, .mjcf, .tree.json, .multipart"
+    suffixes = ".gltf, .glb, .dae, .obj, .ply, .stl, .vtk, .urdf, .sdf, .mjcf, .tree.json, .multipart"
     with pytest.raises(SourceError, match=f"holds no scene: no {re.escape(suffixes)}$"):
         find_sources([path.parent])
 

@@ -87,7 +87,13 @@ def test_releases_in_a_clone(clone: Path) -> None:
 @pytest.mark.parametrize("version", ["", "1", "1.2", "v1.2.3", "1.2.3rc1", "1.2.3\n"])
 def test_other_texts_are_no_versions(version: str) -> None:
     with pytest.raises(ReleaseError, match="is not a version"):
-        check_version(version, [])
+        check_version(version, "0.1.0", [])
+
+
+def test_the_first_release_is_not_lower_than_the_checkout() -> None:
+    check_version("0.1.0", "0.1.0", [])
+    with pytest.raises(ReleaseError, match=r"0.0.9 is lower than 0.1.0, the version of this checkout"):
+        check_version("0.0.9", "0.1.0", [])
 
 
 @pytest.mark.parametrize(
@@ -95,7 +101,7 @@ def test_other_texts_are_no_versions(version: str) -> None:
 )
 def test_versions_only_rise(version: str, allowed: bool) -> None:
     try:
-        check_version(version, ["0.9.0", "0.1.0"])
+        check_version(version, "0.9.0", ["0.9.0", "0.1.0"])
         accepted = True
     except ReleaseError:
         accepted = False

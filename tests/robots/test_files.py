@@ -144,7 +144,7 @@ def test_a_pipe_is_no_file(tmp_path: Path) -> None:
     write(tmp_path, "mtllib m.mtl\n" + TRIANGLE, "m.obj")
     assert read_robot(write(tmp_path, mesh("m.obj"))).parts[0]
     os.mkfifo(tmp_path / "m.stl")
-    assert "there is no such file" in warning(write(tmp_path, mesh("m.stl")))
+    assert "it is not a regular file" in warning(write(tmp_path, mesh("m.stl")))
 
 
 def test_a_package_without_the_file_is_named(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_total_size_is_limited(tmp_path: Path) -> None:
 
 def test_other_files_than_regular_ones_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "m.obj")
-    assert "m.obj" in warning(write(tmp_path, mesh("m.obj")))
+    assert "the mesh m.obj is not shown: it is not a regular file" in warning(write(tmp_path, mesh("m.obj")))
     with pytest.raises(RobotFileError, match="it has more than 67108864 bytes"):
         read_robot("/dev/zero")
 

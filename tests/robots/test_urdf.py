@@ -255,6 +255,12 @@ def test_xml_as_people_write_it(tmp_path: Path, content: str, warnings: tuple[st
     assert robot.warnings == warnings
 
 
+def test_utf_16_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_bytes('<?xml version="1.0" encoding="utf-16"?><robot><link name="a"/></robot>'.encode("utf-16"))
+    assert read_robot(path, strict=True).links == ("a",)
+
+
 def test_latin_1_is_read(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_bytes('<robot name="r"><!-- Größe --><link name="füße"/></robot>'.encode("latin-1"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,13 @@ def test_macros_includes_and_packages(tmp_path: Path, name: str) -> None:
     assert robot.links == ("a",)
     assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
     assert robot.warnings == ()
+
+
+def test_pipes_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for content in ('<xacro:include filename="pipe"/>', "<link name=\"${xacro.load_yaml('pipe')}\"/>"):
+        with pytest.raises(RobotFileError, match="it is not a regular file"):
+            read_robot(write(tmp_path, xacro(content), "robot.urdf.xacro"))
 
 
 @pytest.mark.parametrize(
