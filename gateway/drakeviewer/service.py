@@ -198,8 +198,10 @@ class DrakeViewerService:
             self._report(channel, "internal error; the gateway's log says more")
 
     def _report(self, channel: str, reason: str) -> None:
-        """Log a reason once for each channel, and keep it for ``/healthz``."""
+        """Log a reason once for each channel, and keep it for ``/healthz`` until a message of the channel is shown."""
         if not reason:
+            if self._last_problem.startswith(f"{channel}: "):
+                self._last_problem = ""
             return
         self._last_problem = f"{channel}: {reason}"
         if (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:

@@ -42,7 +42,7 @@ _log = structlog.get_logger("gateway")
 QUEUE_SHARE: Final = 0.9
 """Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
 IDLE_SECONDS: Final = 10.0
-"""Time without rendering after which the memory of earlier frames is returned to the system."""
+"""Time without work after which the memory of earlier frames and scenes is returned to the system."""
 KERNELS: Final = "kernels"
 """Name of the compiled kernels in the service registry."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
@@ -132,17 +132,21 @@ class Context:
         return self._mesh_files
 
     async def return_memory_when_idle(self) -> None:
-        """Return the memory of earlier frames to the system when nothing has been rendered for a while; never ends."""
-        before = returned = 0
+        """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
+        before = returned = self._work_done
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            stats = self.workers.stats
-            if stats.running == 0 and stats.done == before != returned:
+            if self.workers.stats.running == 0 and self._work_done == before != returned:
                 returned = before
                 if self._renderer is not None:
                     self._renderer.release_memory()
                 await asyncio.to_thread(process_tuning.return_memory)
-            before = stats.done
+            before = self._work_done
+
+    @property
+    def _work_done(self) -> tuple[int, int]:
+        """Number of calls in the worker threads, and revision of the live tree."""
+        return self.workers.stats.done, self.tree.snapshot.revision
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""

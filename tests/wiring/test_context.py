@@ -33,6 +33,9 @@ async def test_memory_of_frames_is_returned_once_when_nothing_is_rendered(monkey
         for _ in range(100):
             await asyncio.sleep(0)
         assert len(returned) == 2
+        with context.tree.edit() as edit:
+            edit.set_visible(("a",), True)
+        await until(partial(has_returned, 3))
     finally:
         idle.cancel()
         await context.workers.close()
