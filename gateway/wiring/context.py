@@ -133,7 +133,7 @@ class Context:
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
-        before = returned = self._work_done
+        before = returned = (0, 0)
         while True:
             await asyncio.sleep(IDLE_SECONDS)
             if self.workers.stats.running == 0 and self._work_done == before != returned:
