@@ -6,7 +6,6 @@ Elements that are invalid are left out or get a default, with a warning. Links o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
 from gateway.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
 from gateway.robots.sdf_geometry import read_geometries
+from gateway.robots.urdf_joints import joint_kind, unit_axis
 from gateway.robots.urdf_model import UrdfGeometry, UrdfJoint, UrdfLink, UrdfMesh, UrdfModel
 from gateway.robots.xml_text import Element, attribute, numbers, parse_xml, with_attributes
 
@@ -124,6 +124,8 @@ class _SdfReader:
         check_count(count, self._limits.max_geometries, "geometries")
         links = tuple(self._link(link, *found) for link, found in self._links.items())
         joints, X_robot_root = self._tree()
+        if any(joint.parent == WORLD for joint in joints):
+            links = (UrdfLink(WORLD, ()), *links)
         return UrdfModel(name, links, joints, X_robot_root)
 
     def _add_content(self, element: Element, scope: _Scope) -> None:
@@ -247,9 +249,10 @@ class _SdfReader:
             if child in parent_of or above == child:
                 self._warnings.append(f"joint {name!r}: it closes a loop of links; the joint is left out")
                 continue
-            if parent != WORLD:
+            joint = self._joint(name, element, scope, parent, child)
+            if parent != WORLD or joint.motion is not None:
                 parent_of[child] = parent
-                joints[name] = self._joint(name, element, scope, parent, child)
+                joints[name] = joint
         roots = {name: self._frames.X_world(name) for name in self._links if name not in parent_of}
         return tuple(joints.values()), roots
 
@@ -269,20 +272,10 @@ class _SdfReader:
     def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> UrdfJoint:
         where = f"joint {name!r}"
         X_world_parent, X_world_joint = self._frames.X_world(parent), self._frames.X_world(name)
-        sdf_type = attribute(element, "type")
-        kind = _KINDS.get(sdf_type)
-        if sdf_type not in _KINDS:
-            known = ", ".join(_KINDS)
-            self._warnings.append(f"{where}: type={sdf_type[:60]!r} is not one of {known}; the joint stays at rest")
+        kind = joint_kind(attribute(element, "type"), _KINDS, where, self._warnings)
         axis = element.find("axis")
-        direction = np.array((0.0, 0.0, 1.0))
-        if axis is not None:
-            direction = self._axis(axis, scope, X_world_joint, where)
-        norm = float(np.linalg.norm(direction))
-        if kind in ("revolute", "prismatic") and not 0.0 < norm < math.inf:
-            self._warnings.append(f"{where}: its axis is zero or too long; the joint stays at rest")
-            kind = None
-        x, y, z = (direction / norm if 0.0 < norm < math.inf else direction).tolist()
+        x, y, z = (0.0, 0.0, 1.0) if axis is None else self._axis(axis, scope, X_world_joint, where).tolist()
+        direction, kind = unit_axis((x, y, z), kind, where, self._warnings)
         motion = None
         if kind is not None:
             motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), self._mimic(axis, scope, where))
@@ -291,7 +284,7 @@ class _SdfReader:
             parent,
             child,
             np.linalg.inv(X_world_parent) @ X_world_joint,
-            (x, y, z),
+            direction,
             motion,
             np.linalg.inv(X_world_joint) @ self._frames.X_world(child),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from gateway.robots.errors import name_hint
@@ -63,17 +63,9 @@ class UrdfJointReader:
                 return
             ends.append(link)
         urdf_type = attribute(element, "type")
-        kind = _KINDS.get(urdf_type)
-        if urdf_type not in _KINDS:
-            known = ", ".join(_KINDS)
-            self._warnings.append(f"{where}: type={urdf_type[:60]!r} is not one of {known}; the joint stays at rest")
+        kind = joint_kind(urdf_type, _KINDS, where, self._warnings)
         x, y, z = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where, self._warnings)
-        norm = math.hypot(x, y, z)
-        if kind not in (None, "floating") and not 0.0 < norm < math.inf:
-            problem = "is zero" if norm == 0.0 else "is too long"
-            self._warnings.append(f"{where}: its axis {problem}; the joint stays at rest")
-            kind = None
-        axis = (x / norm, y / norm, z / norm) if 0.0 < norm < math.inf else (1.0, 0.0, 0.0)
+        axis, kind = unit_axis((x, y, z), kind, where, self._warnings)
         motion = None
         if kind is not None:
             limits = self._limits(element, where) if urdf_type in ("revolute", "prismatic") else None
@@ -95,3 +87,25 @@ class UrdfJointReader:
         (multiplier,) = numbers(mimic, "multiplier", (1.0,), where, self._warnings)
         (offset,) = numbers(mimic, "offset", (0.0,), where, self._warnings)
         return Mimic(attribute(mimic, "joint"), (offset, multiplier))
+
+
+def joint_kind(name: str, kinds: Mapping[str, JointKind | None], where: str, warnings: list[str]) -> JointKind | None:
+    """Return the kind of a joint by its type in the file; None, with a warning, for an unknown type."""
+    if name not in kinds:
+        warnings.append(f"{where}: type={name[:60]!r} is not one of {', '.join(kinds)}; the joint stays at rest")
+    return kinds.get(name)
+
+
+def unit_axis(
+    axis: tuple[float, float, float], kind: JointKind | None, where: str, warnings: list[str]
+) -> tuple[tuple[float, float, float], JointKind | None]:
+    """Return an axis of unit length and the joint's kind: None, with a warning, if it cannot move about the axis."""
+    x, y, z = axis
+    norm = math.hypot(x, y, z)
+    if 0.0 < norm < math.inf:
+        return (x / norm, y / norm, z / norm), kind
+    if kind in ("revolute", "prismatic", "planar"):
+        problem = "zero" if norm == 0.0 else "too long"
+        warnings.append(f"{where}: its axis is {problem}; the joint stays at rest")
+        kind = None
+    return (1.0, 0.0, 0.0), kind

@@ -76,11 +76,11 @@ class Finding:
     subject: str
     verdict: Verdict
     detail: str
-    """What was found."""
+    """Sentence that states the finding."""
     meaning: str = ""
-    """What does not work because of it, one sentence; empty if all is well."""
+    """Sentence that states its effect; empty if all is well."""
     remedy: str = ""
-    """What to do, such as a command."""
+    """Remedy, such as a command."""
 
 
 def installation_findings() -> Iterator[Finding]:

@@ -206,6 +206,15 @@ def test_before_version_1_5_axes_are_in_the_frame_of_the_model(tmp_path: Path) -
         np.testing.assert_allclose(robot.link_poses({"j": 1.0})[1][:3, 3], expected, atol=1e-12)
 
 
+def test_a_joint_may_move_in_the_world(tmp_path: Path) -> None:
+    slide = '<joint name="{}" type="{}"><parent>world</parent><child>{}</child><axis><xyz>1 0 0</xyz></axis></joint>'
+    links = '<link name="cart"><pose>0 2 0 0 0 0</pose></link><link name="base"><pose>0 0 1 0 0 0</pose></link>'
+    joints = slide.format("slide", "prismatic", "cart") + slide.format("weld", "fixed", "base")
+    robot = read(tmp_path, model(links + joints))
+    assert robot.links == ("world", "cart", "base")
+    np.testing.assert_allclose(robot.link_poses({"slide": 3.0})[:, :3, 3], ((0, 0, 0), (3, 2, 0), (0, 0, 1)))
+
+
 LOOP = "".join(
     f'<joint name="{parent}{child}" type="fixed"><parent>{parent}</parent><child>{child}</child></joint>'
     for parent, child in ("ab", "bc", "ca")
