@@ -155,11 +155,11 @@ async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypa
     async with running(grpc_port=0, stereo_path='["hand"]') as client:
         assert (await client.get("/openapi.json")).status_code == 200
         states = (await client.get("/healthz")).json()["interfaces"]
-        assert "there is no such node" in states["stereo"]["warning"]
+        assert "there is no such node" in states["stereo"]["warnings"][0]
         with contexts[0].tree.edit() as edit:
             edit.set_pose(("hand",), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0))
         states = (await client.get("/healthz")).json()["interfaces"]
-        assert "warning" not in states["stereo"]
+        assert "warnings" not in states["stereo"]
 
 
 async def test_without_kernels_requests_get_503_and_the_process_ends(monkeypatch: pytest.MonkeyPatch) -> None:

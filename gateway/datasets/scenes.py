@@ -23,6 +23,7 @@ from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
 from gateway.robots.errors import joined_warnings
 from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
+from gateway.runtime.warning_list import WarningList
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -121,7 +122,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     request = JsonReader(limits, _MeshFileReader(files)).read(memoryview(files.read_scene()))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
-    applier = RequestApplier(request, live, TreeQuota(limits), limits)
+    applier = RequestApplier(request, live, TreeQuota(limits), limits, WarningList())
     applier.step(ALL_COMMANDS)
     response = applier.response(0)
     if response.error:

@@ -19,6 +19,7 @@ from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
+from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from renderers.compiler.pending import is_pending
@@ -51,8 +52,8 @@ class DrakeViewerService:
         """Number of messages of each channel that is not shown."""
         self._logged: set[tuple[str, str]] = set()
         """Channels and reasons that were logged."""
-        self._last_problem = ""
-        """Channel and reason of the last message that was not shown completely."""
+        self._warnings = WarningList()
+        """By channel: why its newest message is not shown, or shown only in part."""
         self._superseded = 0
         """Messages that were replaced in the queue by a newer one of their channel."""
         self._dropped = 0
@@ -60,7 +61,7 @@ class DrakeViewerService:
         self.ready = False
 
     def status(self) -> dict[str, Any]:
-        """Return counters, and a warning if there are channels that are not shown, as plain JSON values."""
+        """Return counters and warnings as plain JSON values."""
         status: dict[str, Any] = {
             **asdict(self.viewer.counters),
             "superseded": self._superseded,
@@ -70,11 +71,12 @@ class DrakeViewerService:
         }
         if self.viewer.simulation_seconds is not None:
             status["simulation_seconds"] = self.viewer.simulation_seconds
+        warnings = self._warnings.listed()
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)
-            status["warning"] = f"received, but not shown: {', '.join(list(self._unshown)[:10])}"
-        if self._last_problem:
-            status["last_problem"] = self._last_problem
+            warnings.append(f"received, but not shown: {', '.join(list(self._unshown)[:10])}")
+        if warnings:
+            status["warnings"] = warnings
         return status
 
     async def run(self) -> None:
@@ -199,12 +201,8 @@ class DrakeViewerService:
 
     def _report(self, channel: str, reason: str) -> None:
         """Log a reason once for each channel, and keep it for ``/healthz`` until a message of the channel is shown."""
-        if not reason:
-            if self._last_problem.startswith(f"{channel}: "):
-                self._last_problem = ""
-            return
-        self._last_problem = f"{channel}: {reason}"
-        if (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
+        self._warnings.set(channel, *([f"{channel}: {reason}"] if reason else ()))
+        if reason and (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
             self._logged.add((channel, reason))
             _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel, reason=reason)
 

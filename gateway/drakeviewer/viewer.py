@@ -180,6 +180,8 @@ class DrakeViewer:
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, self._files, limits)
+        if self._config.strict and loaded.problems:
+            raise MessageError(f"{loaded.problems[0]} (refused: --strict)")
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
         def apply(edit: TreeEdit) -> str:

@@ -62,6 +62,8 @@ class RenderConfig:
     scene_cache_count: int = 64
     """Number of scenes in the cache of whole scenes, for cameras and objects that do not move."""
 
+    strict: bool = False
+    """True: a scene with a warning is refused."""
     keep_failures: Path | None = None
     """Folder in which failed requests are stored for replay; None: they are not stored."""
     keep_failures_count: int = 100

@@ -79,6 +79,8 @@ class Pipeline:
             raise RequestError(400, f"scene: {error}") from error
 
     def _render_scene(self, request: RenderRequest, scene: PreparedScene, start_time: float) -> EncodedImage:
+        if self._config.strict and scene.warnings:
+            raise RequestError(400, f"scene: {scene.warnings[0]} (refused: --strict)")
         camera = camera_of(request, scene)
         draw_list = self._with_backdrop(scene.draw_list)
         parsed_time = time.perf_counter()

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
+from gateway.runtime.warning_list import WarningList
+
 
 class Service(Protocol):
     """A long-running interface."""
@@ -19,7 +21,7 @@ class Service(Protocol):
         """True while clients can use it."""
 
     def status(self) -> Mapping[str, Any]:
-        """Return figures and warnings for ``/healthz``; plain JSON values."""
+        """Return figures for ``/healthz``, plain JSON values; ``warnings`` is a list of sentences."""
 
 
 class State(StrEnum):
@@ -43,6 +45,8 @@ class Entry:
     """Address for people, such as a path or URL."""
     progress: Callable[[], Mapping[str, Any]] | None = None
     """Returns plain JSON values for ``/healthz`` while starting."""
+    warnings: WarningList = field(default_factory=WarningList)
+    """Warnings about files that settings name. ``figures`` may have more."""
 
     def current(self) -> State:
         """Return the state; a service that has started but is not ready counts as starting."""
@@ -68,6 +72,8 @@ class Entry:
             described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
+        if self.warnings:
+            described["warnings"] = [*described.get("warnings", ()), *self.warnings.listed()]
         return described
 
 
@@ -95,7 +101,14 @@ class ServiceRegistry:
         """Mark an entry as started; a ``service`` is ready when its own ``ready`` is true."""
         if figures is None and service is not None:
             figures = service.status
-        self.entries[name] = Entry(State.READY, "", service, figures, where)
+        entry = Entry(State.READY, "", service, figures, where)
+        if name in self.entries:
+            entry.warnings = self.entries[name].warnings
+        self.entries[name] = entry
+
+    def warn(self, name: str, subject: str, *sentences: str) -> None:
+        """Replace an entry's warnings about a subject, such as a file."""
+        self.entries.setdefault(name, Entry()).warnings.set(subject, *sentences)
 
     def fail(self, name: str, problem: str) -> None:
         """Mark an entry as failed; ``problem`` is one sentence."""

@@ -81,7 +81,8 @@ class InterfaceSettings(BaseSettings):
     strict: bool = option(
         False,
         "Render endpoint",
-        "Refuse a file of --backdrop or --stereo-scene of which something cannot be drawn, instead of a warning.",
+        "Refuse what cannot be drawn completely, instead of a warning: files of --backdrop and --stereo-scene, scenes "
+        "of render requests, commands of the tree viewer, Drake's messages.",
     )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder in which rejected render requests are stored for replay."

@@ -219,5 +219,5 @@ class StereoService:
             "skipped": counts.skipped,
             "busy": counts.busy,
             "depth_seconds": round(counts.depth_seconds, 4),
-            **({"warning": counts.problem} if counts.problem else {}),
+            **({"warnings": [counts.problem]} if counts.problem else {}),
         }

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from itertools import islice
 
+from gateway.runtime.warning_list import WarningList
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.quota import TreeQuota
-from gateway.treeviewer.requests import Failure, Request
+from gateway.treeviewer.requests import Finding, Request
 from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, CommandProblem, Response
 
 
 class RequestApplier:
     """Executes one request, in one or several steps. Each step creates one revision of the live tree."""
 
-    def __init__(self, request: Request, live: LiveTree, quota: TreeQuota, limits: Limits) -> None:
+    def __init__(
+        self, request: Request, live: LiveTree, quota: TreeQuota, limits: Limits, warnings: WarningList
+    ) -> None:
         self.request = request
+        self._warnings = warnings
         self._live = live
         self._quota = quota
         self._limits = limits
@@ -43,7 +47,8 @@ class RequestApplier:
         return self._remaining > 0
 
     def response(self, utime: int) -> Response:
-        """Return the response to the request."""
+        """Return the response to the request, and update the warnings about the paths in it."""
+        self._update_warnings()
         response = Response(
             utime,
             MISSING_PATHS if self._missing else OK,
@@ -61,9 +66,21 @@ class RequestApplier:
                 for failure in self._failures[:limit]
             ]
         if self.request.warnings:
-            response.warnings = [_valid_text(text) for text in self.request.warnings[:limit]]
+            response.warnings = [_valid_text(warning.text) for warning in self.request.warnings[:limit]]
         response.newer_commands = self.request.newer_commands
         return response
+
+    def _update_warnings(self) -> None:
+        """Replace the warnings about the paths that the request has deleted or set."""
+        deletes = self.request.deletes
+        if self._warnings and deletes:
+            self._warnings.remove(lambda subject: any(subject[1][: len(path)] == path for path in deletes))
+        if self._warnings:
+            for command, paths in (("setgeometry", self._added), ("settransform", self._transformed)):
+                for path in paths:
+                    self._warnings.set((command, path))
+        for finding in (*self.request.warnings, *self._failures):
+            self._warnings.set((finding.command, finding.path or ()), _valid_text(finding.text))
 
     def _delete(self, edit: TreeEdit, max_commands: int) -> int:
         """Execute up to ``max_commands`` deletes; return how many."""
@@ -81,7 +98,7 @@ class RequestApplier:
             count += 1
             reason = quota.check(edit.root, path, len(parts)) or quota.reserve(parts)
             if reason:
-                self._failures.append(Failure("setgeometry", index, path, reason))
+                self._failures.append(Finding("setgeometry", index, path, reason))
                 continue
             edit.set_parts(path, parts)
             quota.add_parts(len(parts))
@@ -95,7 +112,7 @@ class RequestApplier:
             count += 1
             reason = self._quota.check(edit.root, path)
             if reason:
-                self._failures.append(Failure("settransform", index, path, reason))
+                self._failures.append(Finding("settransform", index, path, reason))
                 continue
             if not edit.set_pose(path, pose).nodes_with_parts:
                 self._missing[path] = None
@@ -109,7 +126,7 @@ class RequestApplier:
             count += 1
             reason = self._quota.check(edit.root, path)
             if reason:
-                self._failures.append(Failure("setproperty", index, path, reason))
+                self._failures.append(Finding("setproperty", index, path, reason))
                 continue
             if visible is not None:
                 edit.set_visible(path, visible)
@@ -126,9 +143,7 @@ def _valid_text(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
-def _summary(failures: list[Failure]) -> str:
+def _summary(failures: list[Finding]) -> str:
     """Return the first failure's command, path and reason, and the number of other failures."""
-    first = failures[0]
-    path = "" if first.path is None else f" {list(first.path)}"
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-    return f"{first.command}[{first.index}]{path}: {first.reason}{more}"
+    return failures[0].text + more

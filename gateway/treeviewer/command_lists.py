@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from gateway.scene.tree import Path
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import show
-from gateway.treeviewer.requests import Failure, Request
+from gateway.treeviewer.requests import Finding, Request
 
 
 def commands(name: str, value: Any, request: Request, context: ReadContext) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -22,17 +21,12 @@ def commands(name: str, value: Any, request: Request, context: ReadContext) -> I
     if isinstance(value, dict) and "path" in value:
         value = [value]
     if not isinstance(value, list):
-        failure = Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}")
+        failure = Finding(name, 0, None, f"{name} must be a list of commands, not {show(value)}")
         request.fail(failure, context.limits)
         return
     for index, command in enumerate(value):
         if isinstance(command, dict):
             yield index, cast("dict[str, Any]", command)
         elif command is not None:
-            failure = Failure(name, index, None, f"a command must be an object, not {show(command)}")
+            failure = Finding(name, index, None, f"a command must be an object, not {show(command)}")
             request.fail(failure, context.limits)
-
-
-def path_text(path: Path | None) -> str:
-    """Return a path for a warning; None is a path that could not be read."""
-    return show(list(path)) if path is not None else "[?]"

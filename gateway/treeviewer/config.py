@@ -66,6 +66,8 @@ class TreeViewerConfig:
 
     lcm: LcmConfig = field(default_factory=LcmConfig)
     limits: Limits = Limits()
+    strict: bool = False
+    """True: a geometry or transform with a warning is refused."""
     offload_bytes: int = 256 * KIB
     """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
     more compact, it is a quarter."""

@@ -32,5 +32,7 @@ class ReadContext:
     """None: the settings allow no folder of mesh files."""
     text_labels: int = 0
     """Number of text labels in the request so far."""
+    strict: bool = False
+    """True: ``warnings`` are errors."""
     warnings: list[str] = field(default_factory=list)
     """One sentence for each irregularity of the current command that was tolerated."""

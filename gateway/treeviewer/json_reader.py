@@ -23,8 +23,8 @@ class JsonReader(RequestReader):
 
     type_text = "a JSON object"
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
-        super().__init__(limits, meshes)
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
+        super().__init__(limits, meshes, strict=strict)
         self._schema_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(message_type(self.limits))
         self._plain_decoder = msgspec.json.Decoder()
 

@@ -43,8 +43,8 @@ class MsgpackReader(RequestReader):
 
     type_text = "a MessagePack map"
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
-        super().__init__(limits, meshes)
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
+        super().__init__(limits, meshes, strict=strict)
         self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
             message_type(self.limits), ext_hook=_decode_extension
         )

@@ -16,7 +16,7 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import commands
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, show
-from gateway.treeviewer.requests import Failure, Request
+from gateway.treeviewer.requests import Finding, Request
 
 NAMES: Final = ("setproperty", "setview", "setclicks")
 
@@ -50,7 +50,7 @@ def _read_properties(value: Any, request: Request, context: ReadContext) -> None
                 if not 0.0 <= opacity <= 1.0:
                     raise CommandError(f"opacity must be from 0 to 1, not {show(opacity)}")
         except CommandError as error:
-            request.fail(Failure("setproperty", index, path, str(error)), context.limits)
+            request.fail(Finding("setproperty", index, path, str(error)), context.limits)
         else:
             request.properties.append((path, visible, opacity))
 
@@ -65,7 +65,7 @@ def _read_view(value: Any, request: Request, context: ReadContext) -> None:
             if name in value:
                 changes[name] = None if value[name] is None else read(value[name])
     except CommandError as error:
-        request.fail(Failure("setview", 0, None, str(error)), context.limits)
+        request.fail(Finding("setview", 0, None, str(error)), context.limits)
     else:
         request.view = changes
 
@@ -117,7 +117,7 @@ def _read_clicks(value: Any, request: Request, context: ReadContext) -> None:
         try:
             paths.append(fields.path(command, context))
         except CommandError as error:
-            request.fail(Failure("setclicks", index, None, str(error)), context.limits)
+            request.fail(Finding("setclicks", index, None, str(error)), context.limits)
     if len(request.failures) == failures_before:
         request.click_paths = paths
 

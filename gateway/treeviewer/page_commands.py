@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gateway.scene.clicks import Click
 from gateway.scene.live_page import LivePage
-from gateway.treeviewer.requests import Failure, Request
+from gateway.treeviewer.requests import Finding, Request
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,6 @@ def update_page(page: LivePage, request: Request, receiver: ClickReceiver | None
     else:
         reason = page.clicks.subscribe(receiver.channel, paths, receiver.deliver)
     if reason:
-        request.failures.append(Failure("setclicks", 0, None, reason))
+        request.failures.append(Finding("setclicks", 0, None, reason))
     else:
         page.notify()

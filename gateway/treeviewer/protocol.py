@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from gateway.runtime.warning_list import WarningList
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses, wire
@@ -64,6 +65,8 @@ class TreeViewerProtocol:
         meshes: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
         page: LivePage | None = None,
+        *,
+        strict: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.quota = TreeQuota(self.limits, clock)
@@ -72,10 +75,12 @@ class TreeViewerProtocol:
         """True if requests may open mesh files. Such requests must be read in a worker thread."""
         self.page = page or LivePage()
         """State of the pages that show the tree."""
+        self.warnings = WarningList()
+        """By command and path: what is wrong with the newest command for that path."""
         self._live = live
         self.readers = {
-            wire.FORMAT: JsonReader(self.limits, meshes),
-            wire.BINARY_FORMAT: MsgpackReader(self.limits, meshes),
+            wire.FORMAT: JsonReader(self.limits, meshes, strict=strict),
+            wire.BINARY_FORMAT: MsgpackReader(self.limits, meshes, strict=strict),
         }
         """Readers by the name of the format."""
 
@@ -109,7 +114,7 @@ class TreeViewerProtocol:
             request = self.readers[comms.format].read(comms.data)
         except RequestError as error:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
-        return RequestApplier(request, self._live, self.quota, self.limits)
+        return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
 
     def handle(self, message: bytes | memoryview, receiver: ClickReceiver | None = None) -> AnyResponse:
         """Read and apply a request at once, and return the response.

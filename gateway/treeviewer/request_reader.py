@@ -12,14 +12,15 @@ from typing import Any, Final
 
 import msgspec
 
+from gateway.scene.tree import Path
 from gateway.treeviewer import fast_schema, fields
-from gateway.treeviewer.command_lists import commands, path_text
+from gateway.treeviewer.command_lists import commands
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader, ReadContext
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import NAMES, read_newer_commands
-from gateway.treeviewer.requests import Failure, Request, RequestError
+from gateway.treeviewer.requests import Finding, Request, RequestError
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
@@ -31,9 +32,10 @@ class RequestReader:
     type_text = "an object"
     """Description of a request's outermost value, for error texts."""
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
         self.limits = limits or Limits()
         self._meshes = meshes
+        self._strict = strict
 
     def read(self, data: memoryview) -> Request:
         """Return the commands of a request.
@@ -45,7 +47,7 @@ class RequestReader:
 
     def context(self) -> ReadContext:
         """Return the context in which one request is read."""
-        return ReadContext(self.limits, meshes=self._meshes)
+        return ReadContext(self.limits, meshes=self._meshes, strict=self._strict)
 
     def from_schema(self, message: Any, context: ReadContext) -> Request | None:
         """Return the commands of a message of type ``fast_schema.message_type``.
@@ -63,7 +65,7 @@ class RequestReader:
             for index, command in enumerate(geometries):
                 parts = fast_schema.parts_of(command)
                 if parts is None:
-                    failure = Failure("setgeometry", index, command.path, "geometries is missing")
+                    failure = Finding("setgeometry", index, command.path, "geometries is missing")
                     request.fail(failure, context.limits)
                 else:
                     request.geometries.append((command.path, parts))
@@ -100,7 +102,7 @@ class RequestReader:
             try:
                 request.deletes.append(fields.path(command, context))
             except CommandError as error:
-                request.fail(Failure("delete", index, None, str(error)), context.limits)
+                request.fail(Finding("delete", index, None, str(error)), context.limits)
 
     def _read_geometries(self, value: Any, request: Request, context: ReadContext) -> None:
         """Add the setgeometry commands of a decoded list to the request, with warnings."""
@@ -109,13 +111,12 @@ class RequestReader:
             try:
                 path = fields.path(command, context)
                 parts = read_parts(command, context)
+                _refuse_warnings(context)
             except CommandError as error:
-                request.fail(Failure("setgeometry", index, path, str(error)), context.limits)
+                request.fail(Finding("setgeometry", index, path, str(error)), context.limits)
             else:
                 request.geometries.append((path, parts))
-            if context.warnings:
-                request.warnings.extend(f"setgeometry[{index}] {path_text(path)}: {text}" for text in context.warnings)
-                context.warnings.clear()
+            _take_warnings("setgeometry", index, path, request, context)
 
     def _read_transforms(self, value: Any, request: Request, context: ReadContext) -> None:
         """Add the settransform commands of a decoded list to the request, with warnings."""
@@ -126,10 +127,23 @@ class RequestReader:
                 if "transform" not in command:
                     raise CommandError("transform is missing")
                 pose = fields.pose(command["transform"])
-            except CommandError as error:
-                request.fail(Failure("settransform", index, path, str(error)), context.limits)
-            else:
                 if not all(map(math.isfinite, pose)):
-                    text = "transform is not finite, so nothing below it is drawn"
-                    request.warnings.append(f"settransform[{index}] {path_text(path)}: {text}")
+                    context.warnings.append("transform is not finite, so nothing below it is drawn")
+                _refuse_warnings(context)
+            except CommandError as error:
+                request.fail(Finding("settransform", index, path, str(error)), context.limits)
+            else:
                 request.transforms.append((path, pose))
+            _take_warnings("settransform", index, path, request, context)
+
+
+def _refuse_warnings(context: ReadContext) -> None:
+    """Raise CommandError if the current command has a warning and ``context.strict`` is true."""
+    if context.strict and context.warnings:
+        raise CommandError(f"{context.warnings[0]} (refused: --strict)")
+
+
+def _take_warnings(command: str, index: int, path: Path | None, request: Request, context: ReadContext) -> None:
+    """Move the warnings about a command from the context to the request."""
+    request.warnings.extend(Finding(command, index, path, text) for text in context.warnings)
+    context.warnings.clear()

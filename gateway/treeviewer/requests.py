@@ -10,6 +10,7 @@ import msgspec
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.fields import show
 
 
 class RequestError(ValueError):
@@ -17,8 +18,8 @@ class RequestError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
-    """A command that cannot be executed."""
+class Finding:
+    """What is wrong with a command."""
 
     command: str
     """``delete``, ``setgeometry``, ``settransform``, or a name of ``newer_commands``."""
@@ -27,6 +28,12 @@ class Failure:
     path: Path | None
     """None: the path could not be read."""
     reason: str
+
+    @property
+    def text(self) -> str:
+        """Command, path and reason in one sentence."""
+        path = "" if self.path is None else f" {show(list(self.path))}"
+        return f"{self.command}[{self.index}]{path}: {self.reason}"
 
 
 class Request(msgspec.Struct, gc=False):
@@ -43,16 +50,17 @@ class Request(msgspec.Struct, gc=False):
     """Paths whose clicks the client wants from now on; None: no command."""
     newer_commands: list[str] = []
     """Names of the commands of ``newer_commands`` in the request."""
-    failures: list[Failure] = []
-    warnings: list[str] = []
-    """One sentence for each irregularity that was tolerated."""
+    failures: list[Finding] = []
+    """Commands that cannot be executed."""
+    warnings: list[Finding] = []
+    """Irregularities that were tolerated."""
 
     @property
     def commands(self) -> int:
         """Number of commands that edit the tree, without ``failures``."""
         return len(self.deletes) + len(self.geometries) + len(self.transforms) + len(self.properties)
 
-    def fail(self, failure: Failure, limits: Limits) -> None:
+    def fail(self, failure: Finding, limits: Limits) -> None:
         """Add a command that cannot be executed.
 
         Raises:
@@ -62,6 +70,5 @@ class Request(msgspec.Struct, gc=False):
         if len(self.failures) > limits.failed_commands:
             first = self.failures[0]
             raise RequestError(
-                f"more than {limits.failed_commands} commands cannot be carried out, so nothing is done; "
-                f"{first.command}[{first.index}]: {first.reason}"
+                f"more than {limits.failed_commands} commands cannot be carried out, so nothing is done; {first.text}"
             )

@@ -23,7 +23,7 @@ SUPPORTED_FORMATS: Final = {
 
 
 class CommandProblem(msgspec.Struct, omit_defaults=True):
-    """A failed command, with the fields of ``requests.Failure``."""
+    """A failed command, with the fields of ``requests.Finding``."""
 
     command: str
     index: int

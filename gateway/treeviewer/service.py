@@ -58,7 +58,7 @@ class TreeViewerService:
             page: state of the pages that show the tree.
         """
         self._config = config
-        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock, page)
+        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock, page, strict=config.strict)
         self._pool = WorkerPool(
             config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
         )
@@ -87,7 +87,7 @@ class TreeViewerService:
         await self._started.wait()
 
     def status(self) -> dict[str, Any]:
-        """Return counters, and the status or problem of each transport, as plain JSON values."""
+        """Return counters, warnings, and the status or problem of each transport, as plain JSON values."""
         status: dict[str, Any] = self._dispatcher.status()
         if self._transport is not None:
             status["lcm"] = self._transport.status()
@@ -96,6 +96,9 @@ class TreeViewerService:
             status["tcpq"] = self.hub.status()
         for transport, problem in self._problems.items():
             status[transport] = {"problem": problem}
+        warnings = [*self._problems.values(), *self.protocol.warnings.listed()]
+        if warnings:
+            status["warnings"] = warnings
         status["geometry_bytes"] = self.protocol.quota.array_bytes
         return status
 

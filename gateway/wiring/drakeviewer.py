@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.service import DrakeViewerService
 from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm.listener import ChannelListener
@@ -10,6 +11,6 @@ from gateway.wiring.context import Context
 
 async def setup(context: Context) -> None:
     """Run the service; the tree viewer's transports pass messages to it."""
-    service = DrakeViewerService(context.tree, context.mesh_files)
+    service = DrakeViewerService(context.tree, context.mesh_files, DrakeViewerConfig(strict=context.settings.strict))
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")

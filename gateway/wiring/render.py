@@ -55,6 +55,7 @@ def _config(settings: Settings) -> RenderConfig:
             max_drawn_elements=settings.max_triangles,
             max_image_pixels=settings.max_image_pixels,
         ),
+        strict=settings.strict,
         keep_failures=settings.keep_failures,
     )
 
@@ -67,4 +68,5 @@ async def _backdrop(context: Context) -> Callable[[], Node] | None:
     if settings.backdrop == "live":
         return lambda: context.tree.snapshot.root
     scene = await read_scene_setting(settings.backdrop, settings)
+    context.registry.warn("render", settings.backdrop, *scene.warnings)
     return lambda: scene.root

@@ -55,7 +55,7 @@ async def setup(context: Context) -> None:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
-    scene = await _scene(settings)
+    scene = await _scene(context)
     services = [
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
@@ -127,9 +127,11 @@ def _start_camera(
         service.show_pairs(_pairs(settings.stereo_images, service))
 
     def status() -> dict[str, Any]:
-        values, warning = service.status(), view.warning()
+        values, warning = dict(service.status()), view.warning()
         where = {"where": f"gRPC on port {values['port']}"}  # the actual port, if 0 is configured
-        return {**values, **where, **({"warning": warning} if warning else {})}
+        if warning:
+            values["warnings"] = [*values.get("warnings", ()), warning]
+        return {**values, **where}
 
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
@@ -141,11 +143,13 @@ def _start_camera(
     return service
 
 
-async def _scene(settings: Settings) -> Snapshot | None:
+async def _scene(context: Context) -> Snapshot | None:
     """Return the scene of ``--stereo-scene``; None if that is the live tree."""
+    settings = context.settings
     if settings.stereo_scene == "live":
         return None
     file = await read_scene_setting(settings.stereo_scene, settings)
+    context.registry.warn("stereo", settings.stereo_scene, *file.warnings)
     return Snapshot(file.root, 0)
 
 

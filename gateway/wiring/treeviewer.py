@@ -15,7 +15,7 @@ async def setup(context: Context) -> None:
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
     durable = context.state.commits if context.state is not None else None
     service = TreeViewerService(
-        TreeViewerConfig(lcm=lcm),
+        TreeViewerConfig(lcm=lcm, strict=settings.strict),
         context.tree,
         context.mesh_files,
         durable=durable,

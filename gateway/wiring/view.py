@@ -40,16 +40,17 @@ def gateway_status(context: Context) -> dict[str, Any]:
 
     That is the interfaces' states, the time of Drake's simulation, the queue, lost messages and streams.
     """
-    interfaces: dict[str, dict[str, str]] = {}
+    interfaces: dict[str, dict[str, Any]] = {}
     details: dict[str, dict[str, Any]] = {}
     for name, entry in context.registry.entries.items():
         described = entry.describe()
-        problem = described.get("problem") or described.get("warning")
+        problem, warnings = described.get("problem"), described.get("warnings")
         interfaces[name] = {
             "state": described["state"],
             "title": title_of(name),
             "documentation": documentation_of(name),
-            **({"problem": str(problem)} if problem else {}),
+            **({"problem": problem} if problem else {}),
+            **({"warnings": warnings} if warnings else {}),
         }
         details[name] = described
     stats = context.workers.stats

@@ -170,6 +170,6 @@ def test_names_in_scene_and_healthz(version: str) -> None:
         assert found["drake", "proximity"]["bounds"] is None
         described = drake()
         assert described["unshown_channels"] == {"DRAKE_VIEWER_LOAD_ROBOT_PERCEPTION": 1}
-        assert described["warning"].startswith("received, but not shown")
+        assert described["warnings"][-1].startswith("received, but not shown")
         assert described["simulation_seconds"] == 0.25
         assert http.get("/scene/render").status_code == 200

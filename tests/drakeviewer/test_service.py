@@ -122,7 +122,7 @@ async def test_unshown_channels_are_said_once() -> None:
                 found.service.receive("CONTACT_RESULTS_OTHER", b"")
             status = found.service.status()
     assert status["unshown_channels"] == {"DRAKE_VIEWER_STATUS": 3, "CONTACT_RESULTS_OTHER": 3}
-    assert status["warning"] == "received, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"
+    assert status["warnings"] == ["received, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"]
     assert [entry["channel"] for entry in log] == ["DRAKE_VIEWER_STATUS", "CONTACT_RESULTS_OTHER"]
 
 
@@ -134,7 +134,7 @@ async def test_damage_is_counted_and_logged_once() -> None:
             found.service.receive(LOAD, b"damaged!")
             await until(lambda: found.service.viewer.counters.undecodable == 4)
             status = found.service.status()
-    assert "lcmt_viewer_load_robot" in status["last_problem"]
+    assert [warning.partition(":")[0] for warning in status["warnings"]] == [LOAD, DRAW]
     assert [entry["channel"] for entry in log] == [DRAW, LOAD]
 
 
@@ -178,12 +178,12 @@ async def test_limits_on_channels_and_waiting_bytes() -> None:
         for channel in (DRAW, DRAW, "DRAKE_DRAW_FRAMES", "DRAKE_DRAW_FRAMES_B"):
             found.service.receive(channel, at(1))
         assert found.service.status()["dropped"] == 1
-        assert "DRAKE_DRAW_FRAMES_B: 58 bytes are too many" in found.service.status()["last_problem"]
+        assert "DRAKE_DRAW_FRAMES_B: 58 bytes are too many" in found.service.status()["warnings"][0]
         found = Running(DrakeViewerConfig(waiting_bytes=1))
         found.service.ready = True
         found.service.receive(LOAD, ROBOT)
         assert found.service.status()["dropped"] == 1
-        assert "waiting" in found.service.status()["last_problem"]
+        assert "waiting" in found.service.status()["warnings"][0]
 
 
 @pytest.mark.parametrize("prefix", ["DRAKE_POINT_CLOUD_", "DRAKE_DRAW_FRAMES_"])
@@ -198,7 +198,7 @@ async def test_damaged_messages_take_up_no_channels(prefix: str) -> None:
         status = found.service.status()
         assert status["channels"] == {"DRAKE_DRAW_FRAMES_0": 1, "DRAKE_DRAW_FRAMES_1": 1}
         assert status["dropped"] == 1
-        assert "DRAKE_DRAW_FRAMES_2: 2 channels are shown or wait" in status["last_problem"]
+        assert "DRAKE_DRAW_FRAMES_2: 2 channels are shown or wait" in status["warnings"][0]
 
 
 async def test_waiting_messages_of_new_channels_are_limited() -> None:
@@ -291,3 +291,18 @@ async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.Mon
     assert not found.service.ready
     path: TreePath = ("drake",)
     assert found.live.snapshot.root.find(path) is None
+
+
+async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_with_strict() -> None:
+    message = load(link("a", 1, geometry(MESH, [], string="/gone.obj")))
+    async with running() as found:
+        found.service.receive(LOAD, message)
+        await until(lambda: found.service.status().get("warnings"))
+        assert "/gone.obj" in found.service.status()["warnings"][0]
+        found.service.receive(LOAD, ROBOT)
+        await until(lambda: "warnings" not in found.service.status())
+    async with running(DrakeViewerConfig(strict=True)) as found:
+        found.service.receive(LOAD, message)
+        await until(lambda: found.service.status().get("warnings"))
+        assert found.service.status()["warnings"][0].endswith("(refused: --strict)")
+        assert found.live.snapshot.root.find(("drake",)) is None

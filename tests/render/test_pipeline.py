@@ -104,3 +104,22 @@ def _pixels(png: bytes) -> NDArray[np.generic]:
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     return image.reshape(-1, 3)
+
+
+def test_strict_refuses_a_scene_with_a_warning() -> None:
+    renderer = CpuRenderer(1)
+    document = gltf(extensionsUsed=["X_unknown"], materials=[{"extensions": {"X_unknown": {}}}])
+    warnings: list[str] = []
+    for strict in (False, True):
+        config = RenderConfig(strict=strict)
+        reader = FormReader(CONTENT_TYPE, config)
+        reader.feed(body(document, drake_fields("depth")))
+        request = read_form(reader.form(), config)
+        if strict:
+            with pytest.raises(RequestError) as caught:
+                Pipeline(renderer, config).render(request)
+            assert str(caught.value) == f"scene: {warnings[0]} (refused: --strict)"
+        else:
+            warnings.extend(Pipeline(renderer, config).render(request).warnings)
+            assert "X_unknown" in warnings[0]
+    renderer.close()

@@ -30,7 +30,7 @@ SECRETS = ("/srv/secret", "10.1.2.3", "of a client")
 
 def client(*, token: bool) -> httpx2.AsyncClient:
     def figures() -> Mapping[str, Any]:
-        return {"port": 4001, "last_problem": "a message of a client", "nested": {"file": "/srv/secret.db"}}
+        return {"port": 4001, "warnings": ["a message of a client"], "nested": {"file": "/srv/secret.db"}}
 
     registry = ServiceRegistry()
     registry.ready("state", where="/srv/secret.db", figures=figures)

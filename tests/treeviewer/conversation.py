@@ -41,9 +41,9 @@ def decoded(data: bytes) -> dict[str, Any]:
 class Viewer:
     """A live tree and the protocol that edits it."""
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
         self.live = LiveTree()
-        self.protocol = TreeViewerProtocol(self.live, limits, meshes)
+        self.protocol = TreeViewerProtocol(self.live, limits, meshes, strict=strict)
 
     def tell(self, request: Any, utime: int = 7) -> dict[str, Any]:
         """Send a request and return the response."""

@@ -177,7 +177,7 @@ def test_rejects_invalid_geometry(viewer: Viewer, geometry: dict[str, Any], reas
     )
     assert answer["status"] == -3
     assert answer["errors"] == [{"command": "setgeometry", "index": 1, "path": ["bad"], "reason": reason}]
-    assert answer["error"] == f"setgeometry[1] ['bad']: {reason}"
+    assert answer["error"] == f'setgeometry[1] ["bad"]: {reason}'
     assert answer["added_geometries"] == [["before"], ["after"]]
     assert [part.shape for part in viewer.parts("bad")] == [Sphere(9)], "what was there stays"
 

@@ -147,3 +147,16 @@ def test_hidden_and_faded_nodes(shown: tuple[View, TreeViewer], gateway: tuple[A
     viewer["robot"].set_visible(True)
     viewer["ui"].set_opacity(1.0)
     view.until(lambda: min(view.share("red"), view.share("green")) > 0.02, "both are back")
+
+
+def test_warnings_are_yellow_and_can_be_read(shown: tuple[View, TreeViewer]) -> None:
+    view, viewer = shown
+    viewer["bad"].set(Box((-1, 1, 1)))
+    light = view.page.locator(".status summary", has_text="Tree viewer: 1 warning")
+    light.wait_for()
+    light.click()
+    sentence = view.page.get_by_text('setgeometry[0] ["bad"]: lengths has a negative number')
+    sentence.wait_for()
+    assert sentence.is_visible()
+    viewer["bad"].delete()
+    light.wait_for(state="detached")

@@ -292,13 +292,19 @@ def test_lost_messages_of_lcm() -> None:
 async def test_the_status_bar(contexts: Any) -> None:
     context = contexts()
     context.registry.fail("treeviewer", "no route")
-    context.registry.ready("stereo 1", figures=lambda: {"warning": "no node"})
+    context.registry.ready("stereo 1", figures=lambda: {"warnings": ["no node"]})
+    context.registry.warn("render", "robot.urdf", "a mesh is missing")
     context.registry.ready("render")
     status = view.gateway_status(context)
     assert status["interfaces"] == {
         "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
-        "stereo 1": {"state": "ready", "problem": "no node", "title": "Stereo camera 1", "documentation": ""},
-        "render": {"state": "ready", "title": "Render server", "documentation": ""},
+        "stereo 1": {"state": "ready", "warnings": ["no node"], "title": "Stereo camera 1", "documentation": ""},
+        "render": {
+            "state": "ready",
+            "warnings": ["a mesh is missing"],
+            "title": "Render server",
+            "documentation": "",
+        },
     }
     context.registry.ready("stereo", figures=lambda: {"clients": 2})
     facts = view.gateway_status(context)["facts"]

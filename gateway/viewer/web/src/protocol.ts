@@ -103,9 +103,18 @@ export interface Forget {
   meshes: number[];
 }
 
+export interface InterfaceState {
+  state: string;
+  title: string;
+  documentation: string;
+  /** Reason of a failure. */
+  problem?: string;
+  warnings?: string[];
+}
+
 export interface Status {
   kind: "status";
-  interfaces?: Record<string, { state: string; title: string; documentation: string; problem?: string }>;
+  interfaces?: Record<string, InterfaceState>;
   facts?: { name: string; value: string | number; warn?: boolean }[];
   /** Number of render requests so far. */
   renders?: number;
