@@ -15,6 +15,7 @@ import multiprocessing
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ from tests.drake.scenes import SCENES, Body, Scene
 
 
 class Recorder(BaseHTTPRequestHandler):
-    """Answers a posted scene with a black image, and writes the form into the folder."""
+    """Answers a posted scene with a black image, and writes it into the folder."""
 
     folder: Path
 
@@ -57,10 +58,7 @@ class Recorder(BaseHTTPRequestHandler):
             part.get_param("name", header="content-disposition"): part.get_payload(decode=True)
             for part in message.iter_parts()
         }
-        kind = form["image_type"].decode()
-        fields = {field: value.decode() for field, value in form.items() if field != "scene"}
-        (self.folder / f"{kind}.json").write_text(json.dumps(fields, indent=1) + "\n")
-        (self.folder / f"{kind}.gltf").write_bytes(form["scene"])
+        self.write(form["image_type"].decode(), form, body)
         answer = png(np.zeros((int(form["height"]), int(form["width"]), 3), np.uint8))
         self.send_response(200)
         self.send_header("Content-Type", "image/png")
@@ -68,8 +66,30 @@ class Recorder(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(answer)
 
+    def write(self, kind: str, form: dict[str, bytes], body: bytes) -> None:
+        """Write the form of a request."""
+        fields = {field: value.decode() for field, value in form.items() if field != "scene"}
+        (self.folder / f"{kind}.json").write_text(json.dumps(fields, indent=1) + "\n")
+        (self.folder / f"{kind}.gltf").write_bytes(form["scene"])
+
     def log_message(self, *_: Any) -> None:
         """Keep quiet."""
+
+
+def record(recorder: type[Recorder], names: Iterable[str], capture: Callable[[str, Path, str], None]) -> Iterator[Path]:
+    """Yield for each name a folder with what ``capture(name, folder, base_url)`` writes and posts; then empty it."""
+    with tempfile.TemporaryDirectory() as incoming:
+        folder = recorder.folder = Path(incoming)
+        server = ThreadingHTTPServer(("127.0.0.1", 0), recorder)
+        # A process of its own, since Drake's client holds the interpreter's lock while it waits for an image.
+        process = multiprocessing.get_context("fork").Process(target=server.serve_forever, daemon=True)
+        process.start()
+        for name in names:
+            capture(name, folder, f"http://127.0.0.1:{server.server_port}")
+            yield folder
+            for file in folder.iterdir():
+                file.unlink()
+        process.terminate()
 
 
 def properties(body: Body, label: int) -> PerceptionProperties:
@@ -138,21 +158,9 @@ def capture(name: str, folder: Path, base_url: str) -> None:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as incoming:
-        Recorder.folder = Path(incoming)
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Recorder)
-        # A process of its own, since Drake's client holds the interpreter's lock while it waits for an image.
-        process = multiprocessing.get_context("fork").Process(target=server.serve_forever, daemon=True)
-        process.start()
-        for name in sys.argv[2:] or SCENES:
-            capture(name, Recorder.folder, f"http://127.0.0.1:{server.server_port}")
-            shutil.rmtree(folder / name, ignore_errors=True)
-            (folder / name).mkdir()
-            for file in Recorder.folder.iterdir():
-                shutil.move(file, folder / name)
-        process.terminate()
+    folder, names = Path(sys.argv[1]), sys.argv[2:] or list(SCENES)
+    for name, captured in zip(names, record(Recorder, names, capture), strict=True):
+        shutil.copytree(captured, folder / name, dirs_exist_ok=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,68 @@
+"""Drake's own robots as its client posts them, against RenderEngineVtk's images."""
+
+from __future__ import annotations
+
+import lzma
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.render.config import RenderConfig
+from gateway.render.form import read_form
+from gateway.render.multipart import FormReader
+from gateway.render.pipeline import Pipeline
+from renderers.raster import CpuRenderer
+from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, corpus_path, decode_label
+
+COLOR_STEP = 20
+"""Difference of a channel, of 255, that Drake's integration test tolerates."""
+MAX_COLOR_FRACTION = 0.001
+"""Fraction of channel values that may differ by more."""
+MAX_DEPTH_ERROR = 1e-3
+"""Metres."""
+MAX_PIXELS = 4
+"""Number of pixels at edges with another label, or covered in one image only."""
+
+HERE = Path(__file__).parent / "robots"
+CORPUS = corpus_path()
+FOLDERS = [*HERE.glob("*_*"), *((CORPUS / "drake_robots").glob("*_*") if CORPUS else ())]
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Iterator[Pipeline]:
+    renderer = CpuRenderer(2)
+    yield Pipeline(renderer, RenderConfig())
+    renderer.close()
+
+
+def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
+    config = RenderConfig()
+    reader = FormReader((folder / f"{kind}.ctype").read_text().strip(), config)
+    reader.feed(lzma.decompress((folder / f"{kind}.multipart.xz").read_bytes()))
+    decoded = cv2.imdecode(np.frombuffer(pipeline.render(read_form(reader.form(), config)).body, np.uint8), -1)
+    assert decoded is not None
+    return decoded
+
+
+@pytest.mark.parametrize("folder", sorted(FOLDERS), ids=lambda folder: folder.name)
+def test_images_are_those_of_render_engine_vtk(pipeline: Pipeline, folder: Path) -> None:
+    vtk = np.load(folder / "vtk.npz")
+    difference = np.abs(image(pipeline, folder, "color")[..., ::-1].astype(int) - vtk["color"])
+    fraction = float((difference > COLOR_STEP).mean())
+    TABLE.append(Row(folder.name, "color", f"{100 * fraction:.3f} % off by > {COLOR_STEP}", 0.0))
+    assert fraction <= MAX_COLOR_FRACTION
+    expected = np.where(vtk["label"] == EMPTY_LABEL, DONT_CARE_LABEL, vtk["label"].astype(np.int64))
+    labels = decode_label(image(pipeline, folder, "label")[..., ::-1])
+    assert len(np.unique(labels)) > 1
+    assert (labels != expected).sum() <= MAX_PIXELS
+    if "depth" in vtk and (folder / "depth.ctype").exists():
+        depth = image(pipeline, folder, "depth")
+        is_covered, is_covered_in_vtk = np.isfinite(depth), np.isfinite(vtk["depth"])
+        assert (is_covered != is_covered_in_vtk).sum() <= MAX_PIXELS
+        both = is_covered & is_covered_in_vtk
+        assert np.abs(depth[both] - vtk["depth"][both]).max() <= MAX_DEPTH_ERROR
