@@ -11,12 +11,12 @@ from gateway.robots.errors import RobotFileError, joined_warnings
 from gateway.robots.files import RobotFiles
 from gateway.robots.gltf_up import RobotGltfUp, nearer_up
 from gateway.robots.limits import RobotLimits
+from gateway.robots.link_kinematics import LinkKinematics
+from gateway.robots.link_model import LinkModel
+from gateway.robots.link_parts import LinkParts
 from gateway.robots.robot import GeometryUse, Robot, without_invalid_mimics
 from gateway.robots.sdf import parse_sdf
 from gateway.robots.urdf import parse_urdf
-from gateway.robots.urdf_kinematics import UrdfKinematics
-from gateway.robots.urdf_model import UrdfModel
-from gateway.robots.urdf_parts import UrdfParts
 from gateway.robots.xacro_files import expand_xacro
 from gateway.robots.xml_text import parse_xml, uses_xacro
 from gateway.scene.geometry import Part
@@ -86,7 +86,7 @@ class _Reader:
         model = self._parse(use, self._warnings)
         joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
         joints = without_invalid_mimics(joints, self._warnings)
-        kinematics = UrdfKinematics(model)
+        kinematics = LinkKinematics(model)
         parts, notes = self._parts(model, use, gltf_up)
         return Robot(
             model.name or self._files.path.stem,
@@ -99,7 +99,7 @@ class _Reader:
             self._files.digests,
         )
 
-    def _parse(self, use: GeometryUse, warnings: list[str]) -> UrdfModel:
+    def _parse(self, use: GeometryUse, warnings: list[str]) -> LinkModel:
         """Return the content of a URDF or SDF file."""
         if self._root.tag == "robot":
             return parse_urdf(self._root, use, self._limits, warnings)
@@ -109,14 +109,14 @@ class _Reader:
         raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
 
     def _parts(
-        self, model: UrdfModel, use: GeometryUse, gltf_up: RobotGltfUp
+        self, model: LinkModel, use: GeometryUse, gltf_up: RobotGltfUp
     ) -> tuple[tuple[tuple[Part, ...], ...], tuple[str, ...]]:
         """Return the parts of all links, and with ``gltf_up="auto"`` a note about the up axis that was chosen."""
         if gltf_up != "auto":
-            return UrdfParts(self._files, self._limits, self._warnings, gltf_up).parts_of_links(model.links), ()
-        y_up = UrdfParts(self._files, self._limits, self._warnings, "y").parts_of_links(model.links)
-        z_up = UrdfParts(self._files, self._limits, [], "z").parts_of_links(model.links)
-        collision = UrdfParts(self._files, self._limits, [], "y").parts_of_links(self._parse("collision", []).links)
+            return LinkParts(self._files, self._limits, self._warnings, gltf_up).parts_of_links(model.links), ()
+        y_up = LinkParts(self._files, self._limits, self._warnings, "y").parts_of_links(model.links)
+        z_up = LinkParts(self._files, self._limits, [], "z").parts_of_links(model.links)
+        collision = LinkParts(self._files, self._limits, [], "y").parts_of_links(self._parse("collision", []).links)
         up = nearer_up(y_up, z_up, collision)
         note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
         return (z_up if up == "z" else y_up), (note,)

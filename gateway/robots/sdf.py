@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from gateway.robots.errors import RobotFileError, name_hint
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits, check_count
+from gateway.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
 from gateway.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
 from gateway.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
 from gateway.robots.sdf_geometry import read_geometries
 from gateway.robots.urdf_joints import joint_kind, unit_axis
-from gateway.robots.urdf_model import UrdfGeometry, UrdfJoint, UrdfLink, UrdfMesh, UrdfModel
 from gateway.robots.xml_text import Element, attribute, numbers, parse_xml, with_attributes
 
 Include = Callable[[str, Path], tuple[Element, Path]]
@@ -61,7 +61,7 @@ class _Scope:
 
 def parse_sdf(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotLimits, warnings: list[str]
-) -> UrdfModel:
+) -> LinkModel:
     """Return the content of an SDF document.
 
     Args:
@@ -100,7 +100,7 @@ class _SdfReader:
         self._joints: dict[str, tuple[Element, _Scope]] = {}
         self._include_count = 0
 
-    def read(self, root: Element, folder: Path) -> UrdfModel:
+    def read(self, root: Element, folder: Path) -> LinkModel:
         """Return the content of a document.
 
         Args:
@@ -125,8 +125,8 @@ class _SdfReader:
         links = tuple(self._link(link, *found) for link, found in self._links.items())
         joints, X_robot_root = self._tree()
         if any(joint.parent == WORLD for joint in joints):
-            links = (UrdfLink(WORLD, ()), *links)
-        return UrdfModel(name, links, joints, X_robot_root)
+            links = (Link(WORLD, ()), *links)
+        return LinkModel(name, links, joints, X_robot_root)
 
     def _add_content(self, element: Element, scope: _Scope) -> None:
         """Add the models, links, joints and frames of a world or model."""
@@ -223,20 +223,20 @@ class _SdfReader:
         base = _resolve(scope, relative_to) if relative_to else attached_to
         self._frames.add(scoped(scope.name, attribute(frame, "name")), Frame(X, base, attached_to))
 
-    def _link(self, name: str, element: Element, scope: _Scope) -> UrdfLink:
+    def _link(self, name: str, element: Element, scope: _Scope) -> Link:
         def X_link(frame: str) -> NDArray[np.float64]:
             X_world_link = self._frames.X_world(name)
             return np.linalg.inv(X_world_link) @ self._frames.X_world(_resolve(scope, frame))
 
         geometries = read_geometries(element, name, self._use, X_link, self._warnings)
-        return UrdfLink(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
+        return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
 
-    def _tree(self) -> tuple[tuple[UrdfJoint, ...], dict[str, NDArray[np.float64]]]:
+    def _tree(self) -> tuple[tuple[LinkJoint, ...], dict[str, NDArray[np.float64]]]:
         """Return the joints that make a tree, and the poses of the links that have no parent.
 
         A joint whose child has a parent already closes a loop, which SDF allows: it is left out.
         """
-        joints: dict[str, UrdfJoint] = {}
+        joints: dict[str, LinkJoint] = {}
         parent_of: dict[str, str] = {}
         for name, (element, scope) in self._joints.items():
             ends = self._ends(name, element, scope)
@@ -269,7 +269,7 @@ class _SdfReader:
             ends.append(link)
         return ends[0], ends[1]
 
-    def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> UrdfJoint:
+    def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> LinkJoint:
         where = f"joint {name!r}"
         X_world_parent, X_world_joint = self._frames.X_world(parent), self._frames.X_world(name)
         kind = joint_kind(attribute(element, "type"), _KINDS, where, self._warnings)
@@ -279,7 +279,7 @@ class _SdfReader:
         motion = None
         if kind is not None:
             motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), self._mimic(axis, scope, where))
-        return UrdfJoint(
+        return LinkJoint(
             name,
             parent,
             child,
@@ -329,10 +329,10 @@ def _resolve(scope: _Scope, name: str) -> str:
     return scope.base if name in ("", "__model__") else scoped(scope.name, name)
 
 
-def _in_folder(geometry: UrdfGeometry, folder: Path) -> UrdfGeometry:
+def _in_folder(geometry: LinkGeometry, folder: Path) -> LinkGeometry:
     """Return a geometry with the relative file name of its mesh, if it has one, joined to a folder."""
     shape = geometry.shape
-    if not isinstance(shape, UrdfMesh) or "://" in shape.filename:
+    if not isinstance(shape, MeshReference) or "://" in shape.filename:
         return geometry
     return replace(geometry, shape=replace(shape, filename=str(folder / shape.filename)))
 

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.robots.link_model import LinkGeometry, LinkMaterial, LinkShape
 from gateway.robots.robot import GeometryUse
 from gateway.robots.sdf_frames import read_pose
-from gateway.robots.shapes import read_shape
-from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial, UrdfShape
+from gateway.robots.urdf_shapes import read_shape
 from gateway.robots.xml_text import Element, InvalidAttributeError, numbers, with_attributes
 from gateway.scene.geometry import Box
 from gateway.scene.transforms import IDENTITY
@@ -34,7 +34,7 @@ _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
 
 def read_geometries(
     link: Element, name: str, use: GeometryUse, X_link: Callable[[str], NDArray[np.float64]], warnings: list[str]
-) -> tuple[UrdfGeometry, ...]:
+) -> tuple[LinkGeometry, ...]:
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 
     Args:
@@ -51,11 +51,11 @@ def read_geometries(
         except InvalidAttributeError as error:
             warnings.append(f"{where}: {error}; it is not shown")
             continue
-        geometries.append(UrdfGeometry(shape, X @ X_shape, _material(element, where, warnings)))
+        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, warnings)))
     return tuple(geometries)
 
 
-def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[UrdfShape, NDArray[np.float64]]:
+def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[LinkShape, NDArray[np.float64]]:
     """Return a shape and its pose in the geometry's frame; raises InvalidAttributeError if it cannot be drawn."""
     if geometry is None:
         raise InvalidAttributeError("it has no shape")
@@ -92,7 +92,7 @@ def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArra
     return Box((width, height, 0.0)), X
 
 
-def _material(element: Element, where: str, warnings: list[str]) -> UrdfMaterial | None:
+def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial | None:
     material = element.find("material")
     if material is None:
         return None
@@ -104,12 +104,12 @@ def _material(element: Element, where: str, warnings: list[str]) -> UrdfMaterial
             if len(texts.attrib[name].split()) == 3:
                 texts.set(name, f"{texts.attrib[name]} 1")
             r, g, b, a = np.clip(numbers(texts, name, default, where, warnings), 0.0, 1.0).tolist()
-            return UrdfMaterial((r, g, b, a), texture)
+            return LinkMaterial((r, g, b, a), texture)
     script = (material.findtext("script/name") or "").strip()
     if not script:
-        return UrdfMaterial(None, texture)
+        return LinkMaterial(None, texture)
     color = _GAZEBO_COLORS.get(script.removeprefix("Gazebo/"))
     if color is None:
         warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
-        return UrdfMaterial(None, texture)
-    return UrdfMaterial((*color, 1.0), texture)
+        return LinkMaterial(None, texture)
+    return LinkMaterial((*color, 1.0), texture)

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits, check_count
+from gateway.robots.link_model import Link, LinkModel
 from gateway.robots.robot import GeometryUse
 from gateway.robots.urdf_geometry import UrdfGeometryReader
 from gateway.robots.urdf_joints import JOINT_TAGS, UrdfJointReader
-from gateway.robots.urdf_model import UrdfLink, UrdfModel
 from gateway.robots.xml_text import Element, attribute
 
 
-def parse_urdf(root: Element, use: GeometryUse, limits: RobotLimits, warnings: list[str]) -> UrdfModel:
+def parse_urdf(root: Element, use: GeometryUse, limits: RobotLimits, warnings: list[str]) -> LinkModel:
     """Return the content of a URDF document.
 
     Args:
@@ -39,7 +39,7 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotLimits, warnings: l
     names = [link.name for link in links]
     _check_names(names)
     joints = UrdfJointReader(names, warnings).read(joint_elements)
-    return UrdfModel(attribute(root, "name"), links, joints)
+    return LinkModel(attribute(root, "name"), links, joints)
 
 
 def _check_attributes(element: Element, limit: int) -> None:
@@ -50,11 +50,11 @@ def _check_attributes(element: Element, limit: int) -> None:
             )
 
 
-def _links(elements: list[Element], reader: UrdfGeometryReader, warnings: list[str]) -> Iterator[UrdfLink]:
+def _links(elements: list[Element], reader: UrdfGeometryReader, warnings: list[str]) -> Iterator[Link]:
     for element in elements:
         name = attribute(element, "name")
         if name:
-            yield UrdfLink(name, reader.geometries(element, name))
+            yield Link(name, reader.geometries(element, name))
         else:
             warnings.append("a <link> has no name, it is left out")
 

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from gateway.robots.link_model import LinkGeometry, LinkMaterial
 from gateway.robots.robot import GeometryUse
-from gateway.robots.shapes import read_shape
-from gateway.robots.urdf_model import UrdfGeometry, UrdfMaterial
+from gateway.robots.urdf_shapes import read_shape
 from gateway.robots.xml_text import (
     Element,
     InvalidAttributeError,
@@ -39,7 +39,7 @@ class UrdfGeometryReader:
         self._warnings = warnings
         self._materials = dict(self._named_materials(root)) if use == "visual" else {}
 
-    def geometries(self, link: Element, name: str) -> tuple[UrdfGeometry, ...]:
+    def geometries(self, link: Element, name: str) -> tuple[LinkGeometry, ...]:
         """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning."""
         where = f"link {name!r}, {self._use}"
         geometries = []
@@ -50,10 +50,10 @@ class UrdfGeometryReader:
                 self._warnings.append(f"{where}: {error}; it is not shown")
                 continue
             X = origin(element, where, self._warnings)
-            geometries.append(UrdfGeometry(shape, X, self._material_of(element, where)))
+            geometries.append(LinkGeometry(shape, X, self._material_of(element, where)))
         return tuple(geometries)
 
-    def _named_materials(self, root: Element) -> Iterator[tuple[str, UrdfMaterial]]:
+    def _named_materials(self, root: Element) -> Iterator[tuple[str, LinkMaterial]]:
         """Yield name and material of each named material with a colour or texture: those of links, then the robot's.
 
         A later material overrides an earlier one with the same name.
@@ -64,7 +64,7 @@ class UrdfGeometryReader:
                 if material.rgba is not None or material.texture is not None:
                     yield name, material
 
-    def _material_of(self, element: Element, where: str) -> UrdfMaterial | None:
+    def _material_of(self, element: Element, where: str) -> LinkMaterial | None:
         material_element = element.find("material")
         if material_element is None or self._use == "collision":
             return None
@@ -74,10 +74,10 @@ class UrdfGeometryReader:
             return self._materials.get(name or "")
         return material
 
-    def _material(self, element: Element, where: str) -> UrdfMaterial:
+    def _material(self, element: Element, where: str) -> LinkMaterial:
         color, texture = element.find("color"), element.find("texture")
         rgba = None if color is None else self._rgba(color, where)
-        return UrdfMaterial(rgba, attribute(texture, "filename") or None)
+        return LinkMaterial(rgba, attribute(texture, "filename") or None)
 
     def _rgba(self, color: Element, where: str) -> tuple[float, float, float, float]:
         """Return sRGB and opacity, 0 to 1. Without an opacity, it is 1."""

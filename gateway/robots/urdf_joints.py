@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from gateway.robots.errors import name_hint
+from gateway.robots.link_model import LinkJoint
 from gateway.robots.robot import NEUTRAL, Joint, JointKind, Mimic
-from gateway.robots.urdf_model import UrdfJoint
 from gateway.robots.xml_text import Element, attribute, numbers, origin
 
 JOINT_TAGS: Final = ("joint", "drake:joint")
@@ -35,9 +35,9 @@ class UrdfJointReader:
         self._links = dict.fromkeys(links)
         self._warnings = warnings
 
-    def read(self, elements: list[Element]) -> tuple[UrdfJoint, ...]:
+    def read(self, elements: list[Element]) -> tuple[LinkJoint, ...]:
         """Return the joints. A joint without parent or child is left out; a repeated name is made unique."""
-        joints: dict[str, UrdfJoint] = {}
+        joints: dict[str, LinkJoint] = {}
         for index, element in enumerate(elements):
             name = attribute(element, "name")
             unique = name or f"joint_{index}"
@@ -51,7 +51,7 @@ class UrdfJointReader:
                 joints[unique] = joint
         return tuple(joints.values())
 
-    def _joint(self, element: Element, name: str, where: str) -> Iterator[UrdfJoint]:
+    def _joint(self, element: Element, name: str, where: str) -> Iterator[LinkJoint]:
         """Yield a joint; nothing if it does not join two links."""
         ends = []
         for tag in ("parent", "child"):
@@ -70,7 +70,7 @@ class UrdfJointReader:
         if kind is not None:
             limits = self._limits(element, where) if urdf_type in ("revolute", "prismatic") else None
             motion = Joint(name, kind, NEUTRAL[kind], limits, self._mimic(element, where))
-        yield UrdfJoint(name, ends[0], ends[1], origin(element, where, self._warnings), axis, motion)
+        yield LinkJoint(name, ends[0], ends[1], origin(element, where, self._warnings), axis, motion)
 
     def _limits(self, element: Element, where: str) -> tuple[float, float] | None:
         limit = element.find("limit")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.robots.urdf_model import UrdfMesh, UrdfShape
+from gateway.robots.link_model import LinkShape, MeshReference
 from gateway.robots.xml_text import Element, InvalidAttributeError, attribute, numbers, required_numbers
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
 _SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh", "drake:capsule", "drake:ellipsoid")
 
 
-def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> UrdfShape:
+def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> LinkShape:
     """Return the shape of a ``<geometry>``; raises InvalidAttributeError if it has none that can be drawn."""
     shapes = list(geometry) if geometry is not None else []
     known = [shape for shape in shapes if shape.tag in _SHAPES]
@@ -60,15 +60,15 @@ def _box(element: Element, where: str, warnings: list[str]) -> Box:
     return Box((x, y, z))  # with one length of 0, it is a sheet
 
 
-def _mesh(element: Element, where: str, warnings: list[str]) -> UrdfMesh:
+def _mesh(element: Element, where: str, warnings: list[str]) -> MeshReference:
     filename = attribute(element, "filename")
     if not filename:
         raise InvalidAttributeError("<mesh> has no filename")
     if len(attribute(element, "scale").split()) == 1:  # one number, as some exporters write
         (factor,) = numbers(element, "scale", (1.0,), where, warnings)
-        return UrdfMesh(filename, (factor, factor, factor))
+        return MeshReference(filename, (factor, factor, factor))
     x, y, z = numbers(element, "scale", (1.0, 1.0, 1.0), where, warnings)
-    return UrdfMesh(filename, (x, y, z))
+    return MeshReference(filename, (x, y, z))
 
 
 def _positive(element: Element, name: str, *values: float) -> tuple[float, ...]:

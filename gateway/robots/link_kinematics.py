@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.errors import RobotFileError
-from gateway.robots.urdf_model import UrdfJoint, UrdfModel
+from gateway.robots.link_model import LinkJoint, LinkModel
 from gateway.scene.transforms import IDENTITY, from_pose
 
 
-class UrdfKinematics:
+class LinkKinematics:
     """Forward kinematics of a tree of joints."""
 
-    def __init__(self, model: UrdfModel) -> None:
+    def __init__(self, model: LinkModel) -> None:
         """
         Raises:
             RobotFileError: A link has two parents, or joints form a cycle.
@@ -90,16 +90,16 @@ def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.f
     return X
 
 
-def _parents_first(links: Sequence[str], joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+def _parents_first(links: Sequence[str], joints: Sequence[LinkJoint]) -> list[LinkJoint]:
     """Return the joints, each after the joints above it. Raises RobotFileError if they do not form a tree."""
-    children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
-    parent_of: dict[str, UrdfJoint] = {}
+    children: dict[str, list[LinkJoint]] = {name: [] for name in links}
+    parent_of: dict[str, LinkJoint] = {}
     for joint in joints:
         other = parent_of.setdefault(joint.child, joint)
         if other is not joint:
             raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")
         children[joint.parent].append(joint)
-    ordered: list[UrdfJoint] = []
+    ordered: list[LinkJoint] = []
     remaining = [name for name in links if name not in parent_of]
     while remaining:
         below = children[remaining.pop()]

@@ -1,4 +1,4 @@
-"""Reads the meshes of a URDF robot, and converts its geometry to parts of the scene."""
+"""Reads the meshes of a URDF or SDF robot, and converts its geometry to parts of the scene."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gateway.gltf import GltfError
 from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.urdf_model import UrdfGeometry, UrdfLink, UrdfMaterial, UrdfMesh
+from gateway.robots.link_model import Link, LinkGeometry, LinkMaterial, MeshReference
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling
@@ -33,7 +33,7 @@ DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
 _LFS_POINTER: Final = b"version https://git-lfs"
 
 
-class UrdfParts:
+class LinkParts:
     """Converts geometry to parts. A mesh file that several geometries use is read once."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
@@ -50,16 +50,16 @@ class UrdfParts:
         """Image and mean colour of each texture, or the reason why it cannot be read, by file name or URL."""
         self._warnings = warnings
 
-    def parts_of_links(self, links: tuple[UrdfLink, ...]) -> tuple[tuple[Part, ...], ...]:
+    def parts_of_links(self, links: tuple[Link, ...]) -> tuple[tuple[Part, ...], ...]:
         """Return the parts of each link, in the link's frame."""
         return tuple(
             tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
         )
 
-    def _parts(self, link: str, geometry: UrdfGeometry) -> list[Part]:
+    def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
         material, textured = self._materials(link, geometry.material)
-        if not isinstance(shape, UrdfMesh):
+        if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         try:
             parts = self._mesh(link, shape.filename)
@@ -79,7 +79,7 @@ class UrdfParts:
             for part in parts
         ]
 
-    def _materials(self, link: str, material: UrdfMaterial | None) -> tuple[Material, Material]:
+    def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
         """Return two materials: for geometry without texture coordinates, and for geometry with them.
 
         The first has the texture's mean colour. A texture that cannot be read adds a warning.

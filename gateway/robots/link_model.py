@@ -13,11 +13,11 @@ from gateway.robots.robot import Joint
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from gateway.scene.transforms import IDENTITY
 
-UrdfShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | UrdfMesh"
+LinkShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | MeshReference"
 
 
 @dataclass(frozen=True, slots=True)
-class UrdfMesh:
+class MeshReference:
     """A mesh file."""
 
     filename: str
@@ -27,7 +27,7 @@ class UrdfMesh:
 
 
 @dataclass(frozen=True, slots=True)
-class UrdfMaterial:
+class LinkMaterial:
     """A material."""
 
     rgba: tuple[float, float, float, float] | None
@@ -37,27 +37,27 @@ class UrdfMaterial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UrdfGeometry:
+class LinkGeometry:
     """Visual or collision geometry of a link."""
 
-    shape: UrdfShape
+    shape: LinkShape
     X_link_geometry: NDArray[np.float64]
     """(4, 4) float64: pose of the geometry in the link's frame."""
-    material: UrdfMaterial | None
+    material: LinkMaterial | None
     """None: the file gives none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UrdfLink:
+class Link:
     """A link."""
 
     name: str
-    geometries: tuple[UrdfGeometry, ...]
+    geometries: tuple[LinkGeometry, ...]
     """Visual or collision geometries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UrdfJoint:
+class LinkJoint:
     """A joint, fixed joints included."""
 
     name: str
@@ -76,11 +76,11 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UrdfModel:
+class LinkModel:
     """Content of a URDF or SDF file."""
 
     name: str
-    links: tuple[UrdfLink, ...]
-    joints: tuple[UrdfJoint, ...]
+    links: tuple[Link, ...]
+    joints: tuple[LinkJoint, ...]
     X_robot_root: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """(4, 4) float64 poses of links without a parent, by name; default: the identity. Empty for URDF."""
