@@ -13,7 +13,7 @@ import numpy as np
 
 from gateway.treeviewer import msgpack_kernels
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.context import MeshLoader, ReadContext
 from gateway.treeviewer.fast_schema import message_type
 from gateway.treeviewer.packed_arrays import EXTENSION, unpack
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
@@ -43,18 +43,18 @@ class MsgpackReader(RequestReader):
 
     type_text = "a MessagePack map"
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
-        super().__init__(limits, meshes)
+    def __init__(self, limits: Limits | None = None) -> None:
+        super().__init__(limits)
         self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
             message_type(self.limits), ext_hook=_decode_extension
         )
         self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
 
-    def read(self, data: memoryview) -> Request:
+    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
         if len(data) > self.limits.binary_objects:  # each value takes at least a byte
             self._check_value_count(data)
         try:
-            request = self.from_schema(self._schema_decoder.decode(data), self.context())
+            request = self.from_schema(self._schema_decoder.decode(data), ReadContext(self.limits, meshes=meshes))
             if request is not None:
                 return request
         except DECODE_ERRORS:
@@ -63,7 +63,7 @@ class MsgpackReader(RequestReader):
             message = self._plain_decoder.decode(data)
         except DECODE_ERRORS as error:
             raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.from_plain(message, self.context())
+        return self.from_plain(message, ReadContext(self.limits, meshes=meshes))
 
     def _check_value_count(self, data: memoryview) -> None:
         """Raise RequestError if decoding would create more Python objects than the limit."""

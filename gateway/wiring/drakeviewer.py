@@ -10,6 +10,6 @@ from gateway.wiring.context import Context
 
 async def setup(context: Context) -> None:
     """Run the service; the tree viewer's transports pass messages to it."""
-    service = DrakeViewerService(context.tree, context.mesh_files)
+    service = DrakeViewerService(context.tree, context.mesh_files, local_files=context.local_mesh_files)
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")
