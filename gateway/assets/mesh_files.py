@@ -1,7 +1,8 @@
 """Loads mesh files that clients name, from the folders that the operator allows (``--mesh-root``), with a cache.
 
-No other file is read. All names, including those of materials and textures in mesh files, are resolved with their
-symbolic links; the result must be below one of these folders. Nothing is read from the network.
+All names, including those of materials and textures in mesh files, are resolved with their symbolic links; the result
+must be below one of these folders. With ``any_folder``, for programs on this machine, it may also be elsewhere, if its
+extension is one of ``READABLE_EXTENSIONS``. Only regular files are read, and nothing from the network.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
@@ -17,7 +18,7 @@ from urllib.parse import unquote
 import msgspec
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
-from gateway.assets.ros_packages import Packages
+from gateway.assets.ros_packages import Packages, folders_of_environment
 from gateway.gltf import GltfError, GltfLimits
 from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
@@ -27,6 +28,9 @@ from renderers.cache import SHARED, Cache, CacheBudget
 SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
 """If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are
 tried, in this order. Director tries them even for existing files."""
+
+READABLE_EXTENSIONS = FORMATS | {"mtl", "bin", "png", "jpg", "jpeg", "webp", "ktx2"}
+"""Extensions of mesh files and of the files that these refer to: materials, buffers of glTF, images."""
 
 
 class MeshFileError(ValueError):
@@ -71,16 +75,23 @@ class MeshFiles:
     """Loads mesh files by the names that clients send, in the caller's thread. Thread-safe."""
 
     def __init__(
-        self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None, caches: CacheBudget = SHARED
+        self,
+        roots: Iterable[str | Path],
+        limits: MeshFileLimits | None = None,
+        caches: CacheBudget = SHARED,
+        *,
+        any_folder: bool = False,
     ) -> None:
         """
         Args:
             roots: Folders that may be read. Without any, no file is allowed.
             caches: limit of the cache of loaded files, shared with other caches.
+            any_folder: True: files of ``READABLE_EXTENSIONS`` may be read from all folders.
         """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
+        self._any_folder = any_folder
         self._limits = MeshFileLimits() if limits is None else limits
-        self._packages = Packages(self._roots)
+        self._packages = Packages((*self._roots, *folders_of_environment()) if any_folder else self._roots)
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
         """Locks by real path, so that threads that need the same file load it only once."""
@@ -157,13 +168,10 @@ class MeshFiles:
         Raises:
             MeshFileError: The file is not allowed, missing or unreadable.
         """
-        allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
-        if not allowed:
-            raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
-        for path in allowed:
-            if _is_file(path):
+        for path in self._named_paths(filename):
+            if self._is_allowed(path) and _is_file(path):
                 try:
-                    return _FileReader(path, self._roots, self._limits).read(path)
+                    return _FileReader(path, self._is_allowed, self._limits).read(path)
                 except _NotAllowedError as error:
                     raise MeshFileError(str(error)) from error
                 except OSError as error:
@@ -172,20 +180,16 @@ class MeshFiles:
 
     def _find(self, filename: str) -> Path:
         """Return the real path of an existing, allowed file of a known format."""
-        if not self._roots:
-            raise MeshFileError(f"{quoted(filename)}: no folder is open to clients (--mesh-root)")
-        allowed = [path for path in self._candidates(filename) if self._is_below_root(path)]
-        if not allowed:
-            raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
-        for path in allowed:
+        named = self._named_paths(filename)
+        for path in named:
             if path.suffix[1:].lower() in FORMATS and _is_file(path):
                 return path
-        for path in allowed:
+        for path in named:
             for extension in SIBLING_EXTENSIONS:
                 sibling = Path(os.path.realpath(path.with_suffix("." + extension))) if path.name else path
-                if self._is_below_root(sibling) and _is_file(sibling):
+                if self._is_allowed(sibling) and _is_file(sibling):
                     return sibling
-        for path in allowed:
+        for path in named:
             if _stamp(str(path)) is not None:
                 formats = ", ".join(sorted(FORMATS))
                 raise MeshFileError(f"{quoted(filename)} is not a file of a known format ({formats})")
@@ -215,8 +219,29 @@ class MeshFiles:
         except (OSError, ValueError):
             raise MeshFileError(f"{quoted(filename)} is not a file name") from None
 
+    def _named_paths(self, filename: str) -> list[Path]:
+        """Return the real paths that a client's name may refer to, in the folders that are open.
+
+        Raises:
+            MeshFileError: It names none there.
+        """
+        if not self._roots and not self._any_folder:
+            raise MeshFileError(
+                f"{quoted(filename)}: no folder is open to clients (--mesh-root), and only to programs on this "
+                "machine are all (--mesh-root auto)"
+            )
+        paths = [path for path in self._candidates(filename) if self._any_folder or self._is_below_root(path)]
+        if not paths:
+            raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
+        return paths
+
     def _is_below_root(self, path: Path) -> bool:
         return any(path.is_relative_to(root) for root in self._roots)
+
+    def _is_allowed(self, path: Path) -> bool:
+        """Return True if a path, with symbolic links resolved, may be read."""
+        is_of_known_format = path.suffix[1:].lower() in READABLE_EXTENSIONS
+        return self._is_below_root(path) or (self._any_folder and is_of_known_format)
 
     def _cached(self, key: str) -> _LoadedFile | None:
         """Return a file from the cache; None if it is not there, or if it or a file that it refers to has changed."""
@@ -226,7 +251,7 @@ class MeshFiles:
         return loaded
 
     def _load(self, path: Path, filename: str) -> _LoadedFile:
-        reader = _FileReader(path, self._roots, self._limits)
+        reader = _FileReader(path, self._is_allowed, self._limits)
         warnings: list[str] = []
         try:
             data = reader.read(path)
@@ -247,11 +272,11 @@ class _NotAllowedError(ValueError):
 
 
 class _FileReader:
-    """Reads one mesh file and the files that it refers to, within the roots and the limits."""
+    """Reads one mesh file and the allowed files that it refers to, within the limits."""
 
-    def __init__(self, path: Path, roots: tuple[Path, ...], limits: MeshFileLimits) -> None:
+    def __init__(self, path: Path, is_allowed: Callable[[Path], bool], limits: MeshFileLimits) -> None:
         self._folder = path.parent
-        self._roots = roots
+        self._is_allowed = is_allowed
         self._limits = limits
         self._remaining_bytes = limits.max_total_bytes
         """Bytes that may still be read."""
@@ -267,8 +292,8 @@ class _FileReader:
         if "\0" in name or "://" in name:
             raise _NotAllowedError(f"{quoted(name)} is not a file beside it")
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
-        if not any(path.is_relative_to(root) for root in self._roots):
-            raise _NotAllowedError(f"{quoted(name)} lies outside of the folders that are open to clients")
+        if not self._is_allowed(path):
+            raise _NotAllowedError(f"{quoted(name)} lies outside of the folders or formats that are open to clients")
         return self.read(path)
 
     def read(self, path: Path) -> bytes:

@@ -18,6 +18,8 @@ MAX_DEPTH: Final = 8
 """Maximum depth of a package below a root."""
 RESCAN_SECONDS: Final = 10.0
 """Minimum time between two searches, since clients can send any number of unknown names."""
+PATH_VARIABLES: Final = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
+"""Environment variables of ROS and Gazebo with folders of packages and models."""
 _MAX_MANIFEST_BYTES: Final = 1 << 16
 """Number of bytes of a ``package.xml`` that are searched for the package's name."""
 _NAME: Final = re.compile(rb"<name>\s*([^<\s]{1,256})\s*</name>")
@@ -85,3 +87,14 @@ def package_name(manifest: Path) -> str | None:
     except OSError:
         return None
     return match[1].decode("utf-8", "replace") if match else None
+
+
+def folders_of(variable: str) -> list[Path]:
+    """Return the existing folders of an environment variable such as ROS_PACKAGE_PATH."""
+    folders = [Path(text) for text in os.environ.get(variable, "").split(os.pathsep) if text]
+    return [folder for folder in folders if folder.is_dir()]
+
+
+def folders_of_environment() -> list[Path]:
+    """Return the existing folders of packages of all ``PATH_VARIABLES``."""
+    return [folder for variable in PATH_VARIABLES for folder in folders_of(variable)]

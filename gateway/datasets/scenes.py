@@ -119,7 +119,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     """Apply a tree viewer request to an empty tree."""
     limits = Limits()
     live = LiveTree()
-    request = JsonReader(limits, _MeshFileReader(files)).read(memoryview(files.read_scene()))
+    request = JsonReader(limits).read(memoryview(files.read_scene()), _MeshFileReader(files))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
     applier = RequestApplier(request, live, TreeQuota(limits), limits, WarningList())

@@ -2,73 +2,85 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.drakeviewer.messages import Vector3
 from gateway.scene.geometry import Cylinder, Part, Surface
 from gateway.scene.materials import Color, material
-from gateway.scene.transforms import scaling, translation
 from renderers import primitives
 
 SIDES: Final = 12
 """Number of sides of an arrow's cylinder and cones. A message may have thousands of arrows a few pixels wide."""
 
 
-def rotation_from_z(direction: Vector3) -> NDArray[np.float64]:
-    """Return a rotation that turns +z to ``direction``, which must not be zero, (4, 4) float64."""
-    z = _normalized(direction)  # plain numbers: NumPy needs five times as long for single vectors
-    smallest = min(range(3), key=lambda axis: abs(z[axis]))
-    x = _normalized(_cross((float(smallest == 0), float(smallest == 1), float(smallest == 2)), z))
-    X = np.eye(4)
-    X[:3, 0], X[:3, 1], X[:3, 2] = x, _cross(z, x), z
-    return X
-
-
-def _normalized(vector: Vector3) -> Vector3:
-    x, y, z = vector
-    norm = math.hypot(x, y, z)
-    return x / norm, y / norm, z / norm
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def arrow(
-    origin: Vector3, vector: Vector3, length: float, radius: float, color: Color, *, centred: bool
-) -> tuple[Part, ...]:
-    """Return an arrow along ``vector`` as Drake draws contact forces: a cylinder with a cone at one or both ends.
+def rotations_from_z(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotations that turn +z to directions, by Duff et al., Building an Orthonormal Basis, Revisited (2017).
 
     Args:
-        origin: point in the world, metres.
-        vector: direction in the world, not zero; its length has no effect.
-        length: length of the cylinder, metres.
-        radius: radius of the cylinder, metres. Cones have twice this radius, and twice this radius as length.
-        centred: True: ``origin`` is the centre of the cylinder, which has two cones; False: its start, with one cone.
+        directions: (N, 3), not zero.
+
+    Returns:
+        (N, 3, 3) float64.
     """
-    X_world_arrow = translation(*origin) @ rotation_from_z(vector)
-    arrow_material = material(color)
-    begin, end = (-0.5 * length, 0.5 * length) if centred else (0.0, length)
-    head, shaft = Surface(primitives.cone(SIDES)), Surface(primitives.cylinder(SIDES))
-    size = 2.0 * radius
-    X_tip_head = scaling(size, size, size)
-    X_arrow_shaft = translation(0.0, 0.0, 0.5 * (begin + end)) @ scaling(radius, radius, length)
-    tips = [translation(0.0, 0.0, end + size)]
+    x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array(
+        ((1.0 + sign * x * x * a, b, x), (sign * b, sign + y * y * a, y), (-sign * x, -y, z)), np.float64
+    ).transpose(2, 0, 1)
+
+
+def arrows(
+    origins: NDArray[np.float64],
+    vectors: NDArray[np.float64],
+    lengths: NDArray[np.float64],
+    radius: float,
+    color: Color,
+    *,
+    centred: bool,
+) -> list[tuple[Part, ...]]:
+    """Return arrows as Drake draws contact forces: each is a cylinder with a cone at one or both ends.
+
+    Args:
+        origins: (N, 3), points in the world, metres.
+        vectors: (N, 3), directions in the world, not zero; their lengths have no effect.
+        lengths: (N,), lengths of the cylinders, metres.
+        radius: radius of the cylinders, metres. Cones have twice this radius, and twice this radius as length.
+        centred: True: an origin is the centre of its cylinder, which has two cones; False: its start, with one cone.
+    """
+    R, size = rotations_from_z(vectors), 2.0 * radius
+    begin, end = (-0.5 * lengths, 0.5 * lengths) if centred else (0.0 * lengths, lengths)
+    scales = np.empty((len(R), 1, 3))
+    scales[:, 0, :2], scales[:, 0, 2] = radius, lengths
+    shafts = _transforms(R * scales, origins, R, 0.5 * (begin + end))
+    heads = [_transforms(R * size, origins, R, end + size)]
     if centred:
-        tips.append(translation(0.0, 0.0, begin - size) @ rotation_from_z((0.0, 0.0, -1.0)))
-    body = Part(shaft, arrow_material, X_world_arrow @ X_arrow_shaft, "arrow")
-    return (body, *(Part(head, arrow_material, X_world_arrow @ tip @ X_tip_head, "arrow") for tip in tips))
+        heads.append(_transforms(R * (size, -size, -size), origins, R, begin - size))
+    shaft, head = Surface(primitives.cylinder(SIDES)), Surface(primitives.cone(SIDES))
+    own_material = material(color)
+    parts = [[Part(shaft, own_material, X, "arrow") for X in shafts]]
+    parts += [[Part(head, own_material, X, "arrow") for X in transforms] for transforms in heads]
+    return list(zip(*parts, strict=True))
+
+
+def _transforms(
+    linear: NDArray[np.float64], origins: NDArray[np.float64], R: NDArray[np.float64], offsets: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (N, 4, 4) transforms with these linear parts, ``offsets`` metres along z of ``R`` from the origins."""
+    X = np.zeros((len(R), 4, 4))
+    X[:, :3, :3] = linear
+    X[:, :3, 3] = origins + offsets[:, None] * R[:, :, 2]
+    X[:, 3, 3] = 1.0
+    return X
 
 
 def triad(length: float, radius: float) -> tuple[Part, ...]:
     """Return three axes from the origin as cylinders: x red, y green, z blue. Lengths in metres."""
-    parts = []
-    for axis in range(3):
-        direction = (float(axis == 0), float(axis == 1), float(axis == 2))
-        X = rotation_from_z(direction) @ translation(0.0, 0.0, 0.5 * length)
-        parts.append(Part(Cylinder(radius, length), material((*direction, 1.0)), X, "triad"))
-    return tuple(parts)
+    R = rotations_from_z(np.eye(3))
+    transforms = _transforms(R, np.zeros((3, 3)), R, np.full(3, 0.5 * length))
+    colors: tuple[Color, ...] = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0))
+    shape = Cylinder(radius, length)
+    return tuple(Part(shape, material(color), X, "triad") for color, X in zip(colors, transforms, strict=True))

@@ -5,15 +5,14 @@ Thresholds, scales, radius and colours are Drake's.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.drakeviewer.arrows import arrow
-from gateway.drakeviewer.messages import Contacts, MessageError, SurfaceContact, Vector3
+from gateway.drakeviewer.arrows import arrows
+from gateway.drakeviewer.messages import Contacts, MessageError, SurfaceContact
 from gateway.drakeviewer.robots import ROOT
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import WHITE, Color, material
@@ -37,7 +36,9 @@ POINT_COLOR: Final[Color] = (0.0, 1.0, 0.0, 1.0)
 FORCE_COLOR: Final[Color] = (1.0, 0.0, 0.0, 1.0)
 MOMENT_COLOR: Final[Color] = (0.0, 0.0, 1.0, 1.0)
 FLAME: Final = np.array(((0, 0, 0), (0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)), np.float64)
-"""Colour map of pressures: sRGB at 0, 1/4, 1/2, 3/4 and 1 times the highest pressure, (5, 3)."""
+"""Colour map of pressures: sRGB at ``FLAME_STOPS``, (5, 3)."""
+FLAME_STOPS: Final = np.linspace(0.0, 1.0, 5)
+"""Multiples of the highest pressure, (5,)."""
 
 ContactParts = dict[Path, tuple[Part, ...]]
 """Parts by path in the live tree. A path has all contacts between two bodies."""
@@ -49,32 +50,46 @@ def read_contacts(contacts: Contacts) -> ContactParts:
     Raises:
         MessageError: A contact surface is damaged.
     """
-    parts: ContactParts = {}
-    for contact in contacts.points:
-        path = (ROOT, CONTACTS, "point", "+".join(contact.bodies))
-        arrows = _arrow(contact.point, contact.force, NEWTONS_PER_METRE, POINT_COLOR, centred=True)
-        if arrows:
-            parts[path] = parts.get(path, ()) + arrows
-    for surface in contacts.surfaces:
-        path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
-        force = _arrow(surface.centroid, surface.force, NEWTONS_PER_METRE, FORCE_COLOR, centred=False)
-        moment = _arrow(surface.centroid, surface.moment, NEWTON_METRES_PER_METRE, MOMENT_COLOR, centred=False)
-        arrows = force + moment
-        if arrows:
-            parts[path] = parts.get(path, ()) + arrows + _pressure_surface(surface)
-    return parts
+    parts: dict[Path, list[Part]] = {}
+    arrows_by_contact = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, POINT_COLOR, centred=True)
+    for bodies, arrow in zip(contacts.point_bodies, arrows_by_contact, strict=True):
+        if arrow:
+            parts.setdefault((ROOT, CONTACTS, "point", "+".join(bodies)), []).extend(arrow)
+    surfaces = contacts.surfaces
+    centroids, forces, moments = (
+        np.array([(s.centroid, s.force, s.moment) for s in surfaces]).reshape(-1, 3, 3).swapaxes(0, 1)
+    )
+    for surface, force, moment in zip(
+        surfaces,
+        _arrows(centroids, forces, NEWTONS_PER_METRE, FORCE_COLOR, centred=False),
+        _arrows(centroids, moments, NEWTON_METRES_PER_METRE, MOMENT_COLOR, centred=False),
+        strict=True,
+    ):
+        if force or moment:
+            path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
+            parts.setdefault(path, []).extend((*force, *moment, *_pressure_surface(surface)))
+    return {path: tuple(of_path) for path, of_path in parts.items()}
 
 
-def _arrow(origin: Vector3, vector: Vector3, per_metre: float, color: Color, *, centred: bool) -> tuple[Part, ...]:
-    """Return the parts of an arrow; none for vectors that are too small or not finite.
+def _arrows(
+    origins: NDArray[np.float64], vectors: NDArray[np.float64], per_metre: float, color: Color, *, centred: bool
+) -> list[tuple[Part, ...]]:
+    """Return the parts of each arrow; none for vectors that are too small or not finite.
 
     Args:
+        origins, vectors: (N, 3).
         per_metre: norm of the vector for an arrow of 1 m.
     """
-    norm = math.hypot(*vector)
-    if not (MIN_FORCE <= norm < math.inf and all(map(math.isfinite, origin))):
-        return ()
-    return arrow(origin, vector, min(norm / per_metre, MAX_LENGTH), RADIUS, color, centred=centred)
+    found: list[tuple[Part, ...]] = [()] * len(vectors)
+    with np.errstate(over="ignore", invalid="ignore"):
+        norms = np.linalg.norm(vectors, axis=1)
+        shown = np.flatnonzero((norms >= MIN_FORCE) & (norms < np.inf) & np.isfinite(origins).all(axis=1))
+    if len(shown):
+        lengths = np.minimum(norms[shown] / per_metre, MAX_LENGTH)
+        made = arrows(origins[shown], vectors[shown], lengths, RADIUS, color, centred=centred)
+        for index, parts in zip(shown.tolist(), made, strict=True):
+            found[index] = parts
+    return found
 
 
 def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
@@ -93,12 +108,11 @@ def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
 
 def flame_colors(pressure: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the colour of each pressure relative to the highest one, (N, 4) float32 linear RGBA."""
-    pressure = np.nan_to_num(pressure, posinf=0.0, neginf=0.0)
-    highest = max(float(pressure.max(initial=0.0)), 1e-300)
-    relative = np.clip(pressure / highest, 0.0, 1.0)
+    pressure = np.where(np.isfinite(pressure), pressure, 0.0)
+    relative = pressure / max(float(pressure.max(initial=0.0)), 1e-300)  # interp clips it to 0 .. 1
     srgb = np.ones((len(pressure), 4), np.float32)
     for channel in range(3):
-        srgb[:, channel] = np.interp(relative, np.linspace(0.0, 1.0, len(FLAME)), FLAME[:, channel])
+        srgb[:, channel] = np.interp(relative, FLAME_STOPS, FLAME[:, channel])
     return linear_colors_from_srgb(srgb)
 
 
@@ -112,27 +126,23 @@ def triangles_of(polygons: NDArray[np.int32], vertex_count: int) -> NDArray[np.u
     Raises:
         MessageError: A polygon is cut off, or refers to a vertex that does not exist.
     """
-    triangles: list[NDArray[np.int32]] = []
-    start = 0
-    total = len(polygons)
-    while start < total:
-        sides = int(polygons[start])
-        corners = polygons[start + 1 : start + 1 + sides]
-        if sides < 0 or len(corners) != sides:
-            raise MessageError(
-                f"a contact surface has a polygon of {sides} vertices, {total - start - 1} numbers follow"
-            )
-        if sides >= 3:
-            fan = np.empty((sides - 2, 3), np.int32)
-            fan[:, 0], fan[:, 1], fan[:, 2] = corners[0], corners[1:-1], corners[2:]
-            triangles.append(fan)
-        start += 1 + sides
-    if not triangles:
-        return np.zeros((0, 3), np.uint32)
-    joined = np.concatenate(triangles)
-    if joined.min() < 0 or joined.max() >= vertex_count:
-        raise MessageError(f"a contact surface refers to vertex {joined.max()} of {vertex_count}")
-    return joined.astype(np.uint32)
+    counts: list[int] = []
+    numbers, start = polygons.tolist(), 0
+    while start < len(numbers):
+        count = numbers[start]
+        start += 1 + max(count, 0)
+        if count < 0 or start > len(numbers):
+            raise MessageError(f"a contact surface has a polygon of {count} vertices, which are not there")
+        counts.append(count)
+    sides = np.array(counts, np.int64)
+    first = np.cumsum(sides + 1) - sides  # index of the first vertex of each polygon
+    fans = np.maximum(sides - 2, 0)
+    second = np.arange(fans.sum()) + np.repeat(first + 1 - (np.cumsum(fans) - fans), fans)
+    corners = np.stack((np.repeat(first, fans), second, second + 1), axis=1)
+    triangles: NDArray[np.uint32] = polygons[corners].astype(np.uint32)  # negative numbers become large
+    if triangles.size and triangles.max() >= vertex_count:
+        raise MessageError(f"a contact surface refers to vertex {triangles.max()} of {vertex_count}")
+    return triangles
 
 
 @dataclass(slots=True, eq=False)

@@ -56,6 +56,6 @@ class FrameChannel:
             if self.names is None or set(draw.names.keys) != set(self.names.keys):
                 edit.delete(self.root)
             self.names, self._paths = draw.names, paths
-        for path, pose in zip(paths, draw.poses.tolist(), strict=True):
-            if edit.set_pose(path, tuple(pose)).parts is None:  # new, or deleted by a client of the tree viewer
+        for path, node in zip(paths, edit.set_poses(paths, map(tuple, draw.poses.tolist())), strict=True):
+            if node.parts is None:  # new, or deleted by a client of the tree viewer
                 edit.set_parts(path, _axes())

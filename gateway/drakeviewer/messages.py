@@ -76,17 +76,6 @@ class Draw:
     """(N, 7) float64: x, y, z (metres), qw, qx, qy, qz of each link in the world."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointContact:
-    """``lcmt_point_pair_contact_info_for_viz``, in the world."""
-
-    bodies: tuple[str, str]
-    point: Vector3
-    """Metres."""
-    force: Vector3
-    """Newtons."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceContact:
     """``lcmt_hydroelastic_contact_surface_for_viz``, in the world. Slip and traction are left out."""
@@ -107,11 +96,16 @@ class SurfaceContact:
     """(M,) int32: for each polygon its number of vertices, then their indices."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
     """``lcmt_contact_results_for_viz``."""
 
-    points: tuple[PointContact, ...]
+    point_bodies: tuple[tuple[str, str], ...]
+    """Names of the bodies of N ``lcmt_point_pair_contact_info_for_viz``."""
+    points: NDArray[np.float64]
+    """(N, 3) float64, metres, in the world."""
+    forces: NDArray[np.float64]
+    """(N, 3) float64, newtons, in the world."""
     surfaces: tuple[SurfaceContact, ...]
 
 

@@ -31,17 +31,32 @@ def read_cloud(cloud: Cloud) -> tuple[Part, ...]:
     if missing:
         names = ", ".join(fields) or "none"
         raise MessageError(f"the cloud has no field {' or '.join(missing)}, only {names}")
-    points = np.empty((cloud.width * cloud.height, 3), np.float32)
+    if not cloud.width * cloud.height:
+        return (Part(PointCloud(np.empty((0, 3), np.float32)), material(WHITE), kind="pointcloud"),)
+    points = _coordinates(cloud, [fields[name] for name in "xyz"])
+    channels = {"rgb": _colors(cloud, fields["rgb"])} if "rgb" in fields else {}
+    if not (points.min() > -MAX_DISTANCE and points.max() < MAX_DISTANCE):  # false for NaN, too
+        with np.errstate(invalid="ignore"):
+            drawable = (np.abs(points) < MAX_DISTANCE).all(axis=1)
+        points, channels = points[drawable], {name: values[drawable] for name, values in channels.items()}
+    return (Part(PointCloud(points, MappingProxyType(channels)), material(WHITE), kind="pointcloud"),)
+
+
+def _coordinates(cloud: Cloud, fields: list[CloudField]) -> NDArray[np.float32]:
+    """Return three fields of all points, (N, 3) float32. Raises MessageError.
+
+    Fields of one type, side by side as Drake sends them, are copied as one: 0.1 ms for 300,000 points, and 2.2 ms else.
+    """
+    columns = [_column(cloud, field) for field in fields]
+    begin, dtype = fields[0].offset, columns[0].dtype
     with np.errstate(all="ignore"):
-        for column, name in enumerate("xyz"):
-            points[:, column] = _column(cloud, fields[name]).ravel()
-        drawable = (np.abs(points) < MAX_DISTANCE).all(axis=1)
-    channels: dict[str, NDArray[np.float32]] = {}
-    if "rgb" in fields:
-        color = _colors(cloud, fields["rgb"])
-        channels["rgb"] = np.ascontiguousarray(color[drawable])
-    shape = PointCloud(np.ascontiguousarray(points[drawable]), MappingProxyType(channels))
-    return (Part(shape, material(WHITE), kind="pointcloud"),)
+        if any(
+            (f.offset, f.datatype) != (begin + i * dtype.itemsize, fields[0].datatype) for i, f in enumerate(fields)
+        ):
+            return np.stack(columns, axis=-1, dtype=np.float32, casting="unsafe").reshape(-1, 3)
+        strides = (*columns[0].strides, dtype.itemsize)
+        rows = np.ndarray((cloud.height, cloud.width, 3), dtype, cloud.data, begin, strides)
+        return rows.astype(np.float32, order="C").reshape(-1, 3)
 
 
 def _column(cloud: Cloud, field: CloudField) -> NDArray[np.generic]:
@@ -62,9 +77,6 @@ def _colors(cloud: Cloud, field: CloudField) -> NDArray[np.float32]:
 
 def _view(cloud: Cloud, field: CloudField, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
     """Return a view of a field's first value in the cloud's data, (height, width). Raises MessageError."""
-    count = cloud.width * cloud.height
-    if not count:  # one of the two may be any number
-        return np.empty((0, 0), dtype)
     row_step = cloud.row_step if cloud.height > 1 else cloud.point_step * cloud.width
     end = field.offset + dtype.itemsize
     last = (cloud.height - 1) * row_step + (cloud.width - 1) * cloud.point_step + end

@@ -133,10 +133,8 @@ class RobotChannels:
         if not is_shown:
             self._show(loaded, edit)
         poses, last = draw.poses, self._poses
-        moved = range(len(poses)) if last is None else np.flatnonzero((poses != last).any(axis=1)).tolist()
-        rows, paths = poses.tolist(), self._paths
-        for index in moved:
-            edit.set_pose(paths[index], tuple(rows[index]))
+        moved = np.arange(len(poses)) if last is None else np.flatnonzero((poses != last).any(axis=1))
+        edit.set_poses([self._paths[index] for index in moved.tolist()], map(tuple, poses[moved].tolist()))
         self._poses = poses
         self.draws += 1
         return ""

@@ -33,14 +33,26 @@ MAX_REASONS: Final = 1000
 class DrakeViewerService:
     """Receives messages on the event loop, and shows them in the live tree."""
 
-    def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
+    def __init__(
+        self,
+        live: LiveTree,
+        files: MeshFiles,
+        config: DrakeViewerConfig | None = None,
+        local_files: MeshFiles | None = None,
+    ) -> None:
+        """
+        Args:
+            files: mesh files that all senders may name.
+            local_files: mesh files that programs on this machine may name; None: ``files``.
+        """
         self._config = config or DrakeViewerConfig()
+        self._files, self._local_files = files, local_files or files
         self.viewer = DrakeViewer(live, files, self._config)
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[str, Message]] = {}
-        """Queues of messages, by group and channel, oldest first."""
+        self._waiting: dict[str, dict[str, tuple[Message, bool]]] = {}
+        """Queues of messages, by group and channel, oldest first; True for those of programs on this machine."""
         self._waiting_bytes = 0
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
@@ -93,10 +105,10 @@ class DrakeViewerService:
             await asyncio.gather(*tasks, return_exceptions=True)
             await self._pool.close(0.0)
 
-    def receive(self, channel: str, message: Message) -> None:
+    def receive(self, channel: str, message: Message, is_local: bool = False) -> None:
         """Show a message: a small one at once, others after the worker thread has read them.
 
-        Must be called on the event loop.
+        Must be called on the event loop. The arguments are those of ``OnMessage``.
         """
         if not self.ready:
             return
@@ -112,7 +124,7 @@ class DrakeViewerService:
         if group not in self._tasks and not self._needs_thread(channel, message):
             self._show(channel, message)
             return
-        self._enqueue(group, channel, message)
+        self._enqueue(group, channel, message, is_local)
         if group not in self._tasks:
             self._tasks[group] = asyncio.get_running_loop().create_task(self._show_waiting(group))
 
@@ -137,18 +149,18 @@ class DrakeViewerService:
         """
         return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
 
-    def _enqueue(self, group: str, channel: str, message: Message) -> None:
+    def _enqueue(self, group: str, channel: str, message: Message, is_local: bool) -> None:
         """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
         queue = self._waiting.setdefault(group, {})
         earlier = queue.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
-            self._waiting_bytes -= len(earlier)
+            self._waiting_bytes -= len(earlier[0])
         if self._waiting_bytes + len(message) > self._config.waiting_bytes:
             self._dropped += 1
             self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[channel] = message
+        queue[channel] = message, is_local
         self._waiting_bytes += len(message)
 
     async def _show_waiting(self, group: str) -> None:
@@ -157,12 +169,12 @@ class DrakeViewerService:
         try:
             while queue:
                 channel = next(iter(queue))
-                message = queue.pop(channel)
+                message, is_local = queue.pop(channel)
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue
                 if self._needs_thread(channel, message):
-                    await self._read_in_thread(channel, message)
+                    await self._read_in_thread(channel, message, self._local_files if is_local else self._files)
                 else:
                     self._show(channel, message)
         finally:
@@ -176,9 +188,9 @@ class DrakeViewerService:
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
             self._report_error(channel, error)
 
-    async def _read_in_thread(self, channel: str, message: Message) -> None:
+    async def _read_in_thread(self, channel: str, message: Message, files: MeshFiles) -> None:
         try:
-            edit = await self._pool.run(self.viewer.read, channel, message)
+            edit = await self._pool.run(self.viewer.read, channel, message, files)
             self._report(channel, self.viewer.apply(edit))
             self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the service

@@ -99,7 +99,7 @@ class DrakeViewer:
     def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
         """
         Args:
-            files: Reads mesh files below the folders that are open to clients.
+            files: Reads mesh files that all senders may name.
         """
         self._live = live
         self._files = files
@@ -140,8 +140,11 @@ class DrakeViewer:
         with self._live.edit() as tree:
             return edit(tree)
 
-    def read(self, channel: str, message: wire.Message) -> Edit | None:
+    def read(self, channel: str, message: wire.Message, files: MeshFiles | None = None) -> Edit | None:
         """Read a message of a channel for which ``is_shown`` is true; return its edit, None if it changes nothing.
+
+        Args:
+            files: mesh files that the sender may name; None: those that all senders may name.
 
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
@@ -150,7 +153,7 @@ class DrakeViewer:
         if found is not None:
             kind, family = found
             if kind == LOAD:
-                return self._read_load(channel, family, message)
+                return self._read_load(channel, family, message, files or self._files)
             return self._read_draw(family, message) if kind == DRAW else self._read_deformable(channel, family, message)
         if channel == CONTACT_RESULTS:
             return self._read_contacts(message)
@@ -170,7 +173,7 @@ class DrakeViewer:
             for family, robots in self._state.robots.items()
         }
 
-    def _read_load(self, channel: str, family: str, message: wire.Message) -> Edit | None:
+    def _read_load(self, channel: str, family: str, message: wire.Message, files: MeshFiles) -> Edit | None:
         limits, loads = self._config.limits, self._state.loads
         data = bytes(message)
         last, named_files = loads.get(channel, (b"", False))
@@ -179,7 +182,7 @@ class DrakeViewer:
             self.counters.repeated_loads += 1
             return None
         links = wire.decode_load_robot(data, limits)
-        loaded = read_robots(links, family, self._files, limits)
+        loaded = read_robots(links, family, files, limits)
         if self._config.strict and loaded.problems:
             raise MessageError(f"{loaded.problems[0]} (refused: --strict)")
         has_files = any(geometry.text for link in links for geometry in link.geometries)

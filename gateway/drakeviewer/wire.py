@@ -19,7 +19,6 @@ from gateway.drakeviewer.messages import (
     LinkKey,
     LinkNames,
     MessageError,
-    PointContact,
     SurfaceContact,
     Vector3,
 )
@@ -179,17 +178,15 @@ def decode_contacts(message: Message, limits: Limits) -> Contacts:
     """Return a ``lcmt_contact_results_for_viz``."""
     reader = Reader(message, CONTACT_RESULTS, "lcmt_contact_results_for_viz", limits)
     reader.integer(8)
-    points = tuple(_point_contact(reader) for _ in range(reader.count("num_point_pair_contacts", limits.contacts)))
+    bodies, numbers = [], []
+    for _ in range(reader.count("num_point_pair_contacts", limits.contacts)):
+        reader.take(8)
+        bodies.append((reader.text(), reader.text()))
+        numbers.append(reader.take(9 * 8))  # point, force, normal
+    vectors = np.frombuffer(b"".join(numbers), ">f8").reshape(-1, 3, 3).astype(np.float64)
     count = reader.count("num_hydroelastic_contacts", limits.contacts)
-    return Contacts(points, tuple(_surface_contact(reader, limits) for _ in range(count)))
-
-
-def _point_contact(reader: Reader) -> PointContact:
-    reader.integer(8)
-    bodies = reader.text(), reader.text()
-    contact = PointContact(bodies, reader.vector(), reader.vector())
-    reader.vector()  # normal
-    return contact
+    surfaces = tuple(_surface_contact(reader, limits) for _ in range(count))
+    return Contacts(tuple(bodies), vectors[:, 0], vectors[:, 1], surfaces)
 
 
 def _surface_contact(reader: Reader, limits: Limits) -> SurfaceContact:

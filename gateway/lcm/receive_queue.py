@@ -19,7 +19,7 @@ class ReceiveQueue:
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
-        self._messages: deque[tuple[str, bytes | memoryview]] = deque()
+        self._messages: deque[tuple[str, bytes | memoryview, bool]] = deque()
         self._on_message: OnMessage | None = None
         self._resume_scheduled = False
         self.waiting_bytes = 0
@@ -33,14 +33,14 @@ class ReceiveQueue:
         """Set the callback that handles the messages."""
         self._on_message = on_message
 
-    def put(self, channel: str, data: bytes | memoryview) -> None:
-        """Add a message, or drop it if the queue is full."""
+    def put(self, channel: str, data: bytes | memoryview, is_local: bool = False) -> None:
+        """Add a message, or drop it if the queue is full. The arguments are those of ``OnMessage``."""
         size = len(data) + OVERHEAD_BYTES
         if self.waiting_bytes + size > self._max_bytes:
             self.dropped += 1
             self.dropped_bytes += len(data)
             return
-        self._messages.append((channel, data))
+        self._messages.append((channel, data, is_local))
         self.waiting_bytes += size
 
     def handle(self) -> None:
@@ -48,10 +48,10 @@ class ReceiveQueue:
         for _ in range(MAX_HANDLED):
             if not self._messages:
                 return
-            channel, data = self._messages.popleft()
+            channel, data, is_local = self._messages.popleft()
             self.waiting_bytes -= len(data) + OVERHEAD_BYTES
             if self._on_message is not None:
-                self._on_message(channel, data)
+                self._on_message(channel, data, is_local)
         if self._messages and not self._resume_scheduled:
             self._resume_scheduled = True
             asyncio.get_running_loop().call_soon(self._resume)

@@ -68,7 +68,7 @@ async def record(
         raise ValueError(f"--channels {channels!r} is not a pattern: {error}") from None
     with path.open("wb") as file:
 
-        def on_message(channel: str, data: bytes | memoryview) -> None:
+        def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
             if pattern.fullmatch(channel):
                 file.write(pack_event(progress.events, time.time_ns() // 1000, channel, data))
                 file.flush()
@@ -100,7 +100,7 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
         ValueError: a channel name or message does not fit into the network.
     """
     pattern = re.compile(channels)
-    transport = await _connect(url, UNUSED_PREFIX, lambda channel, data: None)
+    transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
     try:
         while True:
             events_before = progress.events

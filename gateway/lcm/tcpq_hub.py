@@ -7,6 +7,7 @@ this process. It has no connection to LCM's UDP networks.
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import os
 import socket
 from collections.abc import Callable
@@ -90,6 +91,12 @@ class TcpqHub:
         sockets = self._server.sockets if self._server is not None else ()
         return int(sockets[0].getsockname()[1]) if sockets else 0
 
+    @property
+    def is_local(self) -> bool:
+        """True if the hub listens on loopback addresses only."""
+        sockets = self._server.sockets if self._server is not None else ()
+        return bool(sockets) and all(_is_loopback(sock.getsockname()[0]) for sock in sockets)
+
     async def close(self) -> None:
         """Close all connections and stop listening."""
         if self._server is not None:
@@ -171,6 +178,10 @@ def _is_too_long(channel: str) -> bool:
     return len(channel.encode()) > MAX_CHANNEL_BYTES
 
 
+def _is_loopback(address: str) -> bool:
+    return ipaddress.ip_address(address.partition("%")[0]).is_loopback
+
+
 class HubConnection(asyncio.BufferedProtocol):
     """Connection to one client of the hub."""
 
@@ -185,6 +196,9 @@ class HubConnection(asyncio.BufferedProtocol):
         self.subscriptions = Subscriptions(hub.config.hub_subscriptions)
         self.name = "?"
         """Address and port of the client, for the log."""
+        self.is_local = False
+        """True if a program on this machine is the client. Always False if the hub listens beyond loopback: proxies and
+        ports of containers relay clients of other machines."""
 
     @property
     def unsent_bytes(self) -> int:
@@ -193,7 +207,9 @@ class HubConnection(asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
-        self.name = str(transport.get_extra_info("peername"))
+        peer = transport.get_extra_info("peername")
+        self.name = str(peer)
+        self.is_local = self._hub.is_local and bool(peer) and _is_loopback(peer[0])
         if len(self._hub.connections) >= self._hub.config.hub_clients:
             self._refuse(f"the hub has {self._hub.config.hub_clients} clients already")
             return

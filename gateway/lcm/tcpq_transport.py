@@ -193,4 +193,4 @@ class _Connection(asyncio.BufferedProtocol):
 
     def _on_frame(self, frame_type: FrameType, channel: str, data: bytes | memoryview) -> None:
         if frame_type is FrameType.PUBLISH:
-            self._on_message(channel, data)
+            self._on_message(channel, data, False)

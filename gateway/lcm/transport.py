@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-OnMessage = Callable[[str, "bytes | memoryview"], None]
-"""Called with channel and data of each received message."""
+OnMessage = Callable[[str, "bytes | memoryview", bool], None]
+"""Called with channel and data of each received message, and True if a program on this machine sent it directly. A hub
+may have relayed it from anywhere, and UDP beyond this machine (``ttl`` above 0) hides no sender: then it is False."""
 
 
 class LcmUnavailableError(RuntimeError):

@@ -1,8 +1,10 @@
-"""Parse a ``udpm://`` URL, create the sockets of its multicast group, and test the route, for ``udpm_transport``."""
+"""Create the sockets of a multicast group, test the route, list own addresses, for ``udpm_transport``."""
 
 from __future__ import annotations
 
+import array
 import errno
+import fcntl
 import os
 import select
 import socket
@@ -23,6 +25,14 @@ SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
 """Channel of liblcm's own self test."""
 SELF_TEST_SECONDS: Final = 2.0
 """Maximum time for a datagram to come back."""
+_SIOCGIFCONF: Final = 0x8912
+"""Linux's request for the addresses of all interfaces, see netdevice(7)."""
+_IFREQ_BYTES: Final = 40
+"""Size of a ``struct ifreq``: 16 bytes of the interface's name, then a ``struct sockaddr_in``."""
+_ADDRESS_OFFSET: Final = 20
+"""Offset of the IPv4 address in a ``struct ifreq``."""
+_MAX_ADDRESSES: Final = 4096
+"""Maximum number of addresses that are listed."""
 
 
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
@@ -74,3 +84,16 @@ def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: soc
     raise LcmUnavailableError(
         f"LCM cannot join {url}: what is sent there does not come back, a route or a firewall is in the way"
     )
+
+
+def own_addresses(sock: socket.socket) -> frozenset[str]:
+    """Return the IPv4 addresses of this machine's interfaces.
+
+    Args:
+        sock: any socket.
+    """
+    buffer = array.array("B", bytes(_MAX_ADDRESSES * _IFREQ_BYTES))
+    address, size = buffer.buffer_info()
+    size, _ = struct.unpack("iP", fcntl.ioctl(sock, _SIOCGIFCONF, struct.pack("iP", size, address)))
+    starts = range(_ADDRESS_OFFSET, size, _IFREQ_BYTES)
+    return frozenset(socket.inet_ntoa(buffer[start : start + 4].tobytes()) for start in starts)

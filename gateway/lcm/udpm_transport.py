@@ -7,6 +7,7 @@ docs/decisions/0009-own-lcm-transport.md.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import Final
 
@@ -27,6 +28,8 @@ MAX_READ: Final = 1024
 """Maximum number of datagrams read before the event loop continues: they take about 2 ms."""
 MAX_READ_BYTES: Final = 1024 * 1024
 """Maximum bytes read before the event loop continues: they take about 0.5 ms."""
+ADDRESS_SECONDS: Final = 1.0
+"""Time for which the list of this machine's addresses is used. Datagrams of any number of senders cost one list."""
 
 
 class UdpmTransport:
@@ -45,7 +48,7 @@ class UdpmTransport:
             LcmUnavailableError: the port is in use, or there is no route.
         """
         self.url = url
-        network = parse_udpm_url(url)
+        network = self._network = parse_udpm_url(url)
         if network.unknown_options:
             _log.warning("LCM's URL has unknown options", url=url, options=network.unknown_options)
         self.queue = ReceiveQueue(config.queued_bytes)
@@ -61,6 +64,11 @@ class UdpmTransport:
             sender.close()
             raise
         self._sender = UdpmSender(sender, (network.address, network.port), url, config.unsent_bytes)
+        self.foreign = 0
+        """Number of datagrams of other machines that were dropped, because ``ttl`` is 0."""
+        self._own_addresses: frozenset[str] = frozenset()
+        self._listed_at = -ADDRESS_SECONDS
+        """Time at which the addresses were listed, in seconds of the monotonic clock."""
 
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         self.queue.start(on_message)
@@ -97,6 +105,7 @@ class UdpmTransport:
             "unsent_bytes": self._sender.unsent_bytes,
             "receive_buffer_bytes": receive_buffer(self._receiver),
             "lost_datagrams": dropped_datagrams(self._receiver),
+            "foreign_datagrams": self.foreign,
             **({"warning": self.warning} if self.warning else {}),
         }
 
@@ -133,9 +142,31 @@ class UdpmTransport:
             except OSError as error:
                 _log.warning("LCM could not read a message", reason=str(error))
                 return
-            message = self._assembler.receive(datagram, sender)
-            if message is not None:
-                self.queue.put(message.channel, message.data)
             read_bytes += len(datagram)
+            if self._network.ttl == 0 and not self._is_own(sender[0]):
+                self._count_foreign(sender[0])
+            elif (message := self._assembler.receive(datagram, sender)) is not None:
+                self.queue.put(message.channel, message.data, self._network.ttl == 0)
             if read_bytes > MAX_READ_BYTES:
                 return
+
+    def _is_own(self, address: str) -> bool:
+        """Return True if an address is one of this machine's.
+
+        Linux drops packets of other machines with such a source address, except with the setting ``accept_local``.
+        """
+        now = time.monotonic()
+        if now - self._listed_at >= ADDRESS_SECONDS:
+            self._own_addresses, self._listed_at = udpm_socket.own_addresses(self._receiver), now
+        return address in self._own_addresses or address.startswith("127.")
+
+    def _count_foreign(self, address: str) -> None:
+        """Count a dropped datagram of another machine, and log the first one with the setting that receives them."""
+        if not self.foreign:
+            network = self._network
+            _log.warning(
+                "Datagrams of other machines are dropped, because ttl=0 stands for this machine alone; "
+                f"--lcm-url 'udpm://{network.address}:{network.port}?ttl=1' receives them",
+                sender=address,
+            )
+        self.foreign += 1

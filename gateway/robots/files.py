@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
 
-from gateway.assets.ros_packages import Packages, package_name
+from gateway.assets.ros_packages import PATH_VARIABLES, Packages, folders_of, folders_of_environment, package_name
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.regular_files import read_file_or_pipe, read_regular
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
-PATH_VARIABLES: Final = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
-"""Environment variables of ROS and Gazebo with folders of packages and models."""
 _NO_PACKAGES: Final = ("", ".", "..")
 _MAX_CONFIG_BYTES: Final = 1 << 16
 """Maximum size of a ``model.config``: they have less than 2 kB."""
@@ -45,7 +43,7 @@ class RobotFiles:
         self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
         self._folder = self.path.parent
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
-        self._package_roots = (*self._roots, *(folder for name in PATH_VARIABLES for folder in _folders_of(name)))
+        self._package_roots = (*self._roots, *folders_of_environment())
         """Folders that contain packages at any depth."""
         self._packages = Packages(self._package_roots)
         self._limits = limits
@@ -150,7 +148,7 @@ class RobotFiles:
                 yield root
         if (found := self._packages.folder(package)) is not None:
             yield found
-        yield from (prefix / "share" / package for prefix in _folders_of("AMENT_PREFIX_PATH"))
+        yield from (prefix / "share" / package for prefix in folders_of("AMENT_PREFIX_PATH"))
         yield from (folder / package for folder in self.path.parents)
 
     def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
@@ -185,12 +183,6 @@ class RobotFiles:
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
         return data
-
-
-def _folders_of(variable: str) -> list[Path]:
-    """Return the existing folders of an environment variable such as ROS_PACKAGE_PATH."""
-    folders = [Path(text) for text in os.environ.get(variable, "").split(os.pathsep) if text]
-    return [folder for folder in folders if folder.is_dir()]
 
 
 def _files_of_config(config: Path) -> list[str]:

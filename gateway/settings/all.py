@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Self
 
 from pydantic import model_validator
@@ -58,3 +59,13 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
             if given:
                 raise ValueError(f"--workers {self.workers} and {setting} exclude each other: {reason}")
         return self
+
+    @property
+    def mesh_folders(self) -> tuple[Path, ...]:
+        """Folders of ``mesh_root``, without ``auto`` and ``off``."""
+        return tuple(path for path in self.mesh_root if path not in (Path("auto"), Path("off")))
+
+    @property
+    def local_clients_read_all_folders(self) -> bool:
+        """True for ``auto``, except behind a proxy, where clients that seem to be on this machine may not be."""
+        return Path("auto") in self.mesh_root and not self.root_path

@@ -110,10 +110,11 @@ class InterfaceSettings(BaseSettings):
         "DRAKE_POINT_CLOUD* and DRAKE_DRAW_FRAMES*.",
     )
     mesh_root: Paths = option(
-        (),
+        (Path("auto"),),
         "Tree viewer",
-        f"Folders from which mesh_file, package:// and Drake's meshes may read, separated by '{os.pathsep}'. Without "
-        "it, none are read.",
+        f"Folders from which mesh_file, package:// and Drake's meshes may read, separated by '{os.pathsep}'. 'auto' "
+        "among them: programs on this machine (by UDP with ttl=0, or by TCPQ on loopback) may name meshes and textures "
+        "in any folder, unless there is a --root-path. 'off': no files.",
     )
 
     def is_enabled(self, interface: str) -> bool:

@@ -24,6 +24,8 @@ class ClientQueue:
     """Publishes the responses."""
     on_drained: Callable[[], None] | None = None
     """Resumes a paused client when its queue is short; None: the transport cannot pause clients."""
+    is_local: bool = False
+    """True for a program on this machine, which may name files in more folders."""
     size: int = 0
     """``size_of`` all messages in the queue, in bytes."""
     _messages: deque[Message] = field(default_factory=deque)

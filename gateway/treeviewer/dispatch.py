@@ -118,6 +118,8 @@ class Dispatcher:
         message: Message,
         publish: Publish,
         on_drained: Callable[[], None] | None = None,
+        *,
+        is_local: bool = False,
     ) -> int:
         """Handle a request at once, or put it into the client's queue.
 
@@ -127,6 +129,7 @@ class Dispatcher:
             message: the request, a viewer2_comms_t.
             publish: sends the response; raises OSError or ValueError if it cannot be sent.
             on_drained: called after a queued request if the client's queue is below half of ``client_waiting_bytes``.
+            is_local: True for a program on this machine (``OnMessage``).
         Returns:
             bytes in the client's queue. A transport that can pause clients compares them with the limit.
         """
@@ -135,11 +138,11 @@ class Dispatcher:
         if self._closing:
             self._refuse(channel, message, publish, SHUTTING_DOWN)
             return 0
-        key = (source, channel)
+        key = (source, channel, is_local)
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
         if queue is None and not storage_full and not self._is_big(message):
-            self._handle(channel, message, publish)
+            self._handle(channel, message, publish, is_local)
             return 0
         if storage_full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
             self.counters.dropped += 1
@@ -147,7 +150,7 @@ class Dispatcher:
             self._refuse(channel, message, publish, TOO_MANY)
             return queue.size if queue is not None else 0
         if queue is None:
-            queue = self._queues[key] = ClientQueue(channel, publish, on_drained)
+            queue = self._queues[key] = ClientQueue(channel, publish, on_drained, is_local)
             task = asyncio.get_running_loop().create_task(self._handle_queue(key, queue))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
@@ -199,7 +202,7 @@ class Dispatcher:
                 if self._is_big(message):
                     await self._handle_big(queue, message)
                 else:
-                    self._handle(queue.channel, message, queue.publish)
+                    self._handle(queue.channel, message, queue.publish, queue.is_local)
                 self.waiting_bytes -= queue.pop()
                 if queue.on_drained is not None and queue.size < self._config.client_waiting_bytes // 2:
                     queue.on_drained()
@@ -208,10 +211,10 @@ class Dispatcher:
                 self.waiting_bytes -= queue.size
                 del self._queues[key]
 
-    def _handle(self, channel: str, message: Message, publish: Publish) -> None:
+    def _handle(self, channel: str, message: Message, publish: Publish, is_local: bool) -> None:
         """Read and apply a request on the event loop, and respond."""
         try:
-            response = self._protocol.handle(message, self._receiver(channel, message, publish))
+            response = self._protocol.handle(message, self._receiver(channel, message, publish), is_local)
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
@@ -224,7 +227,7 @@ class Dispatcher:
         response: AnyResponse
         try:
             comms = self._protocol.decode(message)
-            applier = await self._pool.run(self._protocol.read, comms)
+            applier = await self._pool.run(self._protocol.read, comms, queue.is_local)
             while applier.step(self._config.slice_commands):  # noqa: ASYNC110 - the event loop continues in between
                 await asyncio.sleep(0)
             receiver = self._receiver(queue.channel, message, queue.publish)

@@ -23,13 +23,13 @@ class JsonReader(RequestReader):
 
     type_text = "a JSON object"
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
-        super().__init__(limits, meshes, strict=strict)
+    def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
+        super().__init__(limits, strict=strict)
         self._schema_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(message_type(self.limits))
         self._plain_decoder = msgspec.json.Decoder()
 
-    def read(self, data: memoryview) -> Request:
-        context = self.context()
+    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
+        context = self.context(meshes)
         json_text = context.arrays.extract(data) if len(data) >= MIN_EXTRACT_BYTES else data
         if len(json_text) > self.limits.json_bytes:
             raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")

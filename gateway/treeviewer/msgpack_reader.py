@@ -43,18 +43,18 @@ class MsgpackReader(RequestReader):
 
     type_text = "a MessagePack map"
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
-        super().__init__(limits, meshes, strict=strict)
+    def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
+        super().__init__(limits, strict=strict)
         self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
             message_type(self.limits), ext_hook=_decode_extension
         )
         self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
 
-    def read(self, data: memoryview) -> Request:
+    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
         if len(data) > self.limits.binary_objects:  # each value takes at least a byte
             self._check_value_count(data)
         try:
-            request = self.from_schema(self._schema_decoder.decode(data), self.context())
+            request = self.from_schema(self._schema_decoder.decode(data), self.context(meshes))
             if request is not None:
                 return request
         except DECODE_ERRORS:
@@ -63,7 +63,7 @@ class MsgpackReader(RequestReader):
             message = self._plain_decoder.decode(data)
         except DECODE_ERRORS as error:
             raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.from_plain(message, self.context())
+        return self.from_plain(message, self.context(meshes))
 
     def _check_value_count(self, data: memoryview) -> None:
         """Raise RequestError if decoding would create more Python objects than the limit."""

@@ -65,13 +65,15 @@ class TreeViewerProtocol:
         meshes: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
         page: LivePage | None = None,
+        local_meshes: MeshLoader | None = None,
         *,
         strict: bool = False,
     ) -> None:
         self.limits = limits or Limits()
         self.quota = TreeQuota(self.limits, clock)
         self.quota.count_existing(live.snapshot.root)
-        self.reads_files = meshes is not None
+        self._meshes, self._local_meshes = meshes, local_meshes or meshes
+        self.reads_files = self._local_meshes is not None
         """True if requests may open mesh files. Such requests must be read in a worker thread."""
         self.page = page or LivePage()
         """State of the pages that show the tree."""
@@ -79,8 +81,8 @@ class TreeViewerProtocol:
         """By command and path: what is wrong with the newest command for that path."""
         self._live = live
         self.readers = {
-            wire.FORMAT: JsonReader(self.limits, meshes, strict=strict),
-            wire.BINARY_FORMAT: MsgpackReader(self.limits, meshes, strict=strict),
+            wire.FORMAT: JsonReader(self.limits, strict=strict),
+            wire.BINARY_FORMAT: MsgpackReader(self.limits, strict=strict),
         }
         """Readers by the name of the format."""
 
@@ -104,30 +106,36 @@ class TreeViewerProtocol:
             raise RequestRefused(responses.failed(comms.utime, reason))
         return comms
 
-    def read(self, comms: wire.Comms) -> RequestApplier:
+    def read(self, comms: wire.Comms, is_local: bool = False) -> RequestApplier:
         """Read a request, and return the applier that executes it.
+
+        Args:
+            is_local: True for a program on this machine, which may name files in more folders.
 
         Raises:
             RequestRefused: the request cannot be read.
         """
         try:
-            request = self.readers[comms.format].read(comms.data)
+            request = self.readers[comms.format].read(comms.data, self._local_meshes if is_local else self._meshes)
         except RequestError as error:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
         return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
 
-    def handle(self, message: bytes | memoryview, receiver: ClickReceiver | None = None) -> AnyResponse:
+    def handle(
+        self, message: bytes | memoryview, receiver: ClickReceiver | None = None, is_local: bool = False
+    ) -> AnyResponse:
         """Read and apply a request at once, and return the response.
 
         Args:
             message: the request, a viewer2_comms_t.
             receiver: the client; None: it cannot receive clicks.
+            is_local: see ``read``.
         Raises:
             wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
         """
         try:
             comms = self.decode(message)
-            applier = self.read(comms)
+            applier = self.read(comms, is_local)
         except RequestRefused as refused:
             return refused.response
         applier.step(ALL_COMMANDS)

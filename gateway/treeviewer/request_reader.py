@@ -32,22 +32,24 @@ class RequestReader:
     type_text = "an object"
     """Description of a request's outermost value, for error texts."""
 
-    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None, *, strict: bool = False) -> None:
+    def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
         self.limits = limits or Limits()
-        self._meshes = meshes
         self._strict = strict
 
-    def read(self, data: memoryview) -> Request:
+    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
         """Return the commands of a request.
+
+        Args:
+            meshes: loader of mesh files; None: the request cannot name files.
 
         Raises:
             RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
         """
         raise NotImplementedError
 
-    def context(self) -> ReadContext:
+    def context(self, meshes: MeshLoader | None) -> ReadContext:
         """Return the context in which one request is read."""
-        return ReadContext(self.limits, meshes=self._meshes, strict=self._strict)
+        return ReadContext(self.limits, meshes=meshes, strict=self._strict)
 
     def from_schema(self, message: Any, context: ReadContext) -> Request | None:
         """Return the commands of a message of type ``fast_schema.message_type``.

@@ -45,6 +45,7 @@ class TreeViewerService:
         durable: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
         page: LivePage | None = None,
+        local_meshfiles: MeshLoader | None = None,
     ) -> None:
         """Create the service; ``run`` starts it.
 
@@ -56,9 +57,12 @@ class TreeViewerService:
             durable: storage of the tree; None: responses do not wait for storage.
             listeners: receive other channels of the transport and the hub.
             page: state of the pages that show the tree.
+            local_meshfiles: loader of mesh files for programs on this machine; None: ``meshfiles``.
         """
         self._config = config
-        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock, page, strict=config.strict)
+        self.protocol = TreeViewerProtocol(
+            live, config.limits, meshfiles, clock, page, local_meshfiles, strict=config.strict
+        )
         self._pool = WorkerPool(
             config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
         )
@@ -173,28 +177,30 @@ class TreeViewerService:
         is_local = (parts.hostname or "127.0.0.1") in _LOCAL_HOSTS
         return self.hub is not None and parts.scheme == "tcpq" and is_local and port == self.hub.port
 
-    def _on_message(self, transport: Transport, channel: str, data: bytes | memoryview) -> None:
+    def _on_message(self, transport: Transport, channel: str, data: bytes | memoryview, is_local: bool) -> None:
         if channel.startswith(REQUEST):
-            self._dispatcher.receive("lcm", channel, data, transport.publish)
+            self._dispatcher.receive("lcm", channel, data, transport.publish, is_local=is_local)
         else:
-            self._pass_on(channel, data)
+            self._pass_on(channel, data, is_local)
 
     def _on_hub_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         hub = self.hub
         if hub is None:
             return
         if not channel.startswith(REQUEST):
-            self._pass_on(channel, data)
+            self._pass_on(channel, data, sender.is_local)
             return
-        waiting = self._dispatcher.receive(sender, channel, data, hub.publish, sender.resume_reading)
+        waiting = self._dispatcher.receive(
+            sender, channel, data, hub.publish, sender.resume_reading, is_local=sender.is_local
+        )
         if waiting > self._config.client_waiting_bytes:
             sender.pause_reading()
 
-    def _pass_on(self, channel: str, data: bytes | memoryview) -> None:
+    def _pass_on(self, channel: str, data: bytes | memoryview, is_local: bool) -> None:
         """Pass a message that is no request to the listeners of its channel."""
         for listener in self._listeners:
             if channel.startswith(listener.prefixes):
-                listener.on_message(channel, data)
+                listener.on_message(channel, data, is_local)
 
 
 def _announce(transport: Transport, ready_message: bytes) -> None:

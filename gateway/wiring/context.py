@@ -103,6 +103,7 @@ class Context:
 
     _renderer: CpuRenderer | None = None
     _mesh_files: MeshFiles | None = None
+    _local_mesh_files: MeshFiles | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
@@ -124,12 +125,23 @@ class Context:
 
     @property
     def mesh_files(self) -> MeshFiles:
-        """Mesh files of all interfaces (``--mesh-root``). The first use imports compiled kernels."""
+        """Mesh files that all clients may name (``--mesh-root``). The first use imports compiled kernels."""
         if self._mesh_files is None:
             from gateway.assets.mesh_files import MeshFiles
 
-            self._mesh_files = MeshFiles(self.settings.mesh_root)
+            self._mesh_files = MeshFiles(self.settings.mesh_folders)
         return self._mesh_files
+
+    @property
+    def local_mesh_files(self) -> MeshFiles:
+        """Mesh files that programs on this machine may name; with ``--mesh-root auto``, those in all folders."""
+        if not self.settings.local_clients_read_all_folders:
+            return self.mesh_files
+        if self._local_mesh_files is None:
+            from gateway.assets.mesh_files import MeshFiles
+
+            self._local_mesh_files = MeshFiles(self.settings.mesh_folders, any_folder=True)
+        return self._local_mesh_files
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""

@@ -11,6 +11,11 @@ from gateway.wiring.context import Context
 
 async def setup(context: Context) -> None:
     """Run the service; the tree viewer's transports pass messages to it."""
-    service = DrakeViewerService(context.tree, context.mesh_files, DrakeViewerConfig(strict=context.settings.strict))
+    service = DrakeViewerService(
+        context.tree,
+        context.mesh_files,
+        DrakeViewerConfig(strict=context.settings.strict),
+        local_files=context.local_mesh_files,
+    )
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")

@@ -248,6 +248,11 @@ def watch_treeviewer(metrics: Metrics, service: TreeViewerService) -> None:
         label="reason",
     )
     watch(
+        "scenegate_lcm_foreign_datagrams_total",
+        "Number of LCM datagrams of other machines that were dropped, because ttl=0 stands for this machine alone.",
+        lambda: float(_transport_figure(service.status(), "lcm", "foreign_datagrams")),
+    )
+    watch(
         "scenegate_lcm_waiting_bytes",
         "Bytes of tree viewer requests received and not yet handled.",
         lambda: float(service.status()["waiting_bytes"]),

@@ -21,6 +21,7 @@ async def setup(context: Context) -> None:
         durable=durable,
         listeners=context.lcm_listeners,
         page=context.page,
+        local_meshfiles=context.local_mesh_files,
     )
     watch_treeviewer(context.metrics, service)
     tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None

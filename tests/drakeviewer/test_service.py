@@ -37,9 +37,14 @@ ROBOT = load(link("a", 1, geometry(SPHERE, [1.0])))
 class Running:
     """A running service."""
 
-    def __init__(self, config: DrakeViewerConfig | None = None, files: MeshFiles | None = None) -> None:
+    def __init__(
+        self,
+        config: DrakeViewerConfig | None = None,
+        files: MeshFiles | None = None,
+        local_files: MeshFiles | None = None,
+    ) -> None:
         self.live = LiveTree()
-        self.service = DrakeViewerService(self.live, files or MeshFiles(()), config)
+        self.service = DrakeViewerService(self.live, files or MeshFiles(()), config, local_files)
 
     def x(self) -> float | None:
         """Return where link ``a`` is along x."""
@@ -48,8 +53,10 @@ class Running:
 
 
 @contextlib.asynccontextmanager
-async def running(config: DrakeViewerConfig | None = None, files: MeshFiles | None = None) -> AsyncIterator[Running]:
-    found = Running(config, files)
+async def running(
+    config: DrakeViewerConfig | None = None, files: MeshFiles | None = None, local_files: MeshFiles | None = None
+) -> AsyncIterator[Running]:
+    found = Running(config, files, local_files)
     task = asyncio.create_task(found.service.run())
     await until(lambda: found.service.ready)
     try:
@@ -103,9 +110,9 @@ async def test_big_messages_are_read_in_a_thread(monkeypatch: pytest.MonkeyPatch
         threads = []
         read = found.service.viewer.read
 
-        def watched(channel: str, message: Any) -> Any:
+        def watched(channel: str, message: Any, files: MeshFiles) -> Any:
             threads.append(threading.current_thread().name)
-            return read(channel, message)
+            return read(channel, message, files)
 
         monkeypatch.setattr(found.service.viewer, "read", watched)
         found.service.receive(LOAD, ROBOT)
@@ -276,10 +283,27 @@ async def test_messages_by_multicast() -> None:
         await asyncio.gather(task, return_exceptions=True)
 
 
+async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
+    message = load(link("a", 1, geometry(MESH, [1.0], string=str(tmp_path / "t.obj"))))
+    async with running(files=MeshFiles(()), local_files=MeshFiles((), any_folder=True)) as found:
+        for is_local in (True, False):
+            found.service.receive(LOAD, message, is_local)
+            found.service.receive(DRAW, at(1.0), is_local)
+            await until(lambda: found.service.viewer.counters.loads == (1 if is_local else 2))  # noqa: B023
+            await until(lambda: found.x() == 1.0)
+            node = found.live.snapshot.root.find(("drake", "illustration", "a"))
+            assert node is not None
+            assert len(node.parts or ()) == is_local
+            warnings = found.service.status().get("warnings", [])
+            assert is_local == (not warnings)
+        assert "(--mesh-root auto)" in warnings[0]
+
+
 async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     entered, leave = threading.Event(), threading.Event()
 
-    def read(channel: str, message: Any) -> None:
+    def read(channel: str, message: Any, files: MeshFiles) -> None:
         entered.set()
         leave.wait(SECONDS)
 

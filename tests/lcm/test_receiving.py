@@ -21,7 +21,7 @@ from tests.support.waiting import until
 
 def queue_of(*names: str, handled: list[str]) -> ReceiveQueue:
     queue = ReceiveQueue(1 << 20)
-    queue.start(lambda channel, _: handled.append(channel))
+    queue.start(lambda channel, *_: handled.append(channel))
     for name in names:
         queue.put(name, b"x")
     return queue
@@ -211,7 +211,7 @@ async def test_liblcm_is_read_without_waiting(waiting: int, monkeypatch: pytest.
     (lcm,) = made
     assert lcm.capacity == 0, "no limit"
     received: list[str] = []
-    transport.start(lambda channel, _: received.append(channel), lambda: None)
+    transport.start(lambda channel, *_: received.append(channel), lambda: None)
     lcm.waiting = waiting
     lcm.other_end.send(b"x")
     await until(lambda: received)

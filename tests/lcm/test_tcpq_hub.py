@@ -78,10 +78,10 @@ async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytes
     quick_was_answered = threading.Event()
     read = TreeViewerProtocol.read
 
-    def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
+    def read_late(self: TreeViewerProtocol, comms: wire.Comms, is_local: bool) -> Any:
         if threading.current_thread() is not threading.main_thread():
             assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
-        return read(self, comms)
+        return read(self, comms, is_local)
 
     monkeypatch.setattr(TreeViewerProtocol, "read", read_late)
     rows = ", ".join(["[0.123456, 1.5, 2.25]"] * 200_000)

@@ -63,7 +63,7 @@ async def test_liblcm_transport_limits_its_queue() -> None:
         status = transport.status()
         assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
         received: list[str] = []
-        transport.start(lambda channel, data: received.append(channel), lambda: None)
+        transport.start(lambda channel, *_: received.append(channel), lambda: None)
         transport.publish(REQUEST, b"y")
         await until(lambda: len(received) >= 3)
         assert transport.queue.waiting_bytes <= 1000

@@ -268,3 +268,22 @@ def test_deleting_the_root_removes_its_children_and_transform() -> None:
     root = edit.commit()
     assert (root.children, root.node_count, root.nodes_with_parts, root.pose) == ({}, 1, 0, None)
     np.testing.assert_array_equal(root.matrix, np.eye(4))
+
+
+def test_many_poses_are_set_as_one_after_the_other() -> None:
+    paths: list[Path] = [("a", "x"), ("a", "y"), ("a",), ("b", "x", "z"), ("b", "x"), ("a", "x")]
+    poses = [(float(index), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) for index in range(len(paths))]
+    before = TreeEdit(Node())
+    before.set_pose(("a", "y"), poses[0])
+    root = before.commit()
+    one, many = TreeEdit(root), TreeEdit(root)
+    for path, pose in zip(paths, poses, strict=True):
+        one.set_pose(path, pose)
+    nodes = many.set_poses(paths, poses)
+    assert (one.created, many.created) == (4, 4)
+    expected, found = one.commit(), many.commit()
+    assert [(path, node.pose, node.node_count) for path, node in found.walk()] == [
+        (path, node.pose, node.node_count) for path, node in expected.walk()
+    ]
+    assert nodes == [found.find(path) for path in paths]
+    assert root.find(("a", "y")) is not found.find(("a", "y")), "the committed tree is unchanged"

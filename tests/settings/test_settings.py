@@ -263,3 +263,14 @@ def test_origins_of_frames_cannot_end_the_header(text: str, allowed: bool) -> No
     except ValueError:
         accepted = False
     assert accepted == allowed
+
+
+@pytest.mark.parametrize(
+    ("value", "folders", "anywhere"),
+    [(None, (), True), ("off", (), False), ("/a", ("/a",), False), ("auto:/a", ("/a",), True)],
+)
+def test_mesh_root(value: str | None, folders: tuple[str, ...], anywhere: bool) -> None:
+    flags = {} if value is None else {"mesh_root": value}
+    assert load(flags).mesh_folders == tuple(map(Path, folders))
+    assert load(flags).local_clients_read_all_folders == anywhere
+    assert not load({**flags, "root_path": "/gate"}).local_clients_read_all_folders, "a proxy is in front"

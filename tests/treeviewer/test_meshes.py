@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from gateway.scene.geometry import Part, Sphere, Surface
+from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose, scaling
+from gateway.treeviewer import wire
+from gateway.treeviewer.protocol import TreeViewerProtocol
 from renderers.drawlist import AlphaMode, Material, Mesh
-from tests.treeviewer.conversation import TRIANGLE, Viewer
+from tests.treeviewer.conversation import TRIANGLE, Viewer, message
 
 NAN = float("nan")
 
@@ -108,3 +112,14 @@ def test_a_missing_file_is_a_warning_and_a_broken_one_an_error() -> None:
     broken = viewer.publish({"type": "mesh_file", "filename": "broken.obj"})
     assert broken["status"] == -3
     assert broken["errors"][0]["reason"] == "geometry.filename: broken.obj is ? broken"
+
+
+def test_programs_on_this_machine_name_files_of_their_own_loader() -> None:
+    everybody, local = Files(), Files()
+    protocol = TreeViewerProtocol(LiveTree(), meshes=everybody, local_meshes=local)
+    geometry = {"type": "mesh_file", "filename": "a.obj"}
+    for binary in (False, True):
+        request = {"setgeometry": [{"path": ["a"], "geometry": geometry}]}
+        data = wire.encode(msgspec.msgpack.encode(request), 1, wire.BINARY_FORMAT) if binary else message(request)
+        assert protocol.handle(data).status == protocol.handle(data, is_local=True).status == 0
+    assert everybody.asked == local.asked == [("a.obj", (1.0, 1.0, 1.0))] * 2

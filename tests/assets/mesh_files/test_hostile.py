@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,98 @@ def test_gltf_buffers_outside_of_the_roots_are_refused(root: Path, files: MeshFi
     write(root / "t.gltf", gltf("").replace("data.bin", "../data.bin"))
     with pytest.raises(MeshFileError, match="outside"):
         files.load("t.gltf")
+
+
+@pytest.fixture
+def anywhere() -> MeshFiles:
+    return MeshFiles((), any_folder=True)
+
+
+def test_any_folder_with_materials_and_textures(root: Path, anywhere: MeshFiles) -> None:
+    write(root / "textures" / "red.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nKd 1 0 0\nmap_Kd ../textures/red.png\n")
+    write(root / "meshes" / "t.obj", "mtllib ../t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
+    (root / "link.obj").symlink_to(root / "meshes" / "t.obj")
+    for name in (
+        str(root / "meshes" / "t.obj"),
+        f"file://{root}/meshes/t.obj",
+        f"{root}/link.obj",
+        f"{root}/meshes/t.vtp",
+    ):
+        (part,) = anywhere.load(name)
+        assert part.material.base_color_texture is not None
+    assert anywhere.read(str(root / "t.mtl")).startswith(b"newmtl")
+
+
+def test_packages_of_the_environment_in_any_folder(
+    root: Path, files: MeshFiles, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(root.parent / "ws" / "arm" / "package.xml", "<name>arm</name>")
+    write(root.parent / "ws" / "arm" / "t.obj", TRIANGLE)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(root.parent / "ws"))
+    assert MeshFiles((), any_folder=True).load("package://arm/t.obj")
+    with pytest.raises(MeshFileError, match="no package"):
+        files.load("package://arm/t.obj")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "/etc/passwd",
+        "/proc/self/environ",
+        "/proc/self/fd/0",
+        "/dev/zero",
+        "{root}/passwd.obj",
+        "{root}/environ.obj",
+        "{root}/zero.obj",
+        "{root}/pipe.obj",
+        "{root}/pipe.vtp",
+        "{root}/socket.obj",
+        "{root}/folder.obj",
+        "{root}/key.pem",
+        "{root}/key.obj",
+    ],
+)
+def test_any_folder_has_regular_files_of_known_formats_only(root: Path, anywhere: MeshFiles, name: str) -> None:
+    write(root / "key.pem", TRIANGLE)
+    for link, target in {"passwd": "/etc/passwd", "environ": "/proc/self/environ", "zero": "/dev/zero"}.items():
+        (root / f"{link}.obj").symlink_to(target)
+    (root / "key.obj").symlink_to(root / "key.pem")
+    (root / "folder.obj").mkdir()
+    os.mkfifo(root / "pipe.obj")
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.bind(str(root / "socket.obj"))
+        for load in (anywhere.load, anywhere.read):
+            with pytest.raises(MeshFileError, match=r"known format|regular file|no such file"):
+                load(name.format(root=root))
+
+
+@pytest.mark.parametrize("named", ["/etc/passwd", "../key.pem", "passwd.mtl", "/dev/zero", "http://example.org/x.mtl"])
+def test_meshes_in_any_folder_refer_to_known_formats_only(root: Path, anywhere: MeshFiles, named: str) -> None:
+    """A pattern of a material in the file would colour the part."""
+    write(root.parent / "key.pem", "newmtl m\nKd 1 0 0\n")
+    (root / "passwd.mtl").symlink_to("/etc/passwd")
+    write(root / "t.obj", f"mtllib {named}\nv 0 0 0\nv 1 0 0\nv 0 2 0\nusemtl m\nf 1 2 3\n")
+    (part,) = anywhere.load(str(root / "t.obj"))
+    assert part.material.base_color == (1, 1, 1, 1)
+
+
+def test_a_file_that_one_sender_loads_is_not_open_to_others(root: Path) -> None:
+    """Each has a cache of its own: a texture outside of the roots is not shown to all."""
+    write(root.parent / "secret.png", png((9, 9, 9)))
+    write(root / "t.mtl", "newmtl m\nmap_Kd ../secret.png\n")
+    write(root / "t.obj", "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
+    (local,) = MeshFiles([root], any_folder=True).load("t.obj")
+    (others,) = MeshFiles([root]).load("t.obj")
+    assert local.material.base_color_texture is not None
+    assert others.material.base_color_texture is None
+
+
+def test_huge_files_in_any_folder_are_not_read(root: Path) -> None:
+    with write(root / "huge.stl", "").open("r+b") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(MeshFileError, match="is larger than"):
+        MeshFiles((), any_folder=True).load(str(root / "huge.stl"))
 
 
 def test_pipes_are_refused_without_blocking(root: Path, files: MeshFiles) -> None:
