@@ -131,6 +131,7 @@ def read_rig(path: Path) -> Rig:
             lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
             surroundings=_surroundings(table.surroundings, path.parent) if table.surroundings is not None else None,
             scene_lights=table.scene_lights,
+            auto_exposure="exposure" not in table.model_fields_set,
             exposure=table.exposure,
             tone=table.tone,
             shadow_size=table.shadow_size,
