@@ -115,17 +115,26 @@ def rig_digest(path: Path) -> str:
         RigFileError: See ``read_rig``.
     """
     rig = read_rig(path)
-    image = rig.surroundings.image if rig.surroundings is not None else None
-    return hashlib.sha256(read_regular(path, _MAX_FILE_BYTES) + (image or b"")).hexdigest()
+    image = (rig.surroundings.image if rig.surroundings is not None else None) or b""
+    text = b"" if _is_image(path) else read_regular(path, _MAX_FILE_BYTES)
+    return hashlib.sha256(text + image).hexdigest()
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() == ".hdr"
 
 
 def read_rig(path: Path) -> Rig:
-    """Return the rig of a TOML file. Paths in the file are relative to its folder.
+    """Return the rig of a TOML file, in which paths are relative to its folder, or of a Radiance image (.hdr).
+
+    The image lights the scene alone, as the environment map of Drake's RenderEngineVtk does.
 
     Raises:
         RigFileError: A file cannot be read, or a value cannot be used.
     """
     try:
+        if _is_image(path):
+            return Rig(surroundings=_surroundings(_Surroundings(image=Path(path.name)), path.parent))
         table = _Rig.model_validate(tomllib.loads(read_text(path, _MAX_FILE_BYTES)))
         return Rig(
             lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import read_form
+from gateway.render.form import LOOK_FIELD, read_form
 from gateway.render.multipart import Form
 from gateway.render.pipeline import Pipeline
 from renderers.raster import CpuRenderer
@@ -93,6 +93,7 @@ class Comparison:
 
 def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
     fields = json.loads((folder / f"{kind}.json").read_text())
+    assert LOOK_FIELD not in fields
     form = Form(fields, bytearray((folder / f"{kind}.gltf").read_bytes()), "")
     body = pipeline.render(read_form(form, RenderConfig())).body
     decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
