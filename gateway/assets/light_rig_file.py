@@ -134,7 +134,7 @@ def read_rig(path: Path) -> Rig:
     """
     try:
         if _is_image(path):
-            return Rig(surroundings=_surroundings(_Surroundings(image=Path(path.name)), path.parent))
+            return Rig(surroundings=Surroundings(image=_radiance_image(path)))
         table = _Rig.model_validate(tomllib.loads(read_text(path, _MAX_FILE_BYTES)))
         return Rig(
             lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
@@ -155,12 +155,15 @@ def read_rig(path: Path) -> Rig:
         raise RigFileError(f"{path}: {error}") from None
 
 
-def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
+def _radiance_image(path: Path) -> bytes:
     from renderers.shading.studio.environment_image import read_hdr
 
-    image = read_regular(folder / table.image) if table.image is not None else None
-    if image is not None:
-        read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
+    image = read_regular(path)
+    read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
+    return image
+
+
+def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
     return Surroundings(
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
@@ -173,7 +176,7 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
             )
             for number, box in enumerate(table.softboxes)
         ),
-        image=image,
+        image=_radiance_image(folder / table.image) if table.image is not None else None,
         intensity=table.intensity,
         turn=math.radians(table.turn),
     )
