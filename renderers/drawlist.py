@@ -189,6 +189,8 @@ class Material:
     """False: back faces are culled in colour. Depth, label, instance and normal outputs never cull."""
     unlit: bool = False
     """The colour is the base colour, without lighting."""
+    lambert: bool = False
+    """The look ``pbr`` shades it as ``phong`` does: RenderEngineVtk does not convert every material."""
     ior: float = 1.5
     """Index of refraction of a dielectric (KHR_materials_ior); 0: it reflects all light at every angle."""
     specular: float = 1.0
@@ -207,7 +209,8 @@ class Material:
     line_width: float = 1.0
     """Width of a line, pixels."""
     fallback: Material | None = None
-    """Material for readers without an extension that replaces it (KHR_materials_pbrSpecularGlossiness), such as VTK."""
+    """Material in the looks of RenderEngineVtk, if VTK reads another one: it ignores
+    KHR_materials_pbrSpecularGlossiness, and has its own defaults for primitives without a material."""
     vtk_export: bool = False
     """True: written by VTK's exporter, which omits VTK's shading, double-sidedness and blending. Looks restore them
     (``renderers.shading.materials.look_material``)."""

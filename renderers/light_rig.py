@@ -66,6 +66,8 @@ class Rig:
     """Environment; None: black."""
     scene_lights: bool = True
     """True: if the scene has lights, they replace ``lights``."""
+    auto_exposure: bool = True
+    """True: the scene's lights are dimmed if they would overexpose the image, as lights in lux and candela do."""
     exposure: float = 1.0
     """Factor of all light before tone mapping."""
     tone: ToneName = "neutral"

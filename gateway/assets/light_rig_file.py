@@ -115,22 +115,32 @@ def rig_digest(path: Path) -> str:
         RigFileError: See ``read_rig``.
     """
     rig = read_rig(path)
-    image = rig.surroundings.image if rig.surroundings is not None else None
-    return hashlib.sha256(read_regular(path, _MAX_FILE_BYTES) + (image or b"")).hexdigest()
+    image = (rig.surroundings.image if rig.surroundings is not None else None) or b""
+    text = b"" if _is_image(path) else read_regular(path, _MAX_FILE_BYTES)
+    return hashlib.sha256(text + image).hexdigest()
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() == ".hdr"
 
 
 def read_rig(path: Path) -> Rig:
-    """Return the rig of a TOML file. Paths in the file are relative to its folder.
+    """Return the rig of a TOML file, in which paths are relative to its folder, or of a Radiance image (.hdr).
+
+    The image lights the scene alone, as the environment map of Drake's RenderEngineVtk does.
 
     Raises:
         RigFileError: A file cannot be read, or a value cannot be used.
     """
     try:
+        if _is_image(path):
+            return Rig(surroundings=Surroundings(image=_radiance_image(path)))
         table = _Rig.model_validate(tomllib.loads(read_text(path, _MAX_FILE_BYTES)))
         return Rig(
             lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
             surroundings=_surroundings(table.surroundings, path.parent) if table.surroundings is not None else None,
             scene_lights=table.scene_lights,
+            auto_exposure="exposure" not in table.model_fields_set,
             exposure=table.exposure,
             tone=table.tone,
             shadow_size=table.shadow_size,
@@ -145,12 +155,15 @@ def read_rig(path: Path) -> Rig:
         raise RigFileError(f"{path}: {error}") from None
 
 
-def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
+def _radiance_image(path: Path) -> bytes:
     from renderers.shading.studio.environment_image import read_hdr
 
-    image = read_regular(folder / table.image) if table.image is not None else None
-    if image is not None:
-        read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
+    image = read_regular(path)
+    read_hdr(image)  # raises an error for a damaged file now instead of when the first frame is rendered
+    return image
+
+
+def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
     return Surroundings(
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
@@ -163,7 +176,7 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
             )
             for number, box in enumerate(table.softboxes)
         ),
-        image=image,
+        image=_radiance_image(folder / table.image) if table.image is not None else None,
         intensity=table.intensity,
         turn=math.radians(table.turn),
     )

@@ -83,7 +83,12 @@ def render(
     ] = 0,
     rig: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML file with lights for the studio look."),
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="TOML file with lights for the studio look, or a Radiance image (.hdr).",
+        ),
     ] = None,
     alpha_threshold: Annotated[
         float,

@@ -15,7 +15,7 @@ from gateway.assets.light_rig_file import read_rig
 from gateway.client.manifest import ImageType, Settings
 from gateway.datasets.scenes import LoadedScene
 from gateway.render.camera import camera_of
-from gateway.render.config import RenderConfig
+from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline, posted_document
 from renderers.camera import Camera
@@ -40,7 +40,7 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
 class Style:
     """Shading of colour images, and what is cut out of the others."""
 
-    look: Literal["auto", "phong", "pbr", "gltf", "plain", "studio"] = "auto"
+    look: LookChoice = "auto"
     """Look; ``auto``: ``LoadedScene.look``."""
     background: tuple[int, int, int] = Look().background
     """RGB background."""
@@ -80,9 +80,7 @@ def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
     """
     if settings.rig is None or "color" not in settings.types or settings.look not in ("auto", "studio"):
         return None
-    if scene.request is not None:
-        return "a recorded request is drawn as /render does, without --rig"
-    if settings.look == "auto" and scene.look != "studio":
+    if settings.look == "auto" and (scene.request is not None or scene.look != "studio"):
         return "drawn as Drake shows it, without --rig; --look studio takes it"
     rig = _rig(settings.rig)
     if scene.draw_list.lights and rig.lights and rig.scene_lights:
@@ -141,13 +139,14 @@ class RequestRenderer:
     """Renders recorded requests like the render endpoint, with the settings of the dataset."""
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
-        look = settings.look if settings.look in ("phong", "pbr", "gltf") else "auto"
+        style = style_of(settings)
         config = RenderConfig(
-            look=look,  # type: ignore[arg-type]  # checked by the command
-            background=settings.background,
-            antialias=settings.antialias,  # type: ignore[arg-type]  # as the look
-            samples=settings.samples or 1,  # type: ignore[arg-type]  # as the look
-            alpha_threshold=settings.alpha_threshold,
+            look=style.look,
+            rig=style.rig,
+            background=style.background,
+            antialias=style.antialias,
+            samples=style.samples or (4 if style.look == "studio" else 1),
+            alpha_threshold=style.alpha_threshold,
             depth_format="png16" if settings.depth_format == "png" else "tiff32f",
             scene_cache_count=1,
         )

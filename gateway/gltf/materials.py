@@ -15,7 +15,7 @@ from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
 from renderers.stop import check_stop
 
-DEFAULT_MATERIAL: Final = Material(metallic=0.0)
+DEFAULT_MATERIAL: Final = Material(metallic=0.0, fallback=Material(metallic=0.0, roughness=0.5, double_sided=True))
 """Material of primitives without one: white and not metallic, as RenderEngineVtk shows it. Compare by ``is``."""
 
 _NEVER_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})

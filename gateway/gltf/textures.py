@@ -71,19 +71,25 @@ class Textures:
             path: Name of the property, for messages.
 
         Raises:
-            GltfError: A reference is out of range, or images are beyond the limits.
+            GltfLimitError: Images are beyond the limits.
         """
         if info is None or not self._enabled:
             return None
-        if info.index is None:
-            raise GltfError(f"{path}.index: missing")
-        if info.index not in self._textures:
-            check_stop()
-            self._textures[info.index] = self._load(info.index, f"{path}.index")
-        texture = self._textures[info.index]
-        if texture is None or (not info.tex_coord and not info.extensions):
-            return texture
-        return self._with_coordinates(texture, info, path)
+        try:
+            if info.index is None:
+                raise GltfError(f"{path}.index: missing")
+            if info.index not in self._textures:
+                check_stop()
+                self._textures[info.index] = self._load(info.index, f"{path}.index")
+            texture = self._textures[info.index]
+            if texture is None or (not info.tex_coord and not info.extensions):
+                return texture
+            return self._with_coordinates(texture, info, path)
+        except GltfLimitError:
+            raise
+        except GltfError as error:
+            self._warnings.append(f"{error}; the texture is left out")
+            return None
 
     def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, path: str) -> Texture:
         """Return the texture with ``texCoord`` and KHR_texture_transform of its use in a material."""

@@ -8,6 +8,10 @@ from typing import Literal
 
 from gateway.gltf.limits import GltfLimits
 from renderers.interface import LookName, SampleCount
+from renderers.light_rig import STUDIO, Rig
+
+LookChoice = Literal["auto", LookName]
+"""Name of a look, or ``auto``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,8 +21,11 @@ class RenderConfig:
     path: str = "/render"
     """URL path. Drake's client posts to ``render`` below its base URL by default."""
 
-    look: Literal["auto", "phong", "pbr", "gltf"] = "auto"
-    """Shading model. ``auto`` selects the one that RenderEngineVtk would use, by the scene's ``asset.generator``."""
+    look: LookChoice = "auto"
+    """Shading model, unless a request's form names one. ``auto`` selects the one that RenderEngineVtk would use, by the
+    scene's ``asset.generator``."""
+    rig: Rig = STUDIO
+    """Lights and environment of the look ``studio``."""
     samples: SampleCount = 1
     """Samples per pixel of colour images (MSAA); with more than one, FXAA is not applied."""
     default_look: LookName = "gltf"

@@ -7,7 +7,7 @@ the renderer, which caches by the identity of the instance set, does not build i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -17,11 +17,15 @@ from gateway.gltf import DEFAULT_MATERIAL, DRAKE_MERGER, DocumentContent, GltfSc
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Surface
 from renderers.cache import Cache
-from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, PosedInstances
+from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, Material, PosedInstances
 from renderers.stop import check_stop
 
 _INSTANCE_BYTES: Final = 1024
 """Approximate size of an instance in bytes, including its rows in the renderer's tables."""
+
+_LATER_DEFAULT: Final = replace(DEFAULT_MATERIAL, fallback=Material(lambert=True, double_sided=True))
+"""``DEFAULT_MATERIAL`` of all glTF files in a document from Drake's merger but the first. RenderEngineVtk turns on
+physically based shading of all materials when it reads the first file, and then leaves it to the materials."""
 
 TopologyKey: TypeAlias = tuple[DocumentContent, tuple[int | None, ...], tuple[int, ...], bytes]
 """Content (by identity); mesh and parent of each node; one bit per node, set if its matrix is drawable."""
@@ -66,42 +70,56 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
     for node, parent in enumerate(scene.nodes.parents):
         root_of_node.append(node if parent < 0 else root_of_node[parent])
     label_of_root = _labels_of_roots(scene, root_of_node)
+    later_files = frozenset(_file_roots(scene)[1:])
     for node in _drawing_order(scene):
         check_stop()
         if not drawable[node]:
             continue
         for part in scene.parts[node] or ():
             assert isinstance(part.shape, Surface)  # glTF has no other shapes
-            if part.material is DEFAULT_MATERIAL:
-                label = label_of_root.get(root_of_node[node], LABEL_NONE)
+            material, root = part.material, root_of_node[node]
+            if material is not DEFAULT_MATERIAL:
+                label = label_from_material(material)
             else:
-                label = label_from_material(part.material)
+                label = label_of_root.get(root, LABEL_NONE)
+                material = _LATER_DEFAULT if root in later_files else DEFAULT_MATERIAL
             meshes.append(part.shape.mesh)
-            materials.append(part.material)
+            materials.append(material)
             labels.append(label)
             nodes.append(node)
     instances = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
     return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
 
 
-def _drawing_order(scene: GltfScene) -> Sequence[int]:
-    """Return the positions of the nodes in the order in which RenderEngineVtk draws them, which matters for blending.
+def _file_roots(scene: GltfScene) -> list[int]:
+    """Return the positions of the root nodes of the glTF files in a document from Drake's merger, in the order of their
+    registration. The nodes below the first root come from VTK's exporter.
 
-    RenderEngineVtk draws geometries in the reverse order of their registration, and the nodes of a glTF file last child
-    first. In a document from Drake's merger, the nodes below the first root come from VTK's exporter, in the order of
-    drawing. The other roots are glTF files, in the order of registration. The document does not tell how the files and
-    the other geometries alternate, so this function puts the files first.
+    The merger of recent versions of Drake (1.58) puts each file below one root. Files with several roots, which older
+    ones (1.51) merge as they are, count as several.
+    """
+    if scene.generator != DRAKE_MERGER:
+        return []
+    return [node for node, parent in enumerate(scene.nodes.parents) if parent < 0][1:]
+
+
+def _drawing_order(scene: GltfScene) -> Sequence[int]:
+    """Return the positions of the nodes in an order in which RenderEngineVtk may draw them, which matters for blending.
+
+    RenderEngineVtk draws geometries in the order of a hash table, which a copy of the context reverses: as a rule in
+    the reverse order of their registration, and the nodes of a glTF file last child first. In a document from Drake's
+    merger, the nodes of VTK's exporter are in the order of drawing, and the files in the order of registration. The
+    document does not tell how both alternate, so this function puts the files first.
     """
     parents = scene.nodes.parents
     if scene.generator != DRAKE_MERGER:
         return range(len(parents))
-    roots = [node for node, parent in enumerate(parents) if parent < 0]
     children: list[list[int]] = [[] for _ in parents]
     for node, parent in enumerate(parents):
         if parent >= 0:
             children[parent].append(node)
     file_nodes: list[int] = []
-    stack = roots[1:]
+    stack = _file_roots(scene)
     while stack:
         node = stack.pop()
         file_nodes.append(node)

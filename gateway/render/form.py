@@ -10,17 +10,21 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Final, Literal, cast
+from typing import Final, Literal, cast, get_args
 
-from gateway.render.config import RenderConfig
+from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.errors import RequestError, quoted
 from gateway.render.multipart import Form
 
 ImageType = Literal["color", "depth", "label"]
 IMAGE_TYPES: Final = ("color", "depth", "label")
 
+LOOK_FIELD: Final = "scenegate_look"
+"""Field with a ``LookChoice``, which Drake's client never sends. The prefix keeps later fields of it apart."""
+LOOKS: Final = get_args(LookChoice)
 _FIELD_NAMES: Final = frozenset(
     (
+        LOOK_FIELD,
         "scene_sha256",
         "image_type",
         "min_depth",
@@ -86,6 +90,8 @@ class RenderRequest:
     """SHA-256 of the scene as sent by the client, 64 hexadecimal digits in lower case; None: not sent."""
     scene_filename: str = ""
     """File name as sent by the client; empty if it was not sent."""
+    look: LookChoice | None = None
+    """Shading model; None: the server's setting."""
     warnings: tuple[str, ...] = ()
     """Sentences about problems that do not prevent the image."""
 
@@ -102,9 +108,7 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         raise RequestError(400, "the field 'scene' is an empty file")
     fields = form.fields
     warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _FIELD_NAMES]
-    image_type = _required_text(fields, "image_type")
-    if image_type not in IMAGE_TYPES:
-        raise RequestError(400, f"image_type must be color, depth or label, got {quoted(image_type)}")
+    image_type = _choice(fields, "image_type", IMAGE_TYPES)
     width, height = _image_side(fields, "width", config), _image_side(fields, "height", config)
     if width * height > config.max_pixels:
         raise RequestError(
@@ -145,6 +149,7 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         scene=form.scene,
         claimed_sha256=sha256_text.lower() if has_hash else None,
         scene_filename=form.scene_filename,
+        look=cast("LookChoice", _choice(fields, LOOK_FIELD, LOOKS)) if LOOK_FIELD in fields else None,
         warnings=tuple(warnings),
     )
 
@@ -156,6 +161,14 @@ def _required_text(fields: dict[str, str], name: str) -> str:
         hint = "; depth images need it" if name in ("min_depth", "max_depth") else ""
         raise RequestError(400, f"the field '{name}' {problem}{hint}")
     return value
+
+
+def _choice(fields: dict[str, str], name: str, choices: tuple[str, ...]) -> str:
+    text = _required_text(fields, name)
+    if text not in choices:
+        listed = f"{', '.join(choices[:-1])} or {choices[-1]}"
+        raise RequestError(400, f"{name} must be {listed}, got {quoted(text)}")
+    return text
 
 
 def _image_side(fields: dict[str, str], name: str, config: RenderConfig) -> int:

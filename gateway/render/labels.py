@@ -38,4 +38,4 @@ def unlabelled(scene: DrawList) -> DrawList:
     if all(instance.label == LABEL_NONE for instance in scene.instances):
         return scene
     instances = (Instance(i.mesh, i.material, i.X_world_mesh, LABEL_NONE, i.instance_id) for i in scene.instances)
-    return DrawList(tuple(instances), scene.images)
+    return DrawList(tuple(instances), scene.images, scene.lights)

@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.gltf import DRAKE_MERGER, GltfError, HashedDocument
 from gateway.render.camera import camera_of
-from gateway.render.config import RenderConfig
+from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
@@ -85,10 +85,11 @@ class Pipeline:
         draw_list = self._with_backdrop(scene.draw_list)
         parsed_time = time.perf_counter()
         look = Look(
-            self._look_name(scene.generator),
+            self._look_name(request.look or self._config.look, scene.generator),
             self._config.background,
             self._config.samples,
-            alpha_threshold=self._config.alpha_threshold,
+            self._config.rig,
+            self._config.alpha_threshold,
         )
         with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
             rendered_time = time.perf_counter()
@@ -107,10 +108,8 @@ class Pipeline:
             warnings=scene.warnings + _label_warnings(scene, request),
         )
 
-    def _look_name(self, generator: str) -> LookName:
-        if self._config.look != "auto":
-            return self._config.look
-        return _LOOKS.get(generator, self._config.default_look)
+    def _look_name(self, choice: LookChoice, generator: str) -> LookName:
+        return choice if choice != "auto" else _LOOKS.get(generator, self._config.default_look)
 
     def _with_backdrop(self, draw_list: DrawList) -> DrawList:
         backdrop = self._backdrop() if self._backdrop is not None else None
@@ -122,7 +121,7 @@ class Pipeline:
             self._last_backdrop = cached
         flattened = cached[1]
         images = tuple(dict.fromkeys((*draw_list.images, *flattened.images)))
-        return DrawList((*draw_list.instances, *flattened.instances), images)
+        return DrawList((*draw_list.instances, *flattened.instances), images, draw_list.lights + flattened.lights)
 
     def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":

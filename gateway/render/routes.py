@@ -9,7 +9,7 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import IMAGE_TYPES, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
+from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.render.handler import RenderHandler
 from gateway.render.service import RenderService
 from gateway.server.openapi import example
@@ -93,6 +93,7 @@ def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
                 "SHA-256 of the scene, in hexadecimal; other text is ignored.",
                 **text,
             ),
+            LOOK_FIELD: _field("string", f"Shading; default: {config.look}, the setting --look.", enum=list(LOOKS)),
             "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
         },
         "allOf": [

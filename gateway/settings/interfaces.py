@@ -10,6 +10,7 @@ from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
 from gateway.settings.types import Color, Interfaces, LcmUrl, Paths, Port, PortOrOff, Samples
+from renderers.interface import LookName
 
 
 class InterfaceSettings(BaseSettings):
@@ -37,11 +38,18 @@ class InterfaceSettings(BaseSettings):
 
     # --- Render endpoint
     render_path: str = option("/render", "Render endpoint", "Path of Drake's render endpoint.", pattern=r"^/\S*[^/\s]$")
-    look: Literal["auto", "phong", "pbr", "gltf"] = option(
+    look: Literal["auto", LookName] = option(
         "auto",
         "Render endpoint",
         "Shading of colour images: 'phong' as RenderEngineVtk without glTF meshes, 'pbr' as with them, 'gltf' as the "
-        "glTF specification says; 'auto' is 'phong' or 'pbr' for Drake's scenes, and 'gltf' for others.",
+        "glTF specification says; 'auto' is 'phong' or 'pbr' for Drake's scenes, and 'gltf' for others; 'plain' as the "
+        "browser view, 'studio' with the lights and environment of --rig.",
+    )
+    rig: Path | None = option(
+        None,
+        "Render endpoint",
+        "TOML file with lights, environment map and exposure of the look 'studio' of the render endpoint, GET "
+        "/scene/render and /view/frame.jpg; or a Radiance image (.hdr), the environment map alone.",
     )
     samples: Samples = option(
         1,
@@ -86,14 +94,6 @@ class InterfaceSettings(BaseSettings):
     )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder in which rejected render requests are stored for replay."
-    )
-
-    # --- Live scene
-    rig: Path | None = option(
-        None,
-        "Live scene",
-        "TOML file with lights, environment map and exposure of the 'studio' look of GET /scene/render and "
-        "/view/frame.jpg.",
     )
 
     # --- Tree viewer

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from gateway.assets.light_rig_file import rig_of
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
 from gateway.render.events import RenderRecord
@@ -41,6 +42,7 @@ def _config(settings: Settings) -> RenderConfig:
     return RenderConfig(
         path=settings.render_path,
         look=settings.look,
+        rig=rig_of(settings.rig),
         samples=settings.samples,
         background=settings.background,
         alpha_threshold=settings.alpha_threshold,

@@ -105,11 +105,11 @@ def surfaces_in_drawing_order(
     """Yield the surfaces that each pixel shows while instances are drawn one after the other, from last to first.
 
     VTK blends a surface that it does not treat as transparent with the pixel's colour so far. From then on the surface
-    hides everything behind it. A surface of alpha 0 is not drawn and hides nothing.
+    hides everything behind it. A surface of alpha 0 is not drawn and hides nothing. Opaque instances are drawn first.
 
     Args:
-        select, cull_back: as in ``Rasterizer.visibility``.
-        nearest: the visible surfaces, which are the first layer. The caller closes it.
+        select: the instances that are blended. cull_back: as in ``Rasterizer.visibility``.
+        nearest: the visible surfaces, opaque ones included, which are the first layer. The caller closes it.
         transmittance: (H, W), share of the light from behind the layers so far. The caller updates it for every layer
             before requesting the next. Where a layer leaves it unchanged, the layer's alpha is 0.
     """

@@ -21,6 +21,11 @@ HAS_UV1: Final = 4  # must be the bit after HAS_UV0
 HAS_COLORS: Final = 8
 HAS_TANGENTS: Final = 16
 
+# Values of ``lighting`` in MATERIAL.
+UNLIT: Final = 0
+LAMBERT: Final = 1
+METALLIC_ROUGHNESS: Final = 2
+
 # Columns of ``vertices`` in INSTANCE: one vector of float32 per vertex.
 V_POSITION: Final = 0  # 3 values
 V_NORMAL: Final = 3  # 3 values
@@ -56,7 +61,8 @@ MATERIAL: Final = Struct(
     "ShadingMaterial",
     {
         "alpha_mode": I64,  # ALPHA_ constant of materials
-        "unlit": I64,
+        "lighting": I64,  # UNLIT, LAMBERT or METALLIC_ROUGHNESS
+        "gamma": I64,  # headlight looks: 1 if the colour is linear and stored by gamma; 0 if it is stored as it is
         "vertex_colors": I64,  # COLORS_ constant of materials
         "uv_sets": I64,  # bit 0: a texture reads uv0; bit 1: a texture reads uv1
         "has_gradients": I64,  # 1: shading reads uv_gradient

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Sampler, Texture, Wrap
 from renderers.interface import VTK_LOOKS, LookName
-from renderers.shading.layout import MATERIAL
+from renderers.shading.layout import LAMBERT, MATERIAL, METALLIC_ROUGHNESS, UNLIT
 from renderers.shading.texture_table import TextureTable
 
 _FIELDS: Final = MATERIAL.dtype.names or ()
@@ -21,17 +21,23 @@ VTK_PBR_ROUGHNESS: Final = 0.5
 material says (the exporter writes a constant 1.0). Measured against RenderEngineVtk."""
 
 
+def drawn_material(material: Material, look: LookName) -> Material:
+    """Return the material that the look draws: in the looks of VTK, the one that VTK reads."""
+    return material.fallback or material if look in VTK_LOOKS else material
+
+
 def look_material(material: Material, look: LookName) -> Material:
     """Return the material as the look shades it. All deviations of materials from the glTF specification are here.
 
     - ``phong``, ``plain``: only the base colour, its texture and vertex colours are used, as RenderEngineVtk (without
       glTF meshes) and RenderEngineGl do.
     - ``plain``: the base colour factor is encoded as sRGB. (So are vertex colours, in the buffers of the mesh.)
-    - ``phong``, ``pbr``: every alpha blends, textures are sampled as in VTK, and the material's ``fallback`` is used.
+    - ``phong``, ``pbr``: the material's ``fallback`` is used, every alpha blends, and textures are sampled as in VTK.
     - ``pbr``: emission needs an emissive texture, and occlusion a metallic-roughness texture. Textures of 16 bits are
       linear (``material_values``).
     - ``pbr``, ``gltf``, ``studio``: materials written by VTK's exporter are dielectrics of roughness 0.5.
     """
+    material = drawn_material(material, look)
     if look in VTK_LOOKS:
         material = _vtk_material(material)
     if look in ("phong", "plain"):
@@ -62,7 +68,6 @@ def look_material(material: Material, look: LookName) -> Material:
 
 def _vtk_material(material: Material) -> Material:
     """Return a glTF material as vtkGLTFImporter imports it."""
-    material = material.fallback or material
     metallic_roughness, emissive = material.metallic_roughness_texture, material.emissive_texture
     return replace(
         material,
@@ -166,6 +171,12 @@ class MaterialTable:
         return structs
 
 
+def _lighting(material: Material, look: LookName) -> int:
+    if material.unlit:
+        return UNLIT
+    return LAMBERT if material.lambert or look in ("phong", "plain") else METALLIC_ROUGHNESS
+
+
 def material_values(material: Material, look: LookName, lit: bool, textures: TextureTable) -> dict[str, Any]:
     """Return the fields of a MATERIAL, by name; its textures are added to ``textures``.
 
@@ -190,7 +201,8 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
     strength = adapted.emissive_strength if look == "studio" else 1.0
     values: dict[str, Any] = {
         "alpha_mode": _ALPHA_MODES[adapted.alpha_mode],
-        "unlit": int(not lit),
+        "lighting": _lighting(adapted, look),
+        "gamma": int(look in ("pbr", "gltf") and not adapted.lambert),
         "vertex_colors": vertex_color_rule(adapted, look),
         "base_color_texture": index_of(adapted.base_color_texture, True, look in ("pbr", "gltf", "studio")),
         "metallic_roughness_texture": index_of(adapted.metallic_roughness_texture, lit),

@@ -14,11 +14,11 @@ from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f64_at
-from renderers.drawlist import AlphaMode, Instance, Topology
+from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
 from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, TEXTURE
-from renderers.shading.materials import MaterialTable
+from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.spans import SPAN_OFFSETS
 from renderers.shading.texture_table import Parallel, TextureTable
@@ -48,7 +48,7 @@ class ShadingScene:
     """(n,) True for instances that are not opaque everywhere. They are blended or cut out after all others."""
     blended_in_place: NDArray[np.bool_]
     """(n,) True for other instances that are not opaque everywhere, in the looks of VTK. They are blended with the
-    surfaces drawn before them, and hide the surfaces behind them that are drawn later."""
+    surfaces drawn before them, opaque ones included, and hide those behind them that are drawn later."""
     has_transparency: bool
     """True if ``transparent`` or ``blended_in_place`` is set for any instance: an image may need several layers."""
     tables: tuple[int, ...]
@@ -62,16 +62,14 @@ class ShadingScene:
         return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, MeshBuffers)))
 
 
-def _is_transparent(instance: Instance, look: LookName) -> bool:
-    """Return True if surfaces behind the instance may be visible through it, in whatever order they are drawn.
+def _is_transparent(material: Material, mesh: Mesh, look: LookName) -> bool:
+    """Return True if surfaces behind an instance may be visible through it, in whatever order they are drawn.
 
     VTK treats a surface as transparent if its base colour factor or a vertex colour has an alpha below 1. For materials
     written by its own exporter, a translucent texture counts as well.
     """
-    material = instance.material
     if look in VTK_LOOKS:
-        material = material.fallback or material
-        texture, colors = material.base_color_texture, instance.mesh.colors
+        texture, colors = material.base_color_texture, mesh.colors
         return (
             material.base_color[3] < 1.0
             or (colors is not None and bool((colors[:, 3] < 1.0).any()))
@@ -80,14 +78,14 @@ def _is_transparent(instance: Instance, look: LookName) -> bool:
     if material.alpha_mode is AlphaMode.OPAQUE:
         return False
     texture = material.base_color_texture
-    has_uniform_alpha = instance.mesh.colors is None and (texture is None or texels_of(texture.image).opaque)
+    has_uniform_alpha = mesh.colors is None and (texture is None or texels_of(texture.image).opaque)
     opaque_alpha = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
     return not (has_uniform_alpha and material.base_color[3] >= opaque_alpha)
 
 
-def _has_alpha(instance: Instance) -> bool:
-    """Return True if the base colour texture is not opaque in the looks of VTK."""
-    texture = (instance.material.fallback or instance.material).base_color_texture
+def _has_alpha(material: Material) -> bool:
+    """Return True if the base colour texture is not opaque."""
+    texture = material.base_color_texture
     return texture is not None and not texels_of(texture.image).opaque
 
 
@@ -122,11 +120,15 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         table[i] = (topology, material, *fields)
     check_stop()
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
-    cull_back = np.array([not instance.material.double_sided for instance in instances], np.bool_)
+    drawn = [drawn_material(instance.material, look) for instance in instances]
+    cull_back = np.array([not material.double_sided for material in drawn], np.bool_)
     check_stop()
-    transparent = np.array([_is_transparent(instance, look) for instance in instances], np.bool_)
-    is_blended_in_place = [look in VTK_LOOKS and _has_alpha(instance) for instance in instances]
-    blended_in_place = np.array(is_blended_in_place, np.bool_) & ~transparent
+    is_transparent = [
+        _is_transparent(material, each.mesh, look) for material, each in zip(drawn, instances, strict=True)
+    ]
+    transparent = np.array(is_transparent, np.bool_)
+    blended_in_place = np.array([look in VTK_LOOKS and _has_alpha(material) for material in drawn], np.bool_)
+    blended_in_place &= ~transparent
     return ShadingScene(
         look=look,
         instances=table,

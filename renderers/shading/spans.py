@@ -20,6 +20,7 @@ from renderers.shading.layout import (
     PIXELS,
     SEGMENT,
     SPANS,
+    UNLIT,
 )
 
 _NO_ID: Final = -(2**31)
@@ -165,7 +166,7 @@ def select_instance(segment, index):
     segment.matrices = job.matrices[index]
     segment.X_camera_mesh = f64_at(address(job.X_camera_mesh) + 8 * 16 * index)
     read_attributes = HAS_COLORS
-    if material.unlit == 0:
+    if material.lighting != UNLIT:
         read_attributes |= HAS_NORMALS
     if material.normal_texture >= 0:
         read_attributes |= HAS_TANGENTS

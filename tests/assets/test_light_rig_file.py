@@ -11,7 +11,7 @@ import pytest
 
 from gateway.assets.light_rig_file import RigFileError, read_rig, rig_digest, rig_of
 from renderers.drawlist import Light, LightKind
-from renderers.light_rig import STUDIO, Hemisphere, Rig, Softbox
+from renderers.light_rig import STUDIO, Hemisphere, Rig, Softbox, Surroundings
 
 EVERYTHING = """
 exposure = 1.5
@@ -108,6 +108,28 @@ def test_the_digest_covers_the_file_and_its_image(tmp_path: Path) -> None:
     second = rig_digest(path)
     path.write_text(path.read_text() + "\nintensity = 2")
     assert len({first, second, rig_digest(path)}) == 3
+
+
+def test_an_environment_map_is_a_rig(tmp_path: Path) -> None:
+    """It lights the scene alone, as in Drake's RenderEngineVtk."""
+    path = tmp_path / "Sky.HDR"
+    sky = cv2.imencode(".hdr", np.ones((4, 8, 3), np.float32))[1].tobytes()
+    path.write_bytes(sky)
+    assert read_rig(path) == Rig(surroundings=Surroundings(image=sky))
+    digest = rig_digest(path)
+    path.write_bytes(sky[:-1] + b"\x80")
+    assert rig_digest(path) != digest
+    path.write_bytes(b"P6")
+    with pytest.raises(RigFileError, match=r"Sky.HDR: the surroundings are no Radiance image"):
+        read_rig(path)
+
+
+def test_lights_of_a_scene_are_metered_unless_the_file_has_an_exposure(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("shadow_size = 0")
+    assert read_rig(path).auto_exposure
+    path.write_text("exposure = 1.0")
+    assert not read_rig(path).auto_exposure
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:

@@ -406,12 +406,11 @@ def test_warns_about_an_ignored_rig(scenes: Path, tmp_path: Path, draw: Draw) ->
 
     light = '[[lights]]\nkind = "directional"\n'
     drake = "drawn as Drake shows it, without --rig; --look studio takes it"
-    request = "a recorded request is drawn as /render does, without --rig"
     replaced = "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
-    assert warned(light) == {"drake.gltf": drake, "depth.multipart": request, "lit.gltf": replaced}
-    assert warned(light, look="studio") == {"depth.multipart": request, "lit.gltf": replaced}
-    assert warned(f"scene_lights = false\n{light}") == {"drake.gltf": drake, "depth.multipart": request}
-    assert warned("exposure = 2.0\n", look="studio") == {"depth.multipart": request}
+    assert warned(light) == {"drake.gltf": drake, "depth.multipart": drake, "lit.gltf": replaced}
+    assert warned(light, look="studio") == {"lit.gltf": replaced}
+    assert warned(f"scene_lights = false\n{light}") == {"drake.gltf": drake, "depth.multipart": drake}
+    assert warned("exposure = 2.0\n", look="studio") == {}
     assert warned(light, ("depth",)) == {}
     assert warned(light, look="pbr") == {}
 

@@ -79,13 +79,13 @@ class Gltf:
     def material(self, **fields: Any) -> int:
         return self._add("materials", fields)
 
-    def mesh(self, attributes: dict[str, np.ndarray], indices: np.ndarray, material: int) -> int:
+    def mesh(self, attributes: dict[str, np.ndarray], indices: np.ndarray, material: int | None) -> int:
         """Add a mesh of float32 attributes and triangles."""
         references = {name: self._accessor(values.astype(np.float32)) for name, values in attributes.items()}
         primitive = {
             "attributes": references,
             "indices": self._accessor(indices.astype(np.uint16).reshape(-1, 1)),
-            "material": material,
+            **({} if material is None else {"material": material}),
         }
         return self._add("meshes", {"primitives": [primitive]})
 

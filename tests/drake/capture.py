@@ -4,6 +4,7 @@
 
 FOLDER/NAME gets, for each of color, depth and label, the posted scene (``color.gltf``) and form fields
 (``color.json``), and RenderEngineVtk's image: ``color.png``, ``depth.npy`` (float32, metres), ``label.npy`` (int16).
+``color_copy.png`` is the colour image of a copy of the context, for which RenderEngineVtk draws in another order.
 """
 
 from __future__ import annotations
@@ -144,7 +145,9 @@ def capture(name: str, folder: Path, base_url: str) -> None:
     with tempfile.TemporaryDirectory() as files:
         scene = SCENES[name](Path(files))
         scene_graph = scene_graph_of(scene, base_url)  # a query does not keep it alive
-        query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+        context = scene_graph.CreateDefaultContext()
+        query, copy = (scene_graph.get_query_output_port().Eval(each) for each in (context, context.Clone()))
+        (folder / "color_copy.png").write_bytes(png(images(copy, "vtk", scene)["color"]))
         vtk = images(query, "vtk", scene)
         (folder / "color.png").write_bytes(png(vtk["color"]))
         np.save(folder / "depth.npy", vtk["depth"])

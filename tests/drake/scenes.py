@@ -532,6 +532,22 @@ def _textured_quads(folder: Path, texture: np.ndarray, **material: Any) -> Scene
     return Scene([BEHIND, Body(gltf(folder, document))])
 
 
+@scene("without_material")
+def without_material(folder: Path) -> Scene:
+    """A ball, a tilted quad and one seen from behind, without a material, in the first glTF file and in later ones."""
+    document = Gltf()
+    tilted, turned = quad(0.2, 0.2), quad(0.2, 0.2)
+    tilted[0]["POSITION"] = tilted[0]["POSITION"] @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]) + [0, 0.27, 0]
+    tilted[0]["NORMAL"] = tilted[0]["NORMAL"] @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+    turned[0]["POSITION"] = turned[0]["POSITION"] * [-1, 1, 1] - [0, 0.27, 0]
+    meshes = [document.mesh(*shape, None) for shape in (sphere(0.12), tilted, turned)]
+    primitives = [document.document["meshes"][mesh]["primitives"][0] for mesh in meshes]
+    document.document["meshes"] = [{"primitives": primitives}]  # Drake 1.51 does not tell the roots of files apart
+    document.node(0)
+    mesh = gltf(folder, document)
+    return Scene([BEHIND, *(Body(mesh, (x, 0, 0)) for x in (-0.35, 0.0, 0.35))])
+
+
 @scene("grey_alpha")
 def grey_alpha(folder: Path) -> Scene:
     return _textured_quads(folder, PRIMITIVE_TEXTURES["grey_alpha"])

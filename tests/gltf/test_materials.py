@@ -393,14 +393,32 @@ def test_invalid_values_are_repaired_with_a_warning() -> None:
     [
         ({"emissiveFactor": [1, 2]}, r"materials\[0\]\.emissiveFactor: 2 numbers instead of 3"),
         ({"alphaMode": "GLASS"}, r"materials\[0\]\.alphaMode: 'GLASS' is not OPAQUE, MASK or BLEND"),
-        ({"normalTexture": {"index": 3}}, r"materials\[0\]\.normalTexture\.index: 3 is out of range \(1 textures\)"),
-        ({"normalTexture": {}}, r"materials\[0\]\.normalTexture\.index: missing"),
-        ({"normalTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": 2}}}}, "transform"),
     ],
 )
 def test_errors_name_the_material(material: dict[str, Any], message: str) -> None:
     with pytest.raises(GltfError, match=message):
         read_material(material, with_texture())
+
+
+@pytest.mark.parametrize(
+    ("info", "texture", "message"),
+    [
+        ({"index": 3}, {}, "materials[0].normalTexture.index: 3 is out of range (1 textures)"),
+        ({}, {}, "materials[0].normalTexture.index: missing"),
+        ({"index": 0, "extensions": {"KHR_texture_transform": {"scale": 2}}}, {}, "KHR_texture_transform: Expected"),
+        (
+            {"index": 0},
+            {"source": None, "extensions": {"EXT_texture_webp": {"source": "x"}}},
+            "textures[0].extensions.EXT_texture_webp: Expected",
+        ),
+    ],
+)
+def test_a_texture_that_cannot_be_read_is_left_out(info: Any, texture: dict[str, Any], message: str) -> None:
+    material, scene = read_material({"normalTexture": info, "alphaMode": "MASK"}, with_texture(**texture))
+    assert (material.normal_texture, material.alpha_mode) == (None, AlphaMode.MASK)
+    (warning,) = scene.warnings
+    assert message in warning
+    assert warning.endswith("; the texture is left out")
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from gateway.render.labels import labels_of
 from gateway.scene.flatten import flatten
 from renderers.cache import Cache, CacheBudget
 from renderers.drawlist import DrawList, Instance, PosedInstances
+from renderers.shading.materials import look_material
 from tests.gltf.builder import Builder
 from tests.support.corpus import drake_scenes
 
@@ -55,6 +56,20 @@ def test_merged_files_come_first_and_backwards() -> None:
     b.json["scenes"] = [{"nodes": [exported, first, second]}]
     xs = [instance.X_world_mesh[0, 3] for instance in drawn(read_gltf(b.text())).instances]
     assert xs == [4, 3, 3.25, 3.5, 1, 2]
+
+
+def test_primitives_without_material_are_lit_as_by_render_engine_vtk() -> None:
+    """Physically in the first glTF file, and with Lambert's law in the others, whatever the order of drawing."""
+    b = Builder(DRAKE_MERGER)
+    bare, named = b.triangle(), b.triangle(material=b.add("materials", {}))
+    exported = b.node(mesh=named)
+    first, second = b.node(mesh=bare), b.node(children=[b.node(mesh=bare)])
+    b.json["scenes"] = [{"nodes": [exported, first, second]}]
+    materials = [instance.material for instance in drawn(read_gltf(b.text())).instances]
+    seen = [look_material(material, "pbr") for material in materials]
+    assert [(each.lambert, each.double_sided) for each in seen] == [(True, True), (False, True), (False, False)]
+    assert (seen[1].metallic, seen[1].roughness) == (0.0, 0.5)
+    assert [look_material(material, "gltf").lambert for material in materials] == [False, False, False]
 
 
 @pytest.mark.corpus

@@ -6,20 +6,22 @@ import json
 import logging
 import re
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import pytest
 import structlog
 from structlog.testing import capture_logs
 
-from gateway.render.config import RenderConfig
+from gateway.render.config import LookChoice, RenderConfig
+from gateway.render.form import LOOK_FIELD
 from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import ImageError, Instance, Material
 from renderers.interface import Output
+from renderers.light_rig import Rig
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused, decoded
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
@@ -68,22 +70,28 @@ async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: Watc
 
 
 @pytest.mark.parametrize(
-    ("generator", "look", "name"),
+    ("generator", "look", "field", "name"),
     [
-        ("VTK", "auto", "phong"),
-        ("Drake glTF merger", "auto", "pbr"),
-        ("Blender", "auto", "gltf"),
-        ("VTK", "pbr", "pbr"),
-        ("VTK", "gltf", "gltf"),
-        ("Drake glTF merger", "phong", "phong"),
+        ("VTK", "auto", None, "phong"),
+        ("Drake glTF merger", "auto", None, "pbr"),
+        ("Blender", "auto", None, "gltf"),
+        ("VTK", "pbr", None, "pbr"),
+        ("VTK", "gltf", None, "gltf"),
+        ("VTK", "studio", None, "studio"),
+        ("Drake glTF merger", "phong", None, "phong"),
+        ("Drake glTF merger", "phong", "plain", "plain"),
+        ("Drake glTF merger", "studio", "auto", "pbr"),
     ],
 )
-async def test_the_look_follows_the_generator(
-    start: Start, watched: WatchedRenderer, generator: str, look: Literal["auto", "phong", "pbr", "gltf"], name: str
+async def test_the_look_follows_the_form_the_setting_and_the_generator(
+    start: Start, watched: WatchedRenderer, generator: str, look: LookChoice, field: str | None, name: str
 ) -> None:
-    async with start(watched, RenderConfig(look=look, background=(1, 2, 3))) as server:
-        response = await server.post(body(gltf(generator=generator)), CONTENT_TYPE)
+    rig = Rig(exposure=0.5)
+    async with start(watched, RenderConfig(look=look, background=(1, 2, 3), rig=rig)) as server:
+        scene = json.dumps(gltf(generator=generator)).encode()
+        response = await server.post(body(scene, drake_fields(scenegate_look=field)), CONTENT_TYPE)
     assert watched.calls[0][3].name == name
+    assert watched.calls[0][3].rig == rig
     assert (decoded(response) == (1, 2, 3)).all()
 
 
@@ -180,7 +188,7 @@ async def test_docs_describe_the_form(start: Start, watched: WatchedRenderer) ->
     operation = schema["paths"]["/elsewhere/render"]["post"]
     form = operation["requestBody"]["content"]["multipart/form-data"]["schema"]
     assert form["properties"]["scene"]["format"] == "binary"
-    assert set(drake_fields("depth")) | {"scene", "scene_sha256"} == set(form["properties"])
+    assert set(drake_fields("depth")) | {"scene", "scene_sha256", LOOK_FIELD} == set(form["properties"])
     assert set(operation["responses"]) == {"200", "400", "408", "413", "500", "503"}
     defaults = {name: str(p["default"]) for name, p in form["properties"].items() if "default" in p}
     async with start(watched) as server:  # what /docs proposes is a request that works

@@ -142,6 +142,15 @@ def test_unknown_fields_are_ignored_with_a_warning() -> None:
     assert request.warnings == ("the field 'renderer' is unknown and ignored",)
 
 
+def test_the_look_is_a_choice_that_drake_never_sends() -> None:
+    assert read(body(SCENE, drake_fields())).look is None
+    assert read(body(SCENE, drake_fields(scenegate_look="studio"))).look == "studio"
+    choices = "scenegate_look must be auto, phong, pbr, gltf, plain or studio, got "
+    for name in ("Studio", "vtk", "x" * 500):
+        assert refused_fields(scenegate_look=name) == choices + quoted(name)
+    assert refused_fields(scenegate_look="") == "the field 'scenegate_look' is empty"
+
+
 def test_a_missing_focal_length_comes_from_the_field_of_view() -> None:
     request = read(body(SCENE, drake_fields(focal_x=None, focal_y="")))
     assert request.focal_x == pytest.approx(57.941125, rel=1e-6)

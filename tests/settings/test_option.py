@@ -45,7 +45,7 @@ def test_defaults(default: Any, text: str) -> None:
         ("background", "R,G,B"),
         ("stereo_cameras", "CAMERAS"),
         ("only", "NAMES"),
-        ("look", "auto|phong|pbr|gltf"),
+        ("look", "auto|phong|pbr|gltf|plain|studio"),
         ("clock", "real|simulated"),
     ],
 )

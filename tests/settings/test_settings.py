@@ -62,7 +62,12 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
         ({"http_port": "x"}, {}, "", "--http-port: input should be a valid integer"),
         ({}, {"SCENEGATE_HTTP_PORT": "70000"}, "", "SCENEGATE_HTTP_PORT: input should be less than or equal to 65535"),
         ({}, {}, "queue = -1", "queue in {file}: input should be greater than or equal to 0, got -1."),
-        ({"look": "vtk"}, {}, "", "--look: input should be 'auto', 'phong', 'pbr' or 'gltf', got 'vtk'."),
+        (
+            {"look": "vtk"},
+            {},
+            "",
+            "--look: input should be 'auto', 'phong', 'pbr', 'gltf', 'plain' or 'studio', got 'vtk'.",
+        ),
         ({"only": "render,foo"}, {}, "", "--only: input should be 'render'"),
         ({"render_path": "render"}, {}, "", "--render-path: "),
         ({"background": "red"}, {}, "", "--background: must be R,G,B: three whole numbers of 0 to 255, got 'red'."),

@@ -18,7 +18,6 @@ HEADLIGHT_JOB: Final = Struct(
     "HeadlightJob",
     {
         "shading": SHADING_JOB,
-        "pbr": I64,  # 1: pbr or gltf; 0: phong or plain
         "mode": I64,  # DIRECT, GATHER or UNDER
         "width": I64,  # pixels of the image
         "height": I64,

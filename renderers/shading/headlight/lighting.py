@@ -15,7 +15,7 @@ from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_r
 from renderers.shading.headlight.layout import DIRECT
 from renderers.shading.headlight.output_merge import packed, write_pixels
 from renderers.shading.interpolation import pixel_columns
-from renderers.shading.layout import SPAN_STRIDE, STRIDE
+from renderers.shading.layout import LAMBERT, SPAN_STRIDE, STRIDE, UNLIT
 from renderers.shading.material import (
     apply_normal_map,
     fill_base_color,
@@ -39,15 +39,15 @@ def _base_color(material, pixels, has_rows, x):
 
 
 @inlined
-def _store_pixels(job, pixels, pbr, direct, packed_row, begin, x, rgb):
+def _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, rgb):
     """Store eight shaded pixels, for translucent layers in the rows ``base_color``.
 
     Args:
-        pbr: True: encode linear colours by gamma.
+        gamma: True: encode linear colours.
         direct: True: store packed pixels in ``packed_row`` instead.
     """
     if direct:
-        write_pixels(job, pbr, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
+        write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
     else:
         store3(pixels.base_color, x, STRIDE, rgb)
 
@@ -55,9 +55,10 @@ def _store_pixels(job, pixels, pbr, direct, packed_row, begin, x, rgb):
 @device_function
 def _shade_unlit(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour."""
-    direct, pbr, material, pixels = job.mode == DIRECT, job.pbr != 0, segment.material, segment.pixels
+    direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
+    gamma = material.gamma != 0
     for x in range(0, count, vec.LANES):
-        _store_pixels(job, pixels, pbr, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
+        _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, _base_color(material, pixels, has_rows, x))
 
 
 @inlined
@@ -67,7 +68,7 @@ def _headlight_cosine(normal):
 
 
 @device_function
-def _shade_phong(job, segment, has_rows, begin, count, packed_row):
+def _shade_lambert(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
     direct, pixels = job.mode == DIRECT, segment.pixels
     if has_rows:
@@ -121,14 +122,14 @@ def _shade_pbr(job, segment, has_rows, begin, count, packed_row):
 
 
 @inlined
-def is_uniform_phong(job, segment):
+def is_uniform_lambert(job, segment):
     """Return True if the colour of a segment depends on its normals only."""
-    return job.mode == DIRECT and job.pbr == 0 and segment.material.unlit == 0 and not has_varying_color(segment)
+    return job.mode == DIRECT and segment.material.lighting == LAMBERT and not has_varying_color(segment)
 
 
 @device_function
 def fill_spans(segment, span, part_end_span, packed_row):
-    """Write spans of one colour each: ``is_uniform_phong``, with a constant normal along each span.
+    """Write spans of one colour each: ``is_uniform_lambert``, with a constant normal along each span.
 
     Walls, floors and meshes without normals have such spans. ``set_up_spans`` has filled SPANS.
     """
@@ -156,10 +157,10 @@ def shade(job, segment, begin, end, packed_row):
     has_rows = has_varying_color(segment) or job.mode != DIRECT
     if has_rows:
         fill_base_color(segment, count, job.mode != DIRECT)
-    if material.unlit != 0:
+    if material.lighting == UNLIT:
         _shade_unlit(job, segment, has_rows, begin, count, packed_row)
-    elif job.pbr == 0:
-        _shade_phong(job, segment, has_rows, begin, count, packed_row)
+    elif material.lighting == LAMBERT:
+        _shade_lambert(job, segment, has_rows, begin, count, packed_row)
     else:
         sample_maps(segment, count)
         apply_normal_map(segment, count)

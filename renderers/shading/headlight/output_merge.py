@@ -32,18 +32,18 @@ def packed(r, g, b):
 
 
 @inlined
-def write_pixels(job, pbr, packed_row, x, r, g, b):
-    """Store eight shaded pixels (f32x8 each) in a packed row; ``pbr``: encode linear colours by gamma."""
-    if pbr:
+def write_pixels(job, gamma, packed_row, x, r, g, b):
+    """Store eight shaded pixels (f32x8 each) in a packed row; ``gamma``: encode linear colours."""
+    if gamma:
         vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
         vec.store(packed_row, x, packed(r, g, b))
 
 
 @inlined
-def _encoded(job, c):
+def _encoded(job, gamma, c):
     """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte, f32x8."""
-    if job.pbr != 0:
+    if gamma:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
 
@@ -60,6 +60,7 @@ def gather(job, segment, begin, end):
     """Blend pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
+    gamma = segment.material.gamma != 0
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         transmittance = vec.load_volatile(gathered, 3 * channel_size + x)
@@ -74,7 +75,7 @@ def gather(job, segment, begin, end):
         is_added = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
             color = vec.load_volatile(gathered, k * channel_size + x)
-            added = share * _encoded(job, vec.load(pixels.base_color, k * STRIDE + x - begin))
+            added = share * _encoded(job, gamma, vec.load(pixels.base_color, k * STRIDE + x - begin))
             vec.store(gathered, k * channel_size + x, vec.select(is_added, color + added, color))
         vec.store(gathered, 3 * channel_size + x, vec.select(is_added, transmittance * (one - alpha), transmittance))
 
@@ -94,12 +95,11 @@ def _beneath(gathered, channel_size, x, r, g, b):
 def write_under(job, segment, begin, end, packed_row):
     """Write shaded pixels, blended behind the gathered layers."""
     gathered, channel_size = _gathered_row(job, segment.y)
-    pixels = segment.pixels
+    pixels, gamma = segment.pixels, segment.material.gamma != 0
     for x in range(begin, end, vec.LANES):
         r, g, b = load3(pixels.base_color, x - begin, STRIDE)
-        vec.store(
-            packed_row, x, _beneath(gathered, channel_size, x, _encoded(job, r), _encoded(job, g), _encoded(job, b))
-        )
+        r, g, b = _encoded(job, gamma, r), _encoded(job, gamma, g), _encoded(job, gamma, b)
+        vec.store(packed_row, x, _beneath(gathered, channel_size, x, r, g, b))
 
 
 @inlined

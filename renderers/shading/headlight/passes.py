@@ -64,12 +64,15 @@ def paint(
                 # No more layers where a layer is opaque: nothing is visible behind it.
                 layer.ids[transmittance <= 0.0] = -1
         if shading.blended_in_place.any():
+            blended = shading.blended_in_place
             for layer in surfaces_in_drawing_order(
-                rasterizer, scene, camera, ~transparent, cull_back, behind, transmittance
+                rasterizer, scene, camera, blended, cull_back, behind, transmittance
             ):
                 has_layers = True
                 _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-            behind.ids[:] = -1  # only the background is left
+            with rasterizer.visibility(scene, camera, select=~transparent & ~blended, cull_back=cull_back) as opaque:
+                _shade(rasterizer, shading, opaque, camera, look, UNDER, gathered, color)
+            return
         _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
 
 
@@ -121,7 +124,6 @@ class HeadlightJob:
         red, green, blue = look.background
         array[: job_end // 8].view(HEADLIGHT_JOB.dtype)[0] = (
             address + job_end,
-            look.name in ("pbr", "gltf"),
             mode,
             camera.width,
             camera.height,

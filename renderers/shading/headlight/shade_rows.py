@@ -10,7 +10,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import i32_at
 from renderers.primitive_ids import instance_of
 from renderers.shading.headlight.layout import DIRECT, GATHER, headlight_job_at
-from renderers.shading.headlight.lighting import fill_spans, is_uniform_phong, shade
+from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
 from renderers.shading.headlight.output_merge import gather, write_background, write_image_row, write_under
 from renderers.shading.interpolation import interpolate
 from renderers.shading.span_setup import set_up_spans
@@ -20,7 +20,7 @@ from renderers.shading.spans import begin_rows, find_spans, next_part, row_memor
 @device_function
 def _shade_segment(job, segment, span, end_span, packed_row):
     """Shade the spans ``span .. end_span - 1`` of the selected instance."""
-    starts, is_uniform = segment.starts, is_uniform_phong(job, segment)
+    starts, is_uniform = segment.starts, is_uniform_lambert(job, segment)
     begin, end = np.int64(starts[span]), np.int64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(segment, span, begin, end)

@@ -6,7 +6,7 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
-from renderers.shading.layout import STRIDE
+from renderers.shading.layout import STRIDE, UNLIT
 from renderers.shading.material import apply_normal_map, fill_base_color, sample_maps, unoccluded_share
 from renderers.shading.materials import ALPHA_MASK, ALPHA_OPAQUE
 from renderers.shading.sampling import sample
@@ -39,7 +39,7 @@ def fill_surfaces(segment, fill, count, surfaces, first):
         _fill_alpha(material, pixels, count, surfaces, first)
         if fill == ALPHA:
             return False
-    if material.unlit != 0:
+    if material.lighting == UNLIT:
         for x in range(0, count, vec.LANES):
             r, g, b = load3(pixels.base_color, x, STRIDE)
             store3(surfaces.emitted, first + x, STRIDE, (saturate(r), saturate(g), saturate(b)))

@@ -23,7 +23,7 @@ from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
 from renderers.shading.scene import ShadingScene, fill_shading_job
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
-from renderers.shading.studio.lights import light_structs
+from renderers.shading.studio.lights import exposed, light_structs
 from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
 from renderers.shading.studio.shadows import (
     ShadowMap,
@@ -69,16 +69,20 @@ def paint(
     cull_back = shading.cull_back
     opaque = ~shading.transparent if shading.has_transparency else None
     cameras = sample_cameras(camera, samples)
-    lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
+    has_scene_lights = bool(scene.lights) and rig.scene_lights
+    lights = (scene.lights if has_scene_lights else rig.lights)[:MAX_LIGHTS]
+    is_metered = has_scene_lights and rig.auto_exposure
     has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
     with ExitStack() as stack:
         visible: Visibility | None = None
-        if has_shadows or opaque is not None or samples == 1:
+        if has_shadows or is_metered or opaque is not None or samples == 1:
             visible = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back))
         shadow_maps: list[ShadowMap] = []
         map_of_light = [-1] * len(lights)
-        if has_shadows and visible is not None:
-            points = visible_points(visible, cameras[0])
+        points = visible_points(visible, cameras[0]) if visible is not None else np.zeros((0, 3))
+        if is_metered:
+            lights = exposed(lights, points)
+        if has_shadows:
             shadow_maps, map_of_light = render_shadow_maps(
                 rasterizer,
                 scene,

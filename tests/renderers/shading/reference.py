@@ -167,7 +167,9 @@ class Surface:
     """Of the material, whatever its mode."""
     material: Material
     is_transparent: bool
-    """VTK draws it after the others."""
+    """VTK draws it after the others, without hiding any."""
+    has_alpha: bool
+    """Its texture is not opaque: drawn after opaque surfaces, of whose order VTK makes no promise."""
 
 
 def blended_by_distance(surfaces: list[Surface], background: Array) -> Array:
@@ -184,9 +186,9 @@ def blended_by_distance(surfaces: list[Surface], background: Array) -> Array:
 
 
 def drawn_as_by_vtk(surfaces: list[Surface], background: Array) -> Array:
-    """Return a pixel's colour as OpenGL blends it, in the order of the list, transparent surfaces last."""
+    """Return a pixel's colour as OpenGL blends it, in the order of the list, but opaque surfaces first."""
     mixed, depth = background, np.inf
-    for surface in sorted(surfaces, key=lambda surface: surface.is_transparent):
+    for surface in sorted(surfaces, key=lambda surface: (surface.is_transparent, surface.has_alpha)):
         alpha = min(max(surface.alpha, 0.0), 1.0)
         if surface.z > depth or alpha == 0.0:
             continue
@@ -199,10 +201,12 @@ def is_transparent_for_vtk(instance: Instance) -> bool:
     material, colors = instance.material, instance.mesh.colors
     if material.base_color[3] < 1.0 or (colors is not None and (colors[:, 3] < 1.0).any()):
         return True
-    if material.base_color_texture is None or not material.vtk_export:
-        return False
-    alphas = set(material.base_color_texture.image.decode()[..., 3].ravel().tolist())
-    return bool(alphas - {0, 255}) or alphas == {0, 255}
+    return material.vtk_export and has_alpha(material)
+
+
+def has_alpha(material: Material) -> bool:
+    texture = material.base_color_texture
+    return texture is not None and bool((texture.image.decode()[..., 3] < 255).any())
 
 
 def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
@@ -214,7 +218,7 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
         X = view.X_camera_world @ instance.X_world_mesh
         corners = (instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3])[instance.mesh.elements]
         mirrored = np.linalg.det(X[:3, :3]) < 0
-        is_transparent = is_transparent_for_vtk(instance)
+        order = is_transparent_for_vtk(instance), has_alpha(instance.material)
         z, _ = hits(direction, corners)
         shown = (z > view.near) & (z < view.far)
         if not instance.material.double_sided:
@@ -222,7 +226,8 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
         triangles, pixels = np.nonzero(shown)
         colors = surface_colors(instance, triangles, X, direction[pixels], look.name)
         for triangle, p, color in zip(triangles, pixels, colors, strict=True):
-            surface = Surface(float(z[triangle, p]), color[:3], float(color[3]), instance.material, is_transparent)
+            material = instance.material
+            surface = Surface(float(z[triangle, p]), color[:3], float(color[3]), material, *order)
             layers[p].append(surface)
     blended = drawn_as_by_vtk if look.name in VTK_LOOKS else blended_by_distance
     result = np.array([blended(surfaces, background) for surfaces in layers]) * 255.0
