@@ -23,13 +23,11 @@ class RenderConfig:
 
     look: LookChoice = "auto"
     """Shading model, unless a request's form names one. ``auto`` selects the one that RenderEngineVtk would use, by the
-    scene's ``asset.generator``."""
+    scene's ``asset.generator``, and ``gltf`` for scenes of other programs."""
     rig: Rig = STUDIO
     """Lights and environment of the look ``studio``."""
     samples: SampleCount = 1
     """Samples per pixel of colour images (MSAA); with more than one, FXAA is not applied."""
-    default_look: LookName = "gltf"
-    """Shading model that ``auto`` selects for scenes of generators other than VTK and Drake's merger."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background of colour images, 0 .. 255; the default of Drake's engines."""
     alpha_threshold: float = 0.0

@@ -85,7 +85,7 @@ class Pipeline:
         draw_list = self._with_backdrop(scene.draw_list)
         parsed_time = time.perf_counter()
         look = Look(
-            self._look_name(request.look or self._config.look, scene.generator),
+            _look_of(request.look or self._config.look, scene.generator),
             self._config.background,
             self._config.samples,
             self._config.rig,
@@ -107,9 +107,6 @@ class Pipeline:
             element_count=scene.element_count,
             warnings=scene.warnings + _label_warnings(scene, request),
         )
-
-    def _look_name(self, choice: LookChoice, generator: str) -> LookName:
-        return choice if choice != "auto" else _LOOKS.get(generator, self._config.default_look)
 
     def _with_backdrop(self, draw_list: DrawList) -> DrawList:
         backdrop = self._backdrop() if self._backdrop is not None else None
@@ -148,6 +145,11 @@ def _label_warnings(scene: PreparedScene, request: RenderRequest) -> tuple[str, 
         "labels in materials. Give them one in their glTF file"
     )
     return (sentence,)
+
+
+def _look_of(choice: LookChoice, generator: str) -> LookName:
+    """Return the look of a scene, by its ``asset.generator`` if the choice is ``auto``."""
+    return choice if choice != "auto" else _LOOKS.get(generator, "gltf")
 
 
 def posted_document(request: RenderRequest) -> HashedDocument:

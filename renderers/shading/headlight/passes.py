@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -45,7 +46,7 @@ def paint(
         scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
     """
-    cull_back, transparent = shading.cull_back, shading.transparent
+    cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
     if not shading.has_transparency:
         with rasterizer.visibility(scene, camera, cull_back=cull_back) as visible:
             _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
@@ -54,7 +55,8 @@ def paint(
     gathered[3] = 1.0
     transmittance = gathered[3, :, : camera.width]
     has_layers, in_drawing_order = False, look.name in VTK_LOOKS
-    with rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull_back) as behind:
+    with ExitStack() as stack:
+        behind = stack.enter_context(rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull_back))
         if transparent.any():
             for layer in peeled(
                 rasterizer, scene, camera, transparent, cull_back, behind, in_drawing_order=in_drawing_order
@@ -63,16 +65,15 @@ def paint(
                 _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
                 # No more layers where a layer is opaque: nothing is visible behind it.
                 layer.ids[transmittance <= 0.0] = -1
-        if shading.blended_in_place.any():
-            blended = shading.blended_in_place
+        if blended.any():
             for layer in surfaces_in_drawing_order(
                 rasterizer, scene, camera, blended, cull_back, behind, transmittance
             ):
                 has_layers = True
                 _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-            with rasterizer.visibility(scene, camera, select=~transparent & ~blended, cull_back=cull_back) as opaque:
-                _shade(rasterizer, shading, opaque, camera, look, UNDER, gathered, color)
-            return
+            behind = stack.enter_context(
+                rasterizer.visibility(scene, camera, select=~(transparent | blended), cull_back=cull_back)
+            )
         _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
 
 
