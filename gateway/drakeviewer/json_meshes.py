@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Annotated, Any, Final
 
 import msgspec
+import pybase64
 
 from gateway.assets.mesh_files import MeshFileError, MeshFiles, quoted
 from gateway.drakeviewer.messages import MessageError
@@ -36,7 +36,7 @@ class FileSource(msgspec.Struct):
         if self.path is not None:
             return files.read(self.path)
         try:
-            return base64.b64decode(self.contents or "", validate=True)
+            return pybase64.b64decode(self.contents or "", validate=True)  # 27 MB in 8 ms, base64 keeps the GIL for 80
         except ValueError as error:  # binascii.Error, or characters that are not ASCII
             raise MessageError(f"the mesh in memory {quoted(self.filename_hint)} is not base64: {error}") from None
 

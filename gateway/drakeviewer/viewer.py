@@ -88,6 +88,10 @@ class _State:
     """Number of nodes of each family's links, and of each channel of frames or deformable bodies."""
     seconds: float | None = None
     """Time of the last draw message that was shown."""
+    shown: int = 0
+    """Number of messages of contacts, point clouds and frames that were shown."""
+    shown_at: dict[str, int] = field(default_factory=dict)
+    """The number of the newest one of each channel."""
 
 
 class DrakeViewer:
@@ -175,6 +179,7 @@ class DrakeViewer:
 
     def _read_load(self, channel: str, family: str, message: wire.Message, files: MeshFiles) -> Edit | None:
         limits, loads = self._config.limits, self._state.loads
+        shown_before = self._state.shown  # what arrives while files are read belongs to the new simulation
         data = bytes(message)
         last, named_files = loads.get(channel, (b"", False))
         is_repeated = last == data
@@ -190,7 +195,7 @@ class DrakeViewer:
         def apply(edit: TreeEdit) -> str:
             self._reserve_nodes(family, loaded.paths.values())
             if not is_repeated:
-                self._clear_simulation(edit)
+                self._clear_simulation(edit, shown_before)
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
@@ -208,7 +213,7 @@ class DrakeViewer:
             problem = robots.draw(draw, edit)
             if not problem:
                 if draw.seconds < robots.seconds - RESTART_SECONDS:
-                    self._clear_simulation(edit)
+                    self._clear_simulation(edit, self._state.shown)
                 self._state.seconds = robots.seconds = draw.seconds
             return problem
 
@@ -230,12 +235,14 @@ class DrakeViewer:
 
     def _read_contacts(self, message: wire.Message) -> Edit | None:
         parts, shown = read_contacts(wire.decode_contacts(message, self._config.limits)), self._state.contacts
-        return _always_shown(lambda edit: shown.apply(parts, edit)) if parts or shown.shown else None
+        if not parts and not shown.shown:
+            return None
+        return self._of_simulation(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit))
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits))
         path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
-        return _always_shown(lambda edit: edit.set_parts(path, parts))
+        return self._of_simulation(channel, lambda edit: edit.set_parts(path, parts))
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
@@ -243,22 +250,41 @@ class DrakeViewer:
         paths = shown.paths_of(draw.names, self._config.limits)
         self._state.frames[channel] = shown
 
-        def apply(edit: TreeEdit) -> str:
+        def apply(edit: TreeEdit) -> None:
             if draw.names is not shown.names:
                 self._reserve_nodes(channel, paths)
             shown.apply(draw, paths, edit)
+
+        return self._of_simulation(channel, apply)
+
+    def _of_simulation(self, channel: str, apply: Callable[[TreeEdit], object]) -> Edit:
+        """Return the edit of a message of contacts, points or frames, which ``_clear_simulation`` deletes later."""
+
+        def edit_and_count(edit: TreeEdit) -> str:
+            apply(edit)
+            self._state.shown += 1
+            self._state.shown_at[channel] = self._state.shown
             return ""
 
-        return apply
+        return edit_and_count
 
-    def _clear_simulation(self, edit: TreeEdit) -> None:
-        """Delete contacts, point clouds and frames: they belong to the last simulation."""
-        self._state.contacts.apply({}, edit)
-        for group in (CLOUD_GROUP, FRAME_GROUP):
-            edit.delete((ROOT, group))
-        for channel in self._state.frames:
-            self._state.nodes.pop(channel, None)
-        self._state.frames.clear()
+    def _clear_simulation(self, edit: TreeEdit, last: int) -> None:
+        """Delete the contacts, point clouds and frames of the last simulation.
+
+        Args:
+            last: number of its last message, see ``_State.shown``.
+        """
+        state = self._state
+        for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
+            del state.shown_at[channel]
+            if channel == CONTACT_RESULTS:
+                state.contacts.apply({}, edit)
+            elif channel.startswith(POINT_CLOUD):
+                edit.delete(_channel_path(CLOUD_GROUP, channel, POINT_CLOUD))
+            else:
+                edit.delete(_channel_path(FRAME_GROUP, channel, FRAMES))
+                state.frames.pop(channel, None)
+                state.nodes.pop(channel, None)
 
     def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
         """Count the nodes of a family's links, or of a channel, in place of its earlier ones.
@@ -289,16 +315,6 @@ def _kind_and_family(channel: str) -> tuple[str, str] | None:
 def _channel_path(group: str, channel: str, prefix: str) -> Path:
     """Return the path of a channel's node: below ``group``, with the channel's name without ``prefix``."""
     return (ROOT, group, channel[len(prefix) :].removeprefix("_") or "default")
-
-
-def _always_shown(apply: Callable[[TreeEdit], object]) -> Edit:
-    """Return an ``Edit`` that calls ``apply`` and returns an empty string."""
-
-    def edit(tree: TreeEdit) -> str:
-        apply(tree)
-        return ""
-
-    return edit
 
 
 def _summary(problems: tuple[str, ...]) -> str:

@@ -16,9 +16,9 @@ Bounds = NDArray[np.float64]
 """(2, 3) float64: lowest and highest corner, metres."""
 
 EXACT_VERTICES: Final = 20_000
-"""Maximum number of vertices of a mesh with exact bounds. The vertices of a larger mesh are grouped by the cells of a
-grid, and its bounds come from the boxes of these groups: they are too large by at most one cell. Transforming a million
-vertices for every call would take as long as drawing them."""
+"""Maximum number of vertices of a mesh with exact bounds. Those of a larger mesh come from the cells of a grid that
+have vertices: they are too large by at most one cell. Transforming a million vertices for every call would take as long
+as drawing them."""
 _CELLS_PER_SIDE: Final = 12
 """Number of cells of that grid along each axis."""
 _CHUNK_VERTICES: Final = 1 << 19
@@ -67,26 +67,26 @@ def _hull_of(mesh: Mesh) -> _Hull:
 def _make_hull(mesh: Mesh) -> _Hull:
     is_used = np.zeros(len(mesh.positions), dtype=np.bool_)
     is_used[mesh.elements.ravel()] = True
-    points = mesh.positions[is_used].astype(np.float64)
-    points = points[np.isfinite(points).all(axis=1)]
+    points = mesh.positions if is_used.all() else mesh.positions[is_used]
+    if not np.isfinite(points).all():
+        points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
-        return _Hull(None, points)
-    box = np.array((points.min(axis=0), points.max(axis=0)))
-    return _Hull(box, points if len(points) <= EXACT_VERTICES else _grid_corners(points, box))
+        return _Hull(None, points.astype(np.float64))
+    box = np.array((points.min(axis=0), points.max(axis=0)), np.float64)
+    return _Hull(box, points.astype(np.float64) if len(points) <= EXACT_VERTICES else _grid_corners(points, box))
 
 
-def _grid_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
-    """Group points by the cells of a grid in their box; return the corners of each group's box, (K, 3) float64."""
-    extent = box[1] - box[0]
-    cells_per_metre = np.divide(_CELLS_PER_SIDE * 0.999999, extent, out=np.zeros(3), where=extent > 0)
-    cell_xyz = ((points - box[0]) * cells_per_metre).astype(np.int64)
-    cell = cell_xyz @ (1, _CELLS_PER_SIDE, _CELLS_PER_SIDE * _CELLS_PER_SIDE)
-    order = np.argsort(cell, kind="stable")
-    cell_starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
-    low = np.minimum.reduceat(points[order], cell_starts, axis=0)
-    high = np.maximum.reduceat(points[order], cell_starts, axis=0)
-    corners: NDArray[np.float64] = corners_of(np.stack((low, high), axis=1)).reshape(-1, 3)
-    return corners
+def _grid_corners(points: NDArray[np.float32], box: Bounds) -> NDArray[np.float64]:
+    """Return the corners of those cells of a grid in the box that have points, (K, 3) float64."""
+    size = (box[1] - box[0]) / _CELLS_PER_SIDE
+    cells_per_metre = np.divide(1.0, size, out=np.zeros(3), where=size > 0)
+    occupied = np.zeros((_CELLS_PER_SIDE,) * 3, np.bool_)
+    for begin in range(0, len(points), _CHUNK_VERTICES):
+        cells = ((points[begin : begin + _CHUNK_VERTICES] - box[0]) * cells_per_metre).astype(np.int64)
+        occupied[tuple(np.minimum(cells, _CELLS_PER_SIDE - 1).T)] = True
+    low = np.argwhere(occupied)
+    boxes = box[0] + size * np.stack((low, low + 1), axis=1)
+    return corners_of(np.clip(boxes, *box)).reshape(-1, 3)
 
 
 def corners_of(bounds: Bounds) -> NDArray[np.float64]:

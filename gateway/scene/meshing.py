@@ -188,15 +188,14 @@ def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
 
 def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
     """Return a mesh of those points that are finite, with the colours of ``_cloud_colors``."""
-    finite = (np.abs(cloud.points) < MAX_EXTENT).all(axis=1)
-    if not finite.any():
+    points, colors = np.ascontiguousarray(cloud.points, dtype=np.float32), _cloud_colors(cloud)
+    if not (points.min(initial=0.0) > -MAX_EXTENT and points.max(initial=0.0) < MAX_EXTENT):  # false for NaN, too
+        finite = (np.abs(points) < MAX_EXTENT).all(axis=1)
+        points, colors = points[finite], None if colors is None else colors[finite]
+    if not len(points):
         return ()
-    colors = _cloud_colors(cloud)
-    points = np.ascontiguousarray(cloud.points[finite], dtype=np.float32)
     elements = np.arange(len(points), dtype=np.uint32)[:, None]
-    if colors is None:
-        return ((Mesh(points, elements), False, IDENTITY),)
-    return ((Mesh(points, elements, colors=np.ascontiguousarray(colors[finite])), True, IDENTITY),)
+    return ((Mesh(points, elements, colors=colors), colors is not None, IDENTITY),)
 
 
 def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:

@@ -181,6 +181,17 @@ OF_A_SIMULATION = {
 """Messages by channel, whose content belongs to the simulation that sent them."""
 
 
+def test_what_arrives_while_a_load_is_read_belongs_to_the_new_simulation(viewer: Viewer) -> None:
+    frame = draw({(0, "f"): IDENTITY})
+    viewer.handle("DRAKE_DRAW_FRAMES_OLD", frame)
+    loading = viewer.read(LOAD, load(link("a", 1, BALL)))
+    viewer.handle("DRAKE_DRAW_FRAMES_NEW", frame)
+    viewer.apply(loading)
+    assert viewer.paths() == [("drake", "frames", "NEW", "f")]
+    viewer.handle(LOAD, load(link("b", 1, BALL)))
+    assert viewer.paths() == []
+
+
 def test_a_new_load_clears_what_the_last_simulation_left(viewer: Viewer) -> None:
     def start(name: str, milliseconds: int) -> None:
         viewer.handle(LOAD, load(link(name, 1, BALL)))
