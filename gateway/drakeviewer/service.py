@@ -17,6 +17,7 @@ from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
+from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.worker_pool import WorkerPool
@@ -38,8 +39,8 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[str, Message]] = {}
-        """Queues of messages, by group and channel, oldest first."""
+        self._waiting: dict[str, dict[str, tuple[Message, int]]] = {}
+        """Queues of messages and their arrivals, nanoseconds since the epoch, by group and channel, oldest first."""
         self._waiting_bytes = 0
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
@@ -141,12 +142,12 @@ class DrakeViewerService:
         earlier = queue.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
-            self._waiting_bytes -= len(earlier)
+            self._waiting_bytes -= len(earlier[0])
         if self._waiting_bytes + len(message) > self._config.waiting_bytes:
             self._dropped += 1
             self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[channel] = message
+        queue[channel] = message, arrival_time()
         self._waiting_bytes += len(message)
 
     async def _show_waiting(self, group: str) -> None:
@@ -155,7 +156,8 @@ class DrakeViewerService:
         try:
             while queue:
                 channel = next(iter(queue))
-                message = queue.pop(channel)
+                message, arrival = queue.pop(channel)
+                set_arrival(arrival)
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue

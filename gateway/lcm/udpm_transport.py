@@ -127,7 +127,7 @@ class UdpmTransport:
         read_bytes = 0
         for _ in range(MAX_READ):
             try:
-                datagram, sender = self._receiver.recvfrom(udpm.MAX_DATAGRAM_BYTES)
+                datagram, sender, arrival = udpm_socket.receive(self._receiver, udpm.MAX_DATAGRAM_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
             except OSError as error:
@@ -135,7 +135,7 @@ class UdpmTransport:
                 return
             message = self._assembler.receive(datagram, sender)
             if message is not None:
-                self.queue.put(message.channel, message.data)
+                self.queue.put(message.channel, message.data, arrival)
             read_bytes += len(datagram)
             if read_bytes > MAX_READ_BYTES:
                 return

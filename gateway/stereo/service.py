@@ -18,7 +18,7 @@ from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
-from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
+from gateway.stereo.frame_scheduler import FrameScheduler, SceneSource
 from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imu import Imu, PoseLog
@@ -39,21 +39,21 @@ class StereoService:
         self,
         config: StereoConfig,
         scene: SceneSource,
-        pose: PoseSource,
         renderer: Renderer,
         workers: WorkerPool,
         clock: Clock | None = None,
         pose_log: PoseLog | None = None,
+        on_streaming: Callable[[bool], None] = lambda streaming: None,
     ) -> None:
         """
         Args:
             config: fixed configuration.
-            scene: returns the current scene and its revision; called in a worker thread.
-            pose: returns X_world_left, (4, 4) float64; called right after ``scene`` in the same thread.
+            scene: returns scene and pose at a time; called in worker threads.
             renderer: thread-safe renderer.
             workers: threads for rendering, depth, serialisation and ground truth.
             clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
+            on_streaming: called often, with True while clients stream images.
         """
         self.parameters = Parameters(config.limits)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
@@ -76,9 +76,9 @@ class StereoService:
             self.injector,
             self.parameters,
             scene,
-            pose,
             clock or SystemClock(),
             self.imu.frame_captured,
+            on_streaming,
         )
         self._image_changes = 0
         """Number of changes between the scene and recorded pairs."""
@@ -167,10 +167,12 @@ class StereoService:
         Raises:
             QueueFull: the worker queue is full.
         """
-        settings = self.settings
-        scene, revision, pose = await self._scheduler.read_scene()
+        settings, timestamp = self.settings, time.time_ns()
+        state, _ = await self._scheduler.read_scene(timestamp)
         self._captures += 1
-        camera = Capture(time.time_ns(), scene, revision, pose, settings.gpio(depth=False), self._captures)
+        camera = Capture(
+            timestamp, state.scene, state.revision, state.X_world_left, settings.gpio(depth=False), self._captures
+        )
         depth = replace(camera, gpio=settings.gpio(depth=True))
         return Frame(self.imaging, self.workers, settings, camera, depth, (kind,))
 

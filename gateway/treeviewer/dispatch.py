@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 import structlog
 
+from gateway.runtime.arrival import set_arrival
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.clicks import Click
@@ -196,6 +197,7 @@ class Dispatcher:
         try:
             while len(queue):
                 message = queue.first()
+                set_arrival(queue.first_arrival())
                 if self._is_big(message):
                     await self._handle_big(queue, message)
                 else:

@@ -195,7 +195,7 @@ def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
     )
     watch(
         "scenegate_stereo_frames_missed_total",
-        "Number of frames that were due and not taken, by reason: in_work (too many frames unfinished) or "
+        "Number of frames that were due and not taken, by reason: in_work (late, or too many frames unfinished) or "
         "busy (no free worker thread).",
         lambda: {"in_work": sum(c.skipped for c in counts), "busy": sum(c.busy for c in counts)},
         label="reason",

@@ -17,6 +17,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.motion import SceneState
 from gateway.stereo.service import StereoService
 from gateway.wiring.warmup import PARTS
 from renderers.drawlist import DrawList
@@ -85,7 +86,12 @@ async def running(
     seconds: float | None = None,
 ) -> AsyncIterator[Camera]:
     workers = WorkerPool(2, seconds=seconds, limit_name="--render-seconds")
-    service = StereoService(config, scene, pose, renderer, workers, clock)
+
+    def state(timestamp: int | None) -> SceneState:
+        draw_list, revision = scene()
+        return SceneState(timestamp or 0, draw_list, pose(), revision, timestamp or 0)
+
+    service = StereoService(config, state, renderer, workers, clock)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     if task.done():

@@ -299,8 +299,8 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
         simulated = False
         shift = 0
 
-        def next_timestamp(self, previous: int | None, period: int) -> int:
-            return time.time_ns() - self.shift
+        def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
+            return time.time_ns() - age - self.shift
 
     clock = Clock()
     camera = await start(clock=clock)
