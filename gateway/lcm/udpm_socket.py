@@ -41,9 +41,7 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
     try:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError):
-                sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
+        enable_timestamps(sock)
         sock.bind((network.address, network.port))
         group = struct.pack("4s4s", socket.inet_aton(network.address), bytes(4))
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
@@ -53,6 +51,13 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
         reason = {errno.EADDRINUSE: port_in_use, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
         raise LcmUnavailableError(f"LCM cannot join {url}: {reason}") from None
     return sock
+
+
+def enable_timestamps(sock: socket.socket) -> None:
+    """Let the system record the arrivals of datagrams, for ``receive``. Does nothing where it cannot."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
 
 
 def receive(sock: socket.socket, max_bytes: int) -> tuple[bytes, tuple[str, int], int]:

@@ -43,7 +43,7 @@ class LiveTree:
             clock: returns the time from which an edit is valid, nanoseconds since the epoch.
         """
         self._clock = clock
-        self._recent = (Snapshot(Node(), 0),)
+        self._recent: tuple[Snapshot, ...] = (Snapshot(Node(), 0),)
         """Kept snapshots, oldest first. Replaced, never changed, so that readers need no lock."""
         self._kept_bytes = 0
         self._keepers: set[object] = set()

@@ -19,6 +19,7 @@ from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
+from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path as TreePath
@@ -38,7 +39,7 @@ class Running:
     """A running service."""
 
     def __init__(self, config: DrakeViewerConfig | None = None, files: MeshFiles | None = None) -> None:
-        self.live = LiveTree()
+        self.live = LiveTree(arrival_time)
         self.service = DrakeViewerService(self.live, files or MeshFiles(()), config)
 
     def x(self) -> float | None:
@@ -291,3 +292,16 @@ async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.Mon
     assert not found.service.ready
     path: TreePath = ("drake",)
     assert found.live.snapshot.root.find(path) is None
+
+
+async def test_messages_are_valid_from_their_arrival_however_long_they_wait() -> None:
+    async with running(DrakeViewerConfig(offload_bytes=1)) as found:
+        live = found.live
+        set_arrival(10)
+        found.service.receive(LOAD, ROBOT)
+        set_arrival(20)
+        found.service.receive(DRAW, at(3))
+        set_arrival(30)
+        await until(lambda: found.x() == 3)
+        assert live.snapshot.timestamp == 20
+        set_arrival(None)

@@ -19,7 +19,7 @@ from gateway.stereo.truth import find_frame, ground_truth_npz
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running
+from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running, seen
 from tests.stereo.scenes import table
 from tests.support.waiting import until
 
@@ -315,7 +315,7 @@ async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRend
     """Their time is not part of a frame's time limit."""
     scene, config = table(), StereoConfig(port=0, model=SMALL)
     with pending.announced(("stereo",)):
-        async with running(renderer, config, lambda: (scene, 1), None) as camera:
+        async with running(renderer, config, seen(lambda: (scene, 1)), None) as camera:
             first = asyncio.ensure_future(camera.stream(left_enabled=True).read())
             await until(lambda: len(camera.service.hub) == 1)
             assert not camera.service.history
