@@ -200,7 +200,6 @@ def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = N
         disparity_error=profile.depth.disparity_error,
         projector=projector is not None,
         dot_light=projector.light if projector is not None else 0.0,
-        mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
         alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,

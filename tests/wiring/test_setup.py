@@ -171,7 +171,6 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
             stereo_seed=5,
             stereo_noise=False,
             stereo_profile="rc_visard_65m",
-            stereo_mesh_rgb=True,
             background=(1, 2, 3),
             stereo_faults=True,
             grpc_certificate=certificate,
@@ -190,7 +189,6 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
         rate="max",
         seed=5,
         noise=False,
-        mesh_rgb=True,
         background=(1, 2, 3),
         faults=True,
     )
