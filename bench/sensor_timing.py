@@ -15,12 +15,10 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import grpc
 import numpy as np
 
@@ -40,6 +38,7 @@ ANGULAR_FREQUENCY: Final = 3.0
 PUBLISH_SECONDS: Final = 0.005
 SPHERES: Final = 60
 """Number of dark spheres behind the body: a scene of medium size for the batch renders."""
+SETTLING_SECONDS: Final = 3.0
 _SPAWN: Final = multiprocessing.get_context("spawn")
 _GREETING: Final = struct.pack(">II", 0x287617FB, 0x0100)
 _CHANNEL: Final = b"DIRECTOR_TREE_VIEWER_REQUEST_<timing>"
@@ -65,12 +64,14 @@ class Timing:
     """Time from timestamp to client, median, ms."""
     renders: float
     """Batch renders per second."""
+    renders_alone: float
+    """Batch renders per second before the camera streamed."""
 
     def row(self) -> str:
         late, period = ("/".join(f"{value:.0f}" for value in three) for three in (self.lateness, self.period))
         return (
             f"| {self.clients} | {late} | {period} | {100 * self.share:.0f} % | {self.skipped} | {self.missing} | "
-            f"{self.age:.0f} | {self.renders:.1f} |"
+            f"{self.age:.0f} | {self.renders:.1f} | {self.renders_alone:.1f} |"
         )
 
 
@@ -83,6 +84,7 @@ HEAD: Final = heading(
     "uncounted",
     "age ms",
     "renders/s",
+    "renders/s without camera",
 )
 
 
@@ -190,7 +192,7 @@ def _walk(value: Any) -> Iterator[dict[str, Any]]:
             yield from _walk(child)
 
 
-def measure(clients: int, seconds: float, picture: Path | None, *flags: str) -> Timing:
+def measure(clients: int, seconds: float, *flags: str) -> Timing:
     """Stream for some seconds beside ``clients`` clients of ``GET /scene/render``."""
     ports = [_free_port(), _free_port()]
     with gateway(
@@ -204,12 +206,16 @@ def measure(clients: int, seconds: float, picture: Path | None, *flags: str) -> 
             for number in range(clients)
         ]
         _set_quality(running.port, "Low")
-        sets = _sets(ports[1])
         publisher.start()
         for process in loads:
             process.start()
-        until = time.monotonic() + 4.0
-        while time.monotonic() < until:  # settling: exposure, clients, first frames
+        time.sleep(SETTLING_SECONDS)
+        renders_before, begin = count.value, time.time()
+        time.sleep(0.5 * seconds)
+        renders_alone = (count.value - renders_before) / (time.time() - begin)
+        sets = _sets(ports[1])
+        until = time.monotonic() + SETTLING_SECONDS
+        while time.monotonic() < until:  # exposure, first frames
             next(sets)
         before, renders_before, begin = _stereo_status(running.port), count.value, time.time()
         samples = []
@@ -222,10 +228,7 @@ def measure(clients: int, seconds: float, picture: Path | None, *flags: str) -> 
         stop.set()
         for process in (publisher, *loads):
             process.join(60)
-    if picture is not None:
-        left = samples[-1][2]
-        cv2.imwrite(str(picture), np.frombuffer(left.data, np.uint8).reshape(left.height, left.width))
-    return _timing(clients, samples, before, after, renders / elapsed)
+    return _timing(clients, samples, before, after, (renders / elapsed, renders_alone))
 
 
 def _timing(
@@ -233,7 +236,7 @@ def _timing(
     samples: list[tuple[float, float, pb.Image]],
     before: dict[str, Any],
     after: dict[str, Any],
-    renders: float,
+    renders: tuple[float, float],
 ) -> Timing:
     stamps = np.array([timestamp for timestamp, _, _ in samples])
     ages = np.array([_content_age(image, timestamp) for timestamp, _, image in samples]) * 1e3
@@ -249,7 +252,7 @@ def _timing(
         skipped,
         round(due) - len(period) - skipped,
         float(np.median([1e3 * (arrival - timestamp) for timestamp, arrival, _ in samples])),
-        renders,
+        *renders,
     )
 
 
@@ -268,16 +271,20 @@ def _free_port() -> int:
         return int(sock.getsockname()[1])
 
 
+def report(clients: Iterable[int] = (0, 2, 4, 12), seconds: float = 12.0, *flags: str) -> None:
+    """Print the table."""
+    print(f"\ntimestamp and period under load\n\n{HEAD}")
+    for number in clients:
+        print(measure(number, seconds, *flags).row(), flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=12.0, help="length of each measurement")
     parser.add_argument("--clients", type=int, nargs="+", default=[0, 2, 4, 12], help="numbers of batch clients")
-    parser.add_argument("--picture", type=Path, help="file for the last left image of the last measurement")
     parser.add_argument("--flags", default="", help="more flags of the gateway, in one text")
     options = parser.parse_args()
-    print(HEAD)
-    for clients in options.clients:
-        print(measure(clients, options.seconds, options.picture, *options.flags.split()).row(), flush=True)
+    report(options.clients, options.seconds, *options.flags.split())
 
 
 if __name__ == "__main__":
