@@ -22,8 +22,9 @@ class FrameClock:
         """Timestamp of the last frame, nanoseconds; None before the first."""
         self._clock = clock
         self._rate = rate
-        self._frame_due = self._next_frame_due = 0.0
-        """Due times of the newest frame and the next one, seconds of the event loop's clock."""
+        self.frame_due = 0.0
+        """Due time of the newest frame, seconds of the event loop's clock."""
+        self._next_frame_due = 0.0
         self._resting = True
         """True while no client streams: no frames are missed."""
         self._next_depth_due: float | None = None
@@ -37,7 +38,7 @@ class FrameClock:
             now: seconds of the event loop's clock; None: the frame is due now.
             exposure: longest exposure time, seconds.
         """
-        lateness = 0.0 if now is None else max(0.0, now - self._frame_due)
+        lateness = 0.0 if now is None else max(0.0, now - self.frame_due)
         age = round((lateness + 0.5 * exposure) * NANOSECONDS_PER_SECOND)
         return self._clock.next_timestamp(self.timestamp, period, age)
 
@@ -61,8 +62,8 @@ class FrameClock:
         late_periods = int(max(0.0, now - self._next_frame_due) / period)
         missed = 0 if self._resting or self.simulated else late_periods
         is_first = self._resting and late_periods > 0
-        self._frame_due = now if is_first else self._next_frame_due + late_periods * period
-        self._next_frame_due = self._frame_due + period
+        self.frame_due = now if is_first else self._next_frame_due + late_periods * period
+        self._next_frame_due = self.frame_due + period
         self._resting = False
         return missed
 

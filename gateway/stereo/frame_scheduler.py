@@ -61,8 +61,8 @@ class FrameScheduler:
         """Image source of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=config.history)
         """The last frames, oldest first, for ground truth."""
-        self.trigger_pending = False
-        """True from a call of ``acquisition_trigger`` until its depth image is captured."""
+        self.trigger_time: float | None = None
+        """Time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None after its capture."""
         self._workers = workers
         self._hub = hub
         self._injector = injector
@@ -132,7 +132,9 @@ class FrameScheduler:
             self.counts.skipped += 0 if unlimited_rate else missed
         period_ns = round(period * NANOSECONDS_PER_SECOND)
         timestamp = self._next_timestamp(settings, period_ns)
-        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=self.trigger_pending)
+        exposed_from = (now if unlimited_rate else clock.frame_due) - settings.longest_exposure
+        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposed_from)
+        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
         depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
         camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
         if depth_kinds or camera_kinds:
@@ -212,7 +214,7 @@ class FrameScheduler:
         if not depth_kinds:
             return
         clock.schedule_next_depth(timestamp, settings.depth_rate)
-        self.trigger_pending = False
+        self.trigger_time = None
         if settings.separate_depth:
             clock.delay_for_alternate_exposure(period_ns)
             publisher.spawn(

@@ -198,9 +198,9 @@ class StereoService:
             return -8, "Triggering is only possible in SingleFrame acquisition mode"
         if not any(kind.has_depth for kind in self.hub.kinds()):
             return 102, "Trigger is ignored, because there are no subscribers"
-        if self._scheduler.trigger_pending:
+        if self._scheduler.trigger_time is not None:
             return 101, "Trigger is ignored, because there is a trigger call pending"
-        self._scheduler.trigger_pending = True
+        self._scheduler.trigger_time = asyncio.get_running_loop().time()
         self.hub.changed.set()
         return 0, ""
 

@@ -124,3 +124,17 @@ def test_without_a_recent_frame_the_scene_is_read_again() -> None:
         assert times == [now.timestamp - VELOCITY_TIME]
         assert before.timestamp == now.timestamp - VELOCITY_TIME
     assert state_before(now, state(now.timestamp - 1, now.timestamp), read).timestamp == now.timestamp, "at rest"
+
+
+async def test_a_triggered_exposure_begins_after_the_trigger(start: Start) -> None:
+    scene = Scene()
+    camera = await start(state=scene.state)
+    camera.service.parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrame")])
+    images, depth = camera.stream(left_enabled=True), camera.stream(disparity_enabled=True)
+    await images.read()
+    for _ in range(3):
+        before = time.time_ns()
+        assert camera.service.fire_trigger() == (0, "")
+        exposed = nanoseconds((await depth.read()).disparity.image)
+        begin = exposed - 0.5 * camera.service.settings.longest_exposure * NANOSECONDS_PER_SECOND
+        assert begin >= before - 1_000_000  # the difference of two clocks
