@@ -42,6 +42,8 @@ class DrakeViewerService:
         self._waiting: dict[str, dict[str, tuple[Message, int]]] = {}
         """Queues of messages and their arrivals, nanoseconds since the epoch, by group and channel, oldest first."""
         self._waiting_bytes = 0
+        self._oldest: dict[str, int] = {}
+        """Arrival of the oldest message of each group that is not shown yet, nanoseconds since the epoch."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
         self._channels: dict[str, int] = {}
@@ -59,6 +61,10 @@ class DrakeViewerService:
         self._dropped = 0
         """Messages beyond the limits on all channels together."""
         self.ready = False
+
+    def oldest_arrival(self) -> int | None:
+        """Return the arrival of the oldest message that is not shown yet, nanoseconds since the epoch."""
+        return min(self._oldest.values(), default=None)
 
     def status(self) -> dict[str, Any]:
         """Return counters, and a warning if there are channels that are not shown, as plain JSON values."""
@@ -148,6 +154,7 @@ class DrakeViewerService:
             self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
         queue[channel] = message, arrival_time()
+        self._oldest.setdefault(group, arrival_time())
         self._waiting_bytes += len(message)
 
     async def _show_waiting(self, group: str) -> None:
@@ -158,6 +165,7 @@ class DrakeViewerService:
                 channel = next(iter(queue))
                 message, arrival = queue.pop(channel)
                 set_arrival(arrival)
+                self._oldest[group] = arrival
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue
@@ -167,6 +175,7 @@ class DrakeViewerService:
                     self._show(channel, message)
         finally:
             self._waiting.pop(group, None)
+            self._oldest.pop(group, None)
             del self._tasks[group]
 
     def _show(self, channel: str, message: Message) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,6 +31,9 @@ SceneSource = Callable[[int | None], SceneState]
 """Returns scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones. Called in
 worker threads."""
 
+MAX_SETTLING: Final = 30_000_000
+"""Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
+_POLL_SECONDS: Final = 0.002
 _KERNEL_PARTS: Final = ("stereo", "normals")
 """Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
 
@@ -49,12 +53,14 @@ class FrameScheduler:
         clock: Clock,
         on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
             on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
                 and X_world_left, (4, 4) float64.
             on_streaming: called often, with True while clients stream.
+            has_messages_before: see ``StereoService``.
         """
         config = imaging.config
         self.imaging = imaging
@@ -70,6 +76,7 @@ class FrameScheduler:
         self._scene = scene
         self._on_capture = on_capture
         self._on_streaming = on_streaming
+        self._has_messages_before = has_messages_before
         self._clock = FrameClock(clock, config.rate)
         self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
         self._camera_frames = FramesInFlight()
@@ -261,6 +268,10 @@ class FrameScheduler:
         Raises:
             QueueFull: the worker queue is full.
         """
+        while (  # noqa: ASYNC110 - at most 30 ms
+            self._has_messages_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
+        ):
+            await asyncio.sleep(_POLL_SECONDS)
         return await self._workers.run(self._read_scene, timestamp)
 
     def _read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:

@@ -44,6 +44,7 @@ class StereoService:
         clock: Clock | None = None,
         pose_log: PoseLog | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
@@ -54,6 +55,8 @@ class StereoService:
             clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
             on_streaming: called often, with True while clients stream images.
+            has_messages_before: returns True if a message that arrived before a time, nanoseconds since the epoch, is
+                not part of the scene yet.
         """
         self.parameters = Parameters(config.limits)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
@@ -79,6 +82,7 @@ class StereoService:
             clock or SystemClock(),
             self.imu.frame_captured,
             on_streaming,
+            has_messages_before,
         )
         self._image_changes = 0
         """Number of changes between the scene and recorded pairs."""

@@ -155,6 +155,10 @@ class Dispatcher:
         self.waiting_bytes += queue.put(message)
         return queue.size
 
+    def oldest_arrival(self) -> int | None:
+        """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
+        return min((queue.first_arrival() for queue in self._queues.values() if len(queue)), default=None)
+
     def status(self) -> dict[str, object]:
         """Return the counters as plain JSON values."""
         return {

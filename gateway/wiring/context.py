@@ -72,6 +72,8 @@ class Context:
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
+    oldest_arrivals: list[Callable[[], int | None]] = field(default_factory=list)
+    """Functions that return the arrival of the oldest message that is not applied to the tree yet."""
     lcm_listeners: list[ChannelListener] = field(default_factory=list)
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
     state: PersistentState | None = None
@@ -138,6 +140,11 @@ class Context:
 
             self._mesh_files = MeshFiles(self.settings.mesh_root)
         return self._mesh_files
+
+    def has_messages_before(self, timestamp: int) -> bool:
+        """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""
+        arrivals = [oldest() for oldest in self.oldest_arrivals]
+        return any(arrival is not None and arrival <= timestamp for arrival in arrivals)
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""

@@ -11,5 +11,6 @@ from gateway.wiring.context import Context
 async def setup(context: Context) -> None:
     """Run the service; the tree viewer's transports pass messages to it."""
     service = DrakeViewerService(context.tree, context.mesh_files)
+    context.oldest_arrivals.append(service.oldest_arrival)
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")

@@ -125,6 +125,7 @@ def _start_camera(
         SimulatedClock() if simulated else None,
         None if simulated else PoseLog(view.tree, view.pose_in),
         on_streaming,
+        context.has_messages_before if scene is None else lambda timestamp: False,
     )
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))

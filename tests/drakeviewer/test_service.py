@@ -302,6 +302,8 @@ async def test_messages_are_valid_from_their_arrival_however_long_they_wait() ->
         set_arrival(20)
         found.service.receive(DRAW, at(3))
         set_arrival(30)
+        assert found.service.oldest_arrival() == 10
         await until(lambda: found.x() == 3)
+        await until(lambda: found.service.oldest_arrival() is None)
         assert live.snapshot.timestamp == 20
         set_arrival(None)

@@ -6,20 +6,25 @@ import threading
 import time
 
 import numpy as np
+import pytest
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.config import StereoConfig
 from gateway.stereo.motion import SLOWEST_MOTION, VELOCITY_TIME, SceneState, state_before
 from gateway.stereo.request import SetKind
 from gateway.stereo.scene_view import SceneView
+from gateway.stereo.service import StereoService
 from gateway.stereo.settings import ALTERNATE_GAP_NS
 from renderers.drawlist import DrawList, Material
-from tests.stereo.conftest import Start
+from renderers.raster import CpuRenderer
+from tests.stereo.conftest import SMALL, Start
 from tests.stereo.scenes import pose
 from tests.support.waiting import SECONDS, until
 
@@ -138,3 +143,35 @@ async def test_a_triggered_exposure_begins_after_the_trigger(start: Start) -> No
         exposed = nanoseconds((await depth.read()).disparity.image)
         begin = exposed - 0.5 * camera.service.settings.longest_exposure * NANOSECONDS_PER_SECOND
         assert begin >= before - 1_000_000  # the difference of two clocks
+
+
+class Messages:
+    """Messages that are being read until the camera has asked for them a few times."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self.left = 3
+
+    def before(self, timestamp: int) -> bool:
+        assert not self._scene.times, "the scene is read afterwards"
+        self.left -= 1
+        return self.left > 0
+
+
+async def test_frames_wait_for_messages_that_arrived_before_them(
+    renderer: CpuRenderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gateway.stereo.frame_scheduler.MAX_SETTLING", 10**12)
+    scene, workers = Scene(), WorkerPool(1)
+    messages = Messages(scene)
+    service = StereoService(
+        StereoConfig(port=0, model=SMALL), scene.state, renderer, workers, has_messages_before=messages.before
+    )
+    await service.capture(SetKind(left=True))
+    assert (messages.left, len(scene.times)) == (0, 1)
+    monkeypatch.setattr("gateway.stereo.frame_scheduler.MAX_SETTLING", 0)
+    scene.times.clear()
+    messages.left = 10**6
+    await service.capture(SetKind(left=True))
+    assert messages.left == 10**6 - 1, "but not for long"
+    assert await workers.close()

@@ -323,5 +323,7 @@ async def test_requests_are_valid_from_their_arrival_however_long_they_wait() ->
         set_arrival(arrival)
         world.receive(request)
     set_arrival(40)
+    assert world.dispatcher.oldest_arrival() == 10
     await until(lambda: len(world.published) == 3)
+    await until(lambda: world.dispatcher.oldest_arrival() is None)
     assert [live.snapshot_at(time).timestamp for time in (9, 10, 20, 30, 40)] == [0, 10, 20, 30, 30]
