@@ -25,7 +25,7 @@ from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest
-from gateway.stereo.motion import EarlierFrame
+from gateway.stereo.motion import SceneState
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import read_settings
@@ -57,7 +57,7 @@ def captures(speed: float = 1.0) -> tuple[Capture, Capture]:
     demo.move_to(SECONDS)
     pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
     capture = Capture(int(FRAME_SECONDS * 1e9), flattener.flatten(tree.snapshot), 2, pose, 0, 2)
-    capture = replace(capture, earlier=EarlierFrame(0, before, pose))
+    capture = replace(capture, earlier=SceneState(0, before, pose))
     return capture, replace(capture, gpio=1)
 
 

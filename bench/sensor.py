@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench import sensor_timing
 from bench.sensor_images import Sample, demo_samples, samples
 from gateway.stereo.depth import ground_truth_depth, modelled_depth
 from gateway.stereo.matched_depth import matched_depth
@@ -226,6 +227,7 @@ def main() -> None:
         for mode in ("modelled", "matched"):
             report_confidence(f"{title}, {mode}", [(unfiltered(s), MODES[mode](unfiltered(s))) for s in group])
     report_density()
+    sensor_timing.report()
 
 
 if __name__ == "__main__":

@@ -26,12 +26,12 @@ from gateway.stereo import messages, server, wire
 from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame_scheduler import PoseSource, SceneSource
+from gateway.stereo.frame_scheduler import SceneSource
 from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.motion import SceneState
 from gateway.stereo.profile import read_profile
 from gateway.stereo.service import StereoService
-from renderers.drawlist import DrawList
 from renderers.interface import LookName
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.realism import parse_realism
@@ -148,8 +148,8 @@ async def live(rate: Rate, look: LookName, quality: str, scene: str, realism: st
     warmup()
     PARTS["stereo"]()
     config = StereoConfig(port=0, rate=rate, look=look, realism=frozenset(parse_realism(realism)))
-    source, pose, mover = {"table": _table, "demo": _demo}[scene]()
-    service = StereoService(config, source, pose, CpuRenderer(2), WorkerPool(2))
+    source, mover = {"table": _table, "demo": _demo}[scene]()
+    service = StereoService(config, source, CpuRenderer(2), WorkerPool(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])
     task = asyncio.create_task(service.run())
     while not service.ready:  # noqa: ASYNC110 - nobody tells when
@@ -157,31 +157,28 @@ async def live(rate: Rate, look: LookName, quality: str, scene: str, realism: st
     return service.port, (task, service, mover)
 
 
-def _table() -> tuple[SceneSource, PoseSource, None]:
+def _table() -> tuple[SceneSource, None]:
     """Six solids that stand still."""
     from tests.stereo.scenes import pose, table
 
-    scene = table()
-    return lambda: (scene, 1), pose, None
+    state = SceneState(0, table(), pose(), 1)
+    return lambda timestamp: state, None
 
 
-def _demo() -> tuple[SceneSource, PoseSource, Any]:
-    """Return the moving scene of ``serve --demo`` and its camera."""
+def _demo() -> tuple[SceneSource, Any]:
+    """Return the moving scene of ``serve --demo``, seen by its camera, and the task that moves it."""
     from gateway.scene.flatten import Flattener
     from gateway.scene.labels import LabelTable
     from gateway.scene.live import LiveTree
-    from gateway.scene.mount import parse_mount_pose
+    from gateway.scene.mount import Mount, parse_mount_pose
     from gateway.settings import Settings
+    from gateway.stereo.scene_view import SceneView
     from gateway.wiring.demo import DemoService
 
-    tree, flattener = LiveTree(), Flattener(LabelTable())
-    pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
-
-    def scene() -> tuple[DrawList, int]:
-        snapshot = tree.snapshot
-        return flattener.flatten(snapshot), snapshot.revision
-
-    return scene, lambda: pose, asyncio.create_task(DemoService(tree).run())
+    tree = LiveTree()
+    mount = Mount(parse_mount_pose(Settings.model_fields["stereo_pose"].default))
+    view = SceneView(tree, Flattener(LabelTable()), mount)
+    return view.state, asyncio.create_task(DemoService(tree).run())
 
 
 def watch_steps() -> dict[str, list[float]]:

@@ -83,6 +83,7 @@ def create_app(
         registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
         metrics=Metrics(),
         workers=_workers(settings),
+        camera_workers=_workers(settings, "camera"),
         security=Security.from_settings(settings),
         state=state,
         reports=reports,
@@ -116,11 +117,12 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await context.close()
 
 
-def _workers(settings: Settings) -> WorkerPool:
+def _workers(settings: Settings, name: str = "worker") -> WorkerPool:
     return WorkerPool(
         settings.threads or max(1, usable_cpus() // settings.workers),
         settings.queue,
         settings.queue_mb * MIB,
+        name=name,
         niceness=settings.niceness,
         seconds=settings.render_seconds,
         limit_name="--render-seconds",

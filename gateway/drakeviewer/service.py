@@ -17,6 +17,7 @@ from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
+from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.warning_list import WarningList
@@ -51,9 +52,12 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[str, tuple[Message, bool]]] = {}
-        """Queues of messages, by group and channel, oldest first; True for those of programs on this machine."""
+        self._waiting: dict[str, dict[str, tuple[Message, bool, int]]] = {}
+        """Queues of messages by group and channel, oldest first, each with True if it is of a program on this machine,
+        and with its arrival, nanoseconds since the epoch."""
         self._waiting_bytes = 0
+        self._oldest: dict[str, int] = {}
+        """Arrival of the oldest message of each group that is not shown yet, nanoseconds since the epoch."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
         self._channels: dict[str, int] = {}
@@ -71,6 +75,10 @@ class DrakeViewerService:
         self._dropped = 0
         """Messages beyond the limits on all channels together."""
         self.ready = False
+
+    def oldest_arrival(self) -> int | None:
+        """Return the arrival of the oldest message that is not shown yet, nanoseconds since the epoch."""
+        return min(self._oldest.values(), default=None)
 
     def status(self) -> dict[str, Any]:
         """Return counters and warnings as plain JSON values."""
@@ -160,7 +168,8 @@ class DrakeViewerService:
             self._dropped += 1
             self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[channel] = message, is_local
+        queue[channel] = message, is_local, arrival_time()
+        self._oldest.setdefault(group, arrival_time())
         self._waiting_bytes += len(message)
 
     async def _show_waiting(self, group: str) -> None:
@@ -169,7 +178,9 @@ class DrakeViewerService:
         try:
             while queue:
                 channel = next(iter(queue))
-                message, is_local = queue.pop(channel)
+                message, is_local, arrival = queue.pop(channel)
+                set_arrival(arrival)
+                self._oldest[group] = arrival
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue
@@ -179,6 +190,7 @@ class DrakeViewerService:
                     self._show(channel, message)
         finally:
             self._waiting.pop(group, None)
+            self._oldest.pop(group, None)
             del self._tasks[group]
 
     def _show(self, channel: str, message: Message) -> None:

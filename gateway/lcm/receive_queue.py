@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from typing import Final
 
 from gateway.lcm.transport import OnMessage
+from gateway.runtime.arrival import set_arrival
 
 MAX_HANDLED: Final = 16
 """Maximum number of messages handled before the event loop continues: 16 small ones take about 0.5 ms."""
@@ -19,7 +21,7 @@ class ReceiveQueue:
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
-        self._messages: deque[tuple[str, bytes | memoryview, bool]] = deque()
+        self._messages: deque[tuple[str, bytes | memoryview, bool, int]] = deque()
         self._on_message: OnMessage | None = None
         self._resume_scheduled = False
         self.waiting_bytes = 0
@@ -33,25 +35,32 @@ class ReceiveQueue:
         """Set the callback that handles the messages."""
         self._on_message = on_message
 
-    def put(self, channel: str, data: bytes | memoryview, is_local: bool = False) -> None:
-        """Add a message, or drop it if the queue is full. The arguments are those of ``OnMessage``."""
+    def put(self, channel: str, data: bytes | memoryview, is_local: bool = False, arrival: int | None = None) -> None:
+        """Add a message, or drop it if the queue is full.
+
+        Args:
+            channel: see ``OnMessage``, also for ``data`` and ``is_local``.
+            arrival: time of its arrival, nanoseconds since the epoch; None: now.
+        """
         size = len(data) + OVERHEAD_BYTES
         if self.waiting_bytes + size > self._max_bytes:
             self.dropped += 1
             self.dropped_bytes += len(data)
             return
-        self._messages.append((channel, data, is_local))
+        self._messages.append((channel, data, is_local, time.time_ns() if arrival is None else arrival))
         self.waiting_bytes += size
 
     def handle(self) -> None:
         """Handle up to ``MAX_HANDLED`` messages, and schedule the handling of the others."""
         for _ in range(MAX_HANDLED):
             if not self._messages:
-                return
-            channel, data, is_local = self._messages.popleft()
+                break
+            channel, data, is_local, arrival = self._messages.popleft()
             self.waiting_bytes -= len(data) + OVERHEAD_BYTES
             if self._on_message is not None:
+                set_arrival(arrival)
                 self._on_message(channel, data, is_local)
+        set_arrival(None)
         if self._messages and not self._resume_scheduled:
             self._resume_scheduled = True
             asyncio.get_running_loop().call_soon(self._resume)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import array
+import contextlib
 import errno
 import fcntl
 import os
 import select
 import socket
 import struct
+import sys
 import time
 from typing import Final
 
@@ -33,6 +35,10 @@ _ADDRESS_OFFSET: Final = 20
 """Offset of the IPv4 address in a ``struct ifreq``."""
 _MAX_ADDRESSES: Final = 4096
 """Maximum number of addresses that are listed."""
+_TIMESTAMPS: Final = 35
+"""Socket option SO_TIMESTAMPNS of Linux, which Python's ``socket`` lacks, and type of its control messages."""
+_TIMESPEC: Final = struct.Struct("@ll")
+_CONTROL_BYTES: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
@@ -45,6 +51,7 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
     try:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        enable_timestamps(sock)
         sock.bind((network.address, network.port))
         group = struct.pack("4s4s", socket.inet_aton(network.address), bytes(4))
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
@@ -54,6 +61,23 @@ def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
         reason = {errno.EADDRINUSE: port_in_use, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
         raise LcmUnavailableError(f"LCM cannot join {url}: {reason}") from None
     return sock
+
+
+def enable_timestamps(sock: socket.socket) -> None:
+    """Let the system record the arrivals of datagrams, for ``receive``. Does nothing where it cannot."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
+
+
+def receive(sock: socket.socket, max_bytes: int) -> tuple[bytes, tuple[str, int], int]:
+    """Return a datagram, its sender, and its arrival at the socket, nanoseconds since the epoch. Raises OSError."""
+    datagram, control, _, sender = sock.recvmsg(max_bytes, _CONTROL_BYTES)
+    for level, kind, data in control:
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, _TIMESTAMPS, _TIMESPEC.size):
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            return datagram, sender, seconds * 1_000_000_000 + nanoseconds
+    return datagram, sender, time.time_ns()
 
 
 def send_socket(network: UdpmUrl) -> socket.socket:

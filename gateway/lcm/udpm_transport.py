@@ -136,7 +136,7 @@ class UdpmTransport:
         read_bytes = 0
         for _ in range(MAX_READ):
             try:
-                datagram, sender = self._receiver.recvfrom(udpm.MAX_DATAGRAM_BYTES)
+                datagram, sender, arrival = udpm_socket.receive(self._receiver, udpm.MAX_DATAGRAM_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
             except OSError as error:
@@ -146,7 +146,7 @@ class UdpmTransport:
             if self._network.ttl == 0 and not self._is_own(sender[0]):
                 self._count_foreign(sender[0])
             elif (message := self._assembler.receive(datagram, sender)) is not None:
-                self.queue.put(message.channel, message.data, self._network.ttl == 0)
+                self.queue.put(message.channel, message.data, self._network.ttl == 0, arrival)
             if read_bytes > MAX_READ_BYTES:
                 return
 

@@ -13,6 +13,8 @@ from typing import Final
 
 BACKGROUND_NICENESS: Final = 10
 """Niceness of threads without a waiting client: a tenth of another thread's share of a CPU."""
+CAMERA_FIRST_NICENESS: Final = 10
+"""Niceness of threads that give way to streaming cameras: they get what the cameras leave, and a tenth at least."""
 _SHORT_SLICE: Final = 100_000
 _DEFAULT_SLICE: Final = 3_000_000
 """Time slices in nanoseconds. Since Linux 6.12 a thread that wakes up preempts one with longer slices (EEVDF). Without
@@ -37,12 +39,21 @@ def yield_to_event_loop(niceness: int = BACKGROUND_NICENESS) -> None:
 
     For threads that compute. Does nothing where the system does not allow it.
     """
-    if sys.platform == "linux":  # elsewhere niceness belongs to the process
-        if niceness > 0:
-            with contextlib.suppress(OSError):
-                thread = threading.get_native_id()
-                os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
+    if sys.platform == "linux":
+        raise_niceness(threading.get_native_id(), niceness)
         _set_slice(_DEFAULT_SLICE)
+
+
+def raise_niceness(thread: int, niceness: int) -> None:
+    """Give a thread of this process a niceness relative to the process. Lowering it needs privileges.
+
+    Args:
+        thread: native id of the thread.
+        niceness: at least 0; at 0 nothing changes.
+    """
+    if sys.platform == "linux" and niceness > 0:  # elsewhere niceness belongs to the process
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, os.getpid()) + niceness))
 
 
 def _set_slice(nanoseconds: int) -> None:

@@ -3,6 +3,10 @@
 Calls run first come, first served. Waiting is normal, since Drake's client never retries, so the queue is long; beyond
 its limits a call is rejected at once. Each call has a ``StopFlag``, which is set at its deadline, when its caller is
 cancelled, and at shutdown.
+
+Cameras have a pool of their own, so that their calls never wait for batch renders. While a camera streams, the threads
+of the other pool have a higher niceness (``give_way``): the system interrupts them, even in a call, for the time that
+cameras need.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
-from gateway.runtime.scheduling import yield_to_event_loop
+from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, yield_to_event_loop
 from renderers.stop import StopFlag
 
 P = ParamSpec("P")
@@ -131,7 +135,12 @@ class WorkerPool:
         self.max_waiting_bytes = max_waiting_bytes
         self.seconds = seconds
         self._name = name
-        self._niceness = niceness
+        self._niceness = self._own_niceness = niceness
+        """Niceness of the threads now, and while they give way to nothing."""
+        self._priorities: set[object] = set()
+        """Keys of ``give_way``."""
+        self._threads: dict[int, int] = {}
+        """Niceness of each thread, by native id."""
         self._limit_name = limit_name
         self._lock = threading.Lock()
         self._wakeup = threading.Condition(self._lock)
@@ -141,6 +150,8 @@ class WorkerPool:
         self._running: set[_Call] = set()
         self._alive = 0
         """Threads that have not ended."""
+        self._retired = 0
+        """Those that end with their call, because their niceness is too high."""
         self._all_ended = threading.Event()
         self._closing = False
         self._watching = False
@@ -178,8 +189,7 @@ class WorkerPool:
                 self._check_queue(nbytes)
             self._waiting.append(call)
             self._waiting_bytes += nbytes
-            if self._alive < min(self.threads, len(self._running) + len(self._waiting)):
-                self._start_thread()
+            self._start_threads()
             self._wakeup.notify()
         try:
             result: T = await asyncio.wrap_future(call.future)
@@ -190,10 +200,29 @@ class WorkerPool:
         finally:
             del call  # a traceback must not keep the request alive in a reference cycle
 
+    def give_way(self, key: object, *, active: bool) -> None:
+        """Let other threads of the process run first, from now until a call with the same key and ``active=False``.
+
+        Running calls give way at once. Afterwards the threads end with their call, and new ones start: lowering the
+        niceness of a thread needs privileges. Called on the event loop, whose niceness new threads inherit.
+        """
+        if active == (key in self._priorities):
+            return
+        with self._lock:
+            self._priorities ^= {key}
+            self._niceness = max(self._own_niceness, CAMERA_FIRST_NICENESS if self._priorities else 0)
+            for thread, niceness in self._threads.items():
+                if niceness < self._niceness:
+                    raise_niceness(thread, self._niceness)
+                    self._threads[thread] = self._niceness
+            self._retired = sum(niceness > self._niceness for niceness in self._threads.values())
+            self._start_threads()
+            self._wakeup.notify_all()
+
     @property
-    def spare(self) -> int:
-        """Threads without a running or waiting call."""
-        return max(0, self.threads - len(self._running) - len(self._waiting))
+    def calls(self) -> int:
+        """Number of running and waiting calls."""
+        return len(self._running) + len(self._waiting)
 
     @property
     def stuck(self) -> bool:
@@ -294,17 +323,21 @@ class WorkerPool:
             else:
                 call.stop.set(CallerCancelled("the caller was cancelled"))
 
-    def _start_thread(self) -> None:
-        self._alive += 1
-        threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
+    def _start_threads(self) -> None:
+        while self._alive - self._retired < min(self.threads, self.calls):
+            self._alive += 1
+            threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
         if self.seconds is not None and not self._watching:
             self._watching = True
             threading.Thread(target=self._enforce_deadlines, name=f"{self._name}-deadlines", daemon=True).start()
 
     def _work(self) -> None:
         """Body of a worker thread."""
-        yield_to_event_loop(self._niceness)
-        while (call := self._next_call()) is not None:
+        thread = threading.get_native_id()
+        with self._lock:
+            self._threads[thread] = self._niceness
+            yield_to_event_loop(self._niceness)
+        while (call := self._next_call(thread)) is not None:
             result: Any = None
             error: BaseException | None = None
             try:
@@ -326,17 +359,24 @@ class WorkerPool:
             del call, result, error
         with self._lock:
             self._alive -= 1
-            if self._alive == 0:
+            self._retired -= self._threads.pop(thread) > self._niceness
+            if self._alive == 0 and self._closing:
                 self._all_ended.set()
 
-    def _next_call(self) -> _Call | None:
-        """Wait for a call and mark it as running; None: the pool is closing and all calls are done."""
+    def _next_call(self, thread: int) -> _Call | None:
+        """Wait for a call and mark it as running; None: all calls of a closing pool are done, or the thread must end.
+
+        Args:
+            thread: native id of the calling thread, which ends if its niceness is too high.
+        """
         with self._wakeup:
             while True:
-                while not self._waiting:
+                while not self._waiting and self._threads[thread] <= self._niceness:
                     if self._closing:
                         return None
                     self._wakeup.wait()
+                if self._threads[thread] > self._niceness:
+                    return None
                 call = self._waiting.popleft()
                 self._waiting_bytes -= call.nbytes
                 if call.future.set_running_or_notify_cancel():

@@ -114,3 +114,15 @@ class Part(msgspec.Struct, frozen=True, gc=False, eq=False):
     """The client's name for the shape, such as ``mesh_file`` or ``planar_lidar``; empty: the name of its class."""
     source: str = ""
     """Name of the file that the shape was read from, for display; empty: none."""
+
+    @property
+    def array_bytes(self) -> int:
+        """Bytes of the arrays of the shape."""
+        match self.shape:
+            case Surface(mesh=mesh):
+                return mesh.nbytes
+            case PointCloud(points=points, channels=channels):
+                return points.nbytes + sum(channel.nbytes for channel in channels.values())
+            case Line(points=points):
+                return points.nbytes
+        return 0

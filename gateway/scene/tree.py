@@ -7,13 +7,22 @@ subtree that did not change, so the time to compare them (``changes``) depends o
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Part
 from gateway.scene.transforms import IDENTITY, from_pose
+
+NODE_BYTES: Final = 400
+"""Memory of a node without its children."""
+CHILD_BYTES: Final = 40
+"""Memory of a reference to a child."""
+MAX_COUNTED_NODES: Final = 100
+"""Maximum number of nodes of a removed subtree whose arrays are counted."""
+UNKNOWN_BYTES: Final = 1 << 40
+"""``TreeEdit.replaced_bytes`` of a larger subtree."""
 
 PathElement = str | int
 Path = tuple[PathElement, ...]
@@ -160,7 +169,7 @@ class Node:
 class TreeEdit:
     """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends the batch."""
 
-    __slots__ = ("_owner", "_root", "changed", "created")
+    __slots__ = ("_owner", "_root", "changed", "created", "replaced_bytes")
 
     def __init__(self, root: Node) -> None:
         self._owner: object | None = object()
@@ -169,6 +178,8 @@ class TreeEdit:
         """True after the first edit."""
         self.created = 0
         """Number of nodes that this edit created, for callers that limit the size of the tree."""
+        self.replaced_bytes = 0
+        """Estimate of the bytes that only the tree before this edit needs."""
 
     @property
     def root(self) -> Node:
@@ -182,6 +193,8 @@ class TreeEdit:
         if leaf.parts is None:
             for node in nodes:
                 node.nodes_with_parts += 1
+        else:
+            self.replaced_bytes += sum(part.array_bytes for part in leaf.parts)
         leaf.parts = parts
 
     def set_matrix(self, path: Path, matrix: NDArray[np.float64]) -> None:
@@ -229,11 +242,13 @@ class TreeEdit:
         """Replace the subtree at ``path`` by a committed tree with its own transform."""
         if not path:
             self._begin_change()
+            self._count_replaced(self._root)
             self._root = node
             return
         parents = self._own(path[:-1])
         old = parents[-1].children.get(path[-1])
         old_nodes_with_parts, old_node_count = (old.nodes_with_parts, old.node_count) if old is not None else (0, 0)
+        self._count_replaced(old)
         parents[-1].children[path[-1]] = node
         for parent in parents:
             parent.nodes_with_parts += node.nodes_with_parts - old_nodes_with_parts
@@ -248,6 +263,7 @@ class TreeEdit:
         if not path:
             existed = bool(self._root.children) or self._root.parts is not None
             owner = self._begin_change()
+            self._count_replaced(self._root)
             self._root = Node()
             self._root.owner = owner
             return existed
@@ -255,6 +271,7 @@ class TreeEdit:
         if target is None:
             return False
         parents = self._own(path[:-1])
+        self._count_replaced(target)
         del parents[-1].children[path[-1]]
         for parent in parents:
             parent.nodes_with_parts -= target.nodes_with_parts
@@ -273,12 +290,26 @@ class TreeEdit:
         self.changed = True
         return self._owner
 
+    def _count_replaced(self, subtree: Node | None) -> None:
+        if subtree is None:
+            return
+        if subtree.node_count > MAX_COUNTED_NODES:
+            self.replaced_bytes += UNKNOWN_BYTES
+            return
+        for _, node in subtree.walk():
+            self.replaced_bytes += NODE_BYTES + sum(part.array_bytes for part in node.parts or ())
+
+    def _copy(self, node: Node) -> Node:
+        """Return a copy of a node that this edit may change."""
+        self.replaced_bytes += NODE_BYTES + CHILD_BYTES * len(node.children)
+        return node.copy(self._owner)
+
     def _own(self, path: Path) -> list[Node]:
         """Return the nodes from the root to ``path``, copied or created as needed, so that this edit owns them."""
         owner = self._begin_change()
         node = self._root
         if node.owner is not owner:
-            node = self._root = node.copy(owner)
+            node = self._root = self._copy(node)
         nodes = [node]
         created_before = self.created
         for element in path:
@@ -289,7 +320,7 @@ class TreeEdit:
                 node.children[element] = child
                 self.created += 1
             elif child.owner is not owner:
-                child = child.copy(owner)
+                child = self._copy(child)
                 node.children[element] = child
             nodes.append(child)
             node = child

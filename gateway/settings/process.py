@@ -89,7 +89,8 @@ class ProcessSettings(BaseSettings):
     threads: int = option(
         0,
         "Speed and limits",
-        "Number of worker threads of each process; 0: one per core, or the cores divided by --workers.",
+        "Number of worker threads of each process; 0: one per core, or the cores divided by --workers. Stereo cameras "
+        "have as many of their own.",
         ge=0,
         le=1024,
     )
@@ -121,7 +122,8 @@ class ProcessSettings(BaseSettings):
         0,
         "Speed and limits",
         "Niceness of the worker threads relative to the process, so that other programs on the machine come first. The "
-        "event loop is scheduled before the worker threads anyway on Linux 6.12 and later; older kernels may need 10.",
+        "event loop is scheduled before the worker threads anyway on Linux 6.12 and later; older kernels may need 10. "
+        "While a stereo camera streams, the threads of other work have 10 at least.",
         ge=0,
         le=19,
     )

@@ -71,11 +71,6 @@ class StereoSettings(BaseSettings):
         "projector, separated by commas. The default is 'off', and 'all' with --demo.",
     )
     stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and the IMU, and errors to modelled depth.")
-    stereo_mesh_rgb: bool = option(
-        False,
-        "Stereo camera",
-        "Write the colours of textured meshes also as red, green, blue per vertex, for trimesh and Open3D.",
-    )
     clock: Literal["real", "simulated"] = option(
         "real",
         "Stereo camera",

@@ -40,6 +40,7 @@ _INTRINSICS_EXAMPLE: Final = {
     "width": 848,
     "height": 480,
     "K": [[425.0, 0.0, 424.0], [0.0, 425.0, 240.0], [0.0, 0.0, 1.0]],
+    "K_opencv": [[425.0, 0.0, 423.5], [0.0, 425.0, 239.5], [0.0, 0.0, 1.0]],
 }
 _CAMERA_EXAMPLE: Final = {
     "name": "stereo",
@@ -162,6 +163,7 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
     }
     description["raw"] = {
         "K": left["K"],
+        "K_opencv": left["K_opencv"],
         "distortion": list(config.distortion.coefficients),
         "right_rotation": list(config.distortion.right_rotation),
     }
@@ -172,7 +174,9 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
 
 
 def _intrinsics(k: Intrinsics) -> dict[str, Any]:
-    return {"width": k.width, "height": k.height, "K": k.matrix.round(6).tolist()}
+    """Return size and camera matrices: ``K`` as in docs/conventions.md, and that of OpenCV, half a pixel less."""
+    matrices = {"K": k.matrix, "K_opencv": k.opencv_matrix}
+    return {"width": k.width, "height": k.height, **{name: k.round(6).tolist() for name, k in matrices.items()}}
 
 
 async def _compute(frame: Frame, compute: Callable[[], Any]) -> Any:

@@ -15,12 +15,13 @@ class Clock(Protocol):
     def simulated(self) -> bool:
         """True if timestamps count frames instead of time; then no frame may be skipped for lack of time."""
 
-    def next_timestamp(self, previous: int | None, period: int) -> int:
+    def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
         """Return the timestamp of a frame, nanoseconds since the epoch.
 
         Args:
             previous: timestamp of the previous frame; None for the first.
             period: nanoseconds between frames at the current rate.
+            age: nanoseconds that have passed since the middle of the frame's exposure.
         """
 
 
@@ -29,8 +30,8 @@ class SystemClock:
 
     simulated = False
 
-    def next_timestamp(self, previous: int | None, period: int) -> int:
-        now = time.time_ns()
+    def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
+        now = time.time_ns() - age
         # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
         return now if previous is None or not previous - NANOSECONDS_PER_SECOND < now <= previous else previous + 1
 
@@ -47,7 +48,7 @@ class SimulatedClock:
         """
         self._start = start
 
-    def next_timestamp(self, previous: int | None, period: int) -> int:
+    def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
         return self._start if previous is None else previous + period
 
 

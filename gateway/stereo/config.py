@@ -86,9 +86,6 @@ class StereoConfig:
     """True if the camera has a random-dot projector, on output Out1."""
     dot_light: float = 2.0
     """Light that the centre of a dot adds, as a multiple of the light at that pixel without projector."""
-    mesh_rgb: bool = False
-    """True: meshes have vertex colours a second time, as red, green, blue. trimesh and Open3D ignore the device's names
-    (diffuse_red and so on)."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gateway.stereo.clock import Clock
+from gateway.stereo.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.config import Rate
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings
 
@@ -22,18 +22,25 @@ class FrameClock:
         """Timestamp of the last frame, nanoseconds; None before the first."""
         self._clock = clock
         self._rate = rate
+        self.frame_due = 0.0
+        """Due time of the newest frame, seconds of the event loop's clock."""
         self._next_frame_due = 0.0
-        """Due time of the next frame, seconds of the event loop's clock."""
+        self._resting = True
+        """True while no client streams: no frames are missed."""
         self._next_depth_due: float | None = None
         """Timestamp from which depth is due, nanoseconds; None: due now."""
 
-    def next_timestamp(self, period: int) -> int:
-        """Return the timestamp of a frame captured now.
+    def next_timestamp(self, period: int, now: float | None = None, exposure: float = 0.0) -> int:
+        """Return the timestamp of a frame: the middle of an exposure that ended when the frame was due.
 
         Args:
             period: nanoseconds between frames.
+            now: seconds of the event loop's clock; None: the frame is due now.
+            exposure: longest exposure time, seconds.
         """
-        return self._clock.next_timestamp(self.timestamp, period)
+        lateness = 0.0 if now is None else max(0.0, now - self.frame_due)
+        age = round((lateness + 0.5 * exposure) * NANOSECONDS_PER_SECOND)
+        return self._clock.next_timestamp(self.timestamp, period, age)
 
     def seconds_until_frame(self, now: float) -> float:
         """Return the seconds until the next frame is due, at most 0 if it is due.
@@ -43,24 +50,29 @@ class FrameClock:
         """
         return self._next_frame_due - now
 
-    def schedule_next_frame(self, now: float, period: float) -> None:
-        """Schedule the frame after the one that is due.
+    def take_frame(self, now: float, period: float) -> int:
+        """Take the newest frame that is due, and schedule the next one. Return the number of frames that were missed.
 
-        A frame that is late by less than a period does not shift the schedule. A frame that is later restarts it, so
-        missed frames are not made up for.
+        However late the caller is, due times are a multiple of the period apart.
 
         Args:
             now: seconds of the event loop's clock.
             period: seconds between frames.
         """
-        lateness = now - self._next_frame_due
-        self._next_frame_due = self._next_frame_due + period if lateness < period else now + period
+        late_periods = int(max(0.0, now - self._next_frame_due) / period)
+        missed = 0 if self._resting or self.simulated else late_periods
+        is_first = self._resting and late_periods > 0
+        self.frame_due = now if is_first else self._next_frame_due + late_periods * period
+        self._next_frame_due = self.frame_due + period
+        self._resting = False
+        return missed
 
-    def depth_due(self, settings: StreamSettings, period: int, *, triggered: bool) -> bool:
-        """Return True if a frame captured now includes depth.
+    def depth_due(self, settings: StreamSettings, timestamp: int, period: int, *, triggered: bool) -> bool:
+        """Return True if a frame includes depth.
 
         Args:
             settings: current parameters.
+            timestamp: timestamp of the frame, nanoseconds.
             period: nanoseconds between camera frames.
             triggered: True if ``acquisition_trigger`` was called.
         """
@@ -68,7 +80,7 @@ class FrameClock:
             return triggered
         if self._rate == "max" or self._next_depth_due is None:
             return True
-        remaining = self._next_depth_due - self.next_timestamp(period)
+        remaining = self._next_depth_due - timestamp
         # A due time far in the future means that the system clock was set back.
         return remaining <= period / 2 or remaining > 2e9 / settings.depth_rate
 
@@ -100,6 +112,7 @@ class FrameClock:
         if self.simulated:
             self.timestamp = self.next_timestamp(period)
 
-    def reset_depth(self) -> None:
-        """Make the next frame a depth frame."""
+    def rest(self) -> None:
+        """Stop the schedule until the next frame, which includes depth."""
         self._next_depth_due = None
+        self._resting = True

@@ -35,7 +35,7 @@ class FrameCounts:
     depth_frames: int = 0
     """Number of frames made with depth."""
     skipped: int = 0
-    """Number of frames that were due while too many were in flight."""
+    """Number of frames that were due, but missed, or not made because too many were in flight."""
     busy: int = 0
     """Number of sets and captures dropped because the worker queue was full."""
     problem: str = ""

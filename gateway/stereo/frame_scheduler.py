@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,18 +22,18 @@ from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
 from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
-from gateway.stereo.motion import EarlierFrame
+from gateway.stereo.motion import SceneState, state_before
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
-from renderers.drawlist import DrawList
 
-SceneSource = Callable[[], tuple[DrawList, int]]
-"""Returns the current scene and its revision. Called in a worker thread, one call at a time."""
-PoseSource = Callable[[], NDArray[np.float64]]
-"""Returns X_world_left, the pose of the left optical frame, (4, 4) float64. Called right after the scene source, in the
-same thread."""
+SceneSource = Callable[[int | None], SceneState]
+"""Returns scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones. Called in
+worker threads."""
 
+MAX_SETTLING: Final = 30_000_000
+"""Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
+_POLL_SECONDS: Final = 0.002
 _KERNEL_PARTS: Final = ("stereo", "normals")
 """Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
 
@@ -48,37 +50,40 @@ class FrameScheduler:
         injector: FaultInjector,
         parameters: Parameters,
         scene: SceneSource,
-        pose: PoseSource,
         clock: Clock,
         on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
+        on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
             on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
                 and X_world_left, (4, 4) float64.
+            on_streaming: called often, with True while clients stream.
+            has_messages_before: see ``StereoService``.
         """
         config = imaging.config
         self.imaging = imaging
         """Image source of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=config.history)
         """The last frames, oldest first, for ground truth."""
-        self.trigger_pending = False
-        """True from a call of ``acquisition_trigger`` until its depth image is captured."""
+        self.trigger_time: float | None = None
+        """Time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None after its capture."""
         self._workers = workers
         self._hub = hub
         self._injector = injector
         self._parameters = parameters
         self._scene = scene
-        self._pose = pose
         self._on_capture = on_capture
+        self._on_streaming = on_streaming
+        self._has_messages_before = has_messages_before
         self._clock = FrameClock(clock, config.rate)
         self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
-        self._scene_lock = asyncio.Lock()
         self._frame_number = 0
-        self._earlier: EarlierFrame | None = None
-        """Frame captured last, for motion blur and rolling shutters."""
+        self._last: SceneState | None = None
+        """Scene of the newest capture, for motion blur and rolling shutters."""
 
     @property
     def settings(self) -> StreamSettings:
@@ -105,6 +110,7 @@ class FrameScheduler:
             while True:
                 await self._step()
         finally:
+            self._on_streaming(False)
             tasks = self._camera_frames.tasks | self._depth_frames.tasks
             self._cancel_frames()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -113,10 +119,11 @@ class FrameScheduler:
         """Wait until a frame is due or a client changes, and capture a frame if one is due."""
         hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
         hub.changed.clear()
+        self._on_streaming(len(hub) > 0)
         if len(hub) == 0:
             self._cancel_frames()
             self._camera_frames.last = self._depth_frames.last = None
-            clock.reset_depth()
+            clock.rest()
         self._repeat_last_frames()
         kinds = self._urgent_kinds() if unlimited_rate else hub.kinds()
         if not kinds:
@@ -128,9 +135,13 @@ class FrameScheduler:
             if (delay := clock.seconds_until_frame(now)) > 0:
                 await _wait(hub.changed, delay)
                 return
-            clock.schedule_next_frame(now, period)
+            missed = clock.take_frame(now, period)
+            self.counts.skipped += 0 if unlimited_rate else missed
         period_ns = round(period * NANOSECONDS_PER_SECOND)
-        depth_due = clock.depth_due(settings, period_ns, triggered=self.trigger_pending)
+        timestamp = self._next_timestamp(settings, period_ns)
+        exposed_from = (now if unlimited_rate else clock.frame_due) - settings.longest_exposure
+        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposed_from)
+        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
         depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
         camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
         if depth_kinds or camera_kinds:
@@ -140,6 +151,11 @@ class FrameScheduler:
             await _wait(hub.changed, period)
         else:
             clock.skip_frame(period_ns)
+
+    def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
+        """Return the timestamp of the frame that is due."""
+        now = None if self.imaging.config.rate == "max" else asyncio.get_running_loop().time()
+        return self._clock.next_timestamp(period_ns, now, settings.longest_exposure)
 
     def _urgent_kinds(self) -> set[SetKind]:
         """Return the kinds to make at rate ``max``.
@@ -184,10 +200,13 @@ class FrameScheduler:
             period_ns: nanoseconds between camera frames.
         """
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
-        timestamp = clock.next_timestamp(period_ns)
-        sent_timestamp = self._injector.timestamp(timestamp)
+        timestamp = self._next_timestamp(settings, period_ns)
         capture = await self._capture_scene(
-            self._frame_number + 1, sent_timestamp, settings.gpio(depth=False), camera_kinds | depth_kinds
+            self._frame_number + 1,
+            timestamp,
+            self._injector.timestamp(timestamp),
+            settings.gpio(depth=False),
+            camera_kinds | depth_kinds,
         )
         if capture is None:
             return
@@ -202,22 +221,29 @@ class FrameScheduler:
         if not depth_kinds:
             return
         clock.schedule_next_depth(timestamp, settings.depth_rate)
-        self.trigger_pending = False
+        self.trigger_time = None
         if settings.separate_depth:
             clock.delay_for_alternate_exposure(period_ns)
-            publisher.spawn(self._depth_frames, self._expose_depth(settings, capture, depth_kinds, generation))
+            publisher.spawn(
+                self._depth_frames, self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
+            )
             return
         self._depth_frames.last = frame = frame or self._new_frame(settings, capture, capture, depth_kinds, generation)
         publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
 
     async def _expose_depth(
-        self, settings: StreamSettings, camera: Capture, kinds: set[SetKind], generation: int
+        self, settings: StreamSettings, camera: Capture, timestamp: int, kinds: set[SetKind], generation: int
     ) -> None:
-        """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures."""
-        if self.imaging.config.rate == "device":
-            await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
-        timestamp = camera.timestamp + ALTERNATE_GAP_NS
-        depth = await self._capture_scene(camera.frame_number, timestamp, settings.gpio(depth=True), kinds)
+        """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
+
+        Args:
+            timestamp: true timestamp of the camera images, nanoseconds since the epoch.
+        """
+        await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND if self.imaging.config.rate == "device" else 0)
+        timestamp, sent_timestamp = (each + ALTERNATE_GAP_NS for each in (timestamp, camera.timestamp))
+        depth = await self._capture_scene(
+            camera.frame_number, timestamp, sent_timestamp, settings.gpio(depth=True), kinds
+        )
         if depth is not None:
             self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
             await self._publisher.publish_depth_sets(frame, kinds)
@@ -233,37 +259,53 @@ class FrameScheduler:
         self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
         return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
 
-    async def read_scene(self) -> tuple[DrawList, int, NDArray[np.float64]]:
-        """Return the current scene, its revision and the camera's pose, X_world_left.
+    async def read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
+        """Return the scene at a time, and an earlier one if images depend on motion.
+
+        Args:
+            timestamp: nanoseconds since the epoch. With simulated time, the scene is the current one.
 
         Raises:
             QueueFull: the worker queue is full.
         """
-        async with self._scene_lock:
-            return await self._workers.run(self._scene_and_pose)
+        while (  # noqa: ASYNC110 - at most 30 ms
+            self._has_messages_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
+        ):
+            await asyncio.sleep(_POLL_SECONDS)
+        return await self._workers.run(self._read_scene, timestamp)
 
-    async def _capture_scene(self, frame_number: int, timestamp: int, gpio: int, kinds: set[SetKind]) -> Capture | None:
-        """Return the current scene and pose, or None if they cannot be read.
+    def _read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
+        if not self.imaging.config.uses_motion:
+            return self._scene(None if self._clock.simulated else timestamp), None
+        if self._clock.simulated:
+            return replace(self._scene(None), timestamp=timestamp), self._last
+        state = self._scene(timestamp)
+        return state, state_before(state, self._last, self._scene)
+
+    async def _capture_scene(
+        self, frame_number: int, timestamp: int, sent_timestamp: int, gpio: int, kinds: set[SetKind]
+    ) -> Capture | None:
+        """Return scene and pose at a time, or None if they cannot be read.
 
         An error ends the streams of ``kinds``; a full worker queue does not.
+
+        Args:
+            timestamp: true time, nanoseconds since the epoch.
+            sent_timestamp: time that clients get; a fault may falsify it.
         """
         try:
-            scene, revision, pose = await self.read_scene()
+            state, earlier = await self.read_scene(timestamp)
         except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
         else:
-            capture = Capture(timestamp, scene, revision, pose, gpio, frame_number, self._earlier)
-            if self.imaging.config.uses_motion:
-                self._earlier = EarlierFrame(timestamp, scene, pose)
-            return capture
+            self._last = state
+            if earlier is not None:
+                earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
+            return Capture(sent_timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier)
         return None
-
-    def _scene_and_pose(self) -> tuple[DrawList, int, NDArray[np.float64]]:
-        scene, revision = self._scene()
-        return scene, revision, self._pose()
 
     def _repeat_last_frames(self) -> None:
         """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""

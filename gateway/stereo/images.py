@@ -12,7 +12,7 @@ from gateway.stereo import depth
 from gateway.stereo.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair
-from gateway.stereo.motion import EarlierFrame
+from gateway.stereo.motion import SceneState
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import DrawList, ImageError
@@ -41,7 +41,7 @@ class Capture:
     gpio: int
     """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
     frame_number: int = 0
-    earlier: EarlierFrame | None = None
+    earlier: SceneState | None = None
     """Frame before this one, for motion blur and rolling shutters; None: there is none, or nothing needs it."""
 
     @property

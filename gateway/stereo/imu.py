@@ -30,24 +30,21 @@ _log = structlog.get_logger("stereo")
 
 
 class PoseLog:
-    """Poses of the camera, with the times of the changes of the live tree."""
+    """Poses of the camera, with the times of the changes of the scene."""
 
     def __init__(
         self,
-        snapshot: Callable[[], Snapshot],
+        tree: LiveTree,
         pose_in: Callable[[Snapshot], NDArray[np.float64]],
-        tree: LiveTree | None,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         """
         Args:
-            snapshot: returns the current snapshot.
+            tree: scene whose changes are recorded.
             pose_in: returns X_world_left, (4, 4) float64, in a snapshot.
-            tree: tree whose changes are recorded; None: the scene does not change.
             clock: returns the time, nanoseconds since the epoch.
         """
         self.clock = clock
-        self._snapshot = snapshot
         self._pose_in = pose_in
         self._tree = tree
         self._entries: deque[tuple[int, Snapshot]] = deque()
@@ -56,9 +53,13 @@ class PoseLog:
 
     def start(self) -> None:
         """Record the current pose, and every change from now on."""
-        self._entries.append((self.clock(), self._snapshot()))
-        if self._tree is not None:
-            self._stop_listening = self._tree.listen(self._record)
+        snapshot = self._tree.snapshot
+        begin = max(self.clock(), snapshot.timestamp)
+        self._entries.append((begin, snapshot))
+        # A change whose message arrived before ``begin`` counts from then on.
+        self._stop_listening = self._tree.listen(
+            lambda snapshot: self._entries.append((max(snapshot.timestamp, begin), snapshot))
+        )
 
     def stop(self) -> None:
         """Stop recording, and discard the poses that were not taken."""
@@ -72,9 +73,6 @@ class PoseLog:
             timestamp, snapshot = self._entries.popleft()
             poses.append((timestamp, self._pose_in(snapshot)))
         return poses
-
-    def _record(self, snapshot: Snapshot) -> None:
-        self._entries.append((self.clock(), snapshot))
 
 
 class Imu:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,19 +23,41 @@ MAX_EXTRA_IMAGES: Final = 4.0
 """Maximum number of pixels that are rendered for blur, as a multiple of the image's."""
 MAX_INTERVAL: Final = 0.5
 """Maximum time since the previous frame, seconds. For an older one, the velocity may have changed."""
+VELOCITY_TIME: Final = 40_000_000
+"""Time over which velocities are measured, nanoseconds, if the last frame is not as recent."""
+SLOWEST_MOTION: Final = 100_000_000
+"""Time without changes after which the scene was at rest, nanoseconds."""
 _MARGIN: Final = 2
 """Margin on each side of a rectangle, pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EarlierFrame:
-    """Scene and pose of the previous frame, for velocities."""
+class SceneState:
+    """Scene and camera pose at one time."""
 
     timestamp: int
     """Nanoseconds since the epoch."""
     scene: DrawList
     X_world_left: NDArray[np.float64]
     """(4, 4) float64, pose of the left optical frame."""
+    revision: int = 0
+    """Revision of the scene."""
+    changed: int = 0
+    """Time of the last change, nanoseconds since the epoch."""
+
+
+def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int], SceneState]) -> SceneState:
+    """Return an earlier state, for velocities. The time between both is that between the messages that they are from.
+
+    Args:
+        now: state at the timestamp of a frame.
+        last: state of the last frame, used if it is recent.
+        scene: returns the state at a time, nanoseconds since the epoch.
+    """
+    if last is None or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
+        last = scene(now.timestamp - VELOCITY_TIME)
+    moved = last.changed if last.timestamp - last.changed < SLOWEST_MOTION else last.timestamp
+    return replace(last, timestamp=now.timestamp - (now.changed - moved))
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,7 +90,6 @@ def read_set_kind(request: pb.ImageSetRequest, config: StereoConfig) -> SetKind:
             min_depth=options.binning_method == pb.MeshOptions.MIN_DEPTH,
             watertight=options.watertight,
             textured=options.textured,
-            rgb=config.mesh_rgb and options.textured,
         )
     images = request.left_enabled or request.right_enabled or (mesh is not None and mesh.textured)
     return SetKind(

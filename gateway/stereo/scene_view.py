@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import Flattener
-from gateway.scene.live import Snapshot
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.mount import Mount
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.motion import SceneState
 from renderers.camera import Camera
-from renderers.drawlist import DrawList
 
 
 class SceneView:
-    """Scene and camera pose, both of the snapshot that ``scene`` took last."""
+    """Scene and camera pose at any recent time."""
 
-    def __init__(self, snapshot: Callable[[], Snapshot], flattener: Flattener, mount: Mount) -> None:
+    def __init__(self, tree: LiveTree, flattener: Flattener, mount: Mount) -> None:
         """
         Args:
-            snapshot: returns the current snapshot.
+            tree: the scene.
             flattener: makes the draw list of a snapshot.
             mount: pose of the camera in the scene.
         """
-        self._take_snapshot = snapshot
+        self.tree = tree
         self._flattener = flattener
         self._mount = mount
-        self._snapshot = snapshot()
 
-    def scene(self) -> tuple[DrawList, int]:
-        """Return the current scene and its revision."""
-        self._snapshot = self._take_snapshot()
-        return self._flattener.flatten(self._snapshot), self._snapshot.revision
-
-    def pose(self) -> NDArray[np.float64]:
-        """Return X_world_left, (4, 4) float64, in the snapshot of the last ``scene`` call."""
-        return self.pose_in(self._snapshot)
+    def state(self, timestamp: int | None = None) -> SceneState:
+        """Return scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones."""
+        snapshot = self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp)
+        scene, pose = self._flattener.flatten(snapshot), self.pose_in(snapshot)
+        time = snapshot.timestamp if timestamp is None else timestamp
+        return SceneState(time, scene, pose, snapshot.revision, snapshot.timestamp)
 
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Return X_world_left, (4, 4) float64, in a snapshot."""
@@ -45,11 +40,11 @@ class SceneView:
 
     def warning(self) -> str:
         """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
-        self._mount.pose(self._take_snapshot().root)
+        self._mount.pose(self.tree.snapshot.root)
         return self._mount.warning
 
     def camera(self, config: StereoConfig) -> Camera:
         """Return the left camera in the current snapshot."""
         k = config.model.intrinsics()
-        pose = self.pose_in(self._take_snapshot())
+        pose = self.pose_in(self.tree.snapshot)
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

@@ -18,7 +18,7 @@ from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
-from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
+from gateway.stereo.frame_scheduler import FrameScheduler, SceneSource
 from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imu import Imu, PoseLog
@@ -39,21 +39,24 @@ class StereoService:
         self,
         config: StereoConfig,
         scene: SceneSource,
-        pose: PoseSource,
         renderer: Renderer,
         workers: WorkerPool,
         clock: Clock | None = None,
         pose_log: PoseLog | None = None,
+        on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
             config: fixed configuration.
-            scene: returns the current scene and its revision; called in a worker thread.
-            pose: returns X_world_left, (4, 4) float64; called right after ``scene`` in the same thread.
+            scene: returns scene and pose at a time; called in worker threads.
             renderer: thread-safe renderer.
             workers: threads for rendering, depth, serialisation and ground truth.
             clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
+            on_streaming: called often, with True while clients stream images.
+            has_messages_before: returns True if a message that arrived before a time, nanoseconds since the epoch, is
+                not part of the scene yet.
         """
         self.parameters = Parameters(config.limits)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
@@ -76,9 +79,10 @@ class StereoService:
             self.injector,
             self.parameters,
             scene,
-            pose,
             clock or SystemClock(),
             self.imu.frame_captured,
+            on_streaming,
+            has_messages_before,
         )
         self._image_changes = 0
         """Number of changes between the scene and recorded pairs."""
@@ -167,10 +171,12 @@ class StereoService:
         Raises:
             QueueFull: the worker queue is full.
         """
-        settings = self.settings
-        scene, revision, pose = await self._scheduler.read_scene()
+        settings, timestamp = self.settings, time.time_ns()
+        state, _ = await self._scheduler.read_scene(timestamp)
         self._captures += 1
-        camera = Capture(time.time_ns(), scene, revision, pose, settings.gpio(depth=False), self._captures)
+        camera = Capture(
+            timestamp, state.scene, state.revision, state.X_world_left, settings.gpio(depth=False), self._captures
+        )
         depth = replace(camera, gpio=settings.gpio(depth=True))
         return Frame(self.imaging, self.workers, settings, camera, depth, (kind,))
 
@@ -196,9 +202,9 @@ class StereoService:
             return -8, "Triggering is only possible in SingleFrame acquisition mode"
         if not any(kind.has_depth for kind in self.hub.kinds()):
             return 102, "Trigger is ignored, because there are no subscribers"
-        if self._scheduler.trigger_pending:
+        if self._scheduler.trigger_time is not None:
             return 101, "Trigger is ignored, because there is a trigger call pending"
-        self._scheduler.trigger_pending = True
+        self._scheduler.trigger_time = asyncio.get_running_loop().time()
         self.hub.changed.set()
         return 0, ""
 

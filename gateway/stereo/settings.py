@@ -95,6 +95,11 @@ class StreamSettings:
         return min(fps, self.limits.fps / 2) if self.alternate_exposure else fps
 
     @property
+    def longest_exposure(self) -> float:
+        """Longest time of an exposure, seconds."""
+        return self.manual_exposure.time if self.auto_exposure is None else self.auto_exposure.max_time
+
+    @property
     def averaged_images(self) -> int:
         """Number of images averaged for depth. ``static_scene`` applies to full and high quality only (manual)."""
         return STATIC_IMAGES if self.static_scene and self.quality in (Quality.FULL, Quality.HIGH) else 1

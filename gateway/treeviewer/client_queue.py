@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
+from gateway.runtime.arrival import arrival_time
+
 Message = bytes | memoryview
 Publish = Callable[[str, bytes], None]
 """Function that publishes a message: (channel, message)."""
@@ -28,7 +30,7 @@ class ClientQueue:
     """True for a program on this machine, which may name files in more folders."""
     size: int = 0
     """``size_of`` all messages in the queue, in bytes."""
-    _messages: deque[Message] = field(default_factory=deque)
+    _messages: deque[tuple[Message, int]] = field(default_factory=deque)
 
     def __len__(self) -> int:
         return len(self._messages)
@@ -36,17 +38,21 @@ class ClientQueue:
     def put(self, message: Message) -> int:
         """Add a message; return its ``size_of``."""
         size = size_of(message)
-        self._messages.append(message)
+        self._messages.append((message, arrival_time()))
         self.size += size
         return size
 
     def first(self) -> Message:
         """Return the oldest message without removing it."""
-        return self._messages[0]
+        return self._messages[0][0]
+
+    def first_arrival(self) -> int:
+        """Return the arrival of the oldest message, nanoseconds since the epoch."""
+        return self._messages[0][1]
 
     def pop(self) -> int:
         """Remove the oldest message; return its ``size_of``."""
-        size = size_of(self._messages.popleft())
+        size = size_of(self._messages.popleft()[0])
         self.size -= size
         return size
 

@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 import structlog
 
+from gateway.runtime.arrival import set_arrival
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.clicks import Click
@@ -157,6 +158,10 @@ class Dispatcher:
         self.waiting_bytes += queue.put(message)
         return queue.size
 
+    def oldest_arrival(self) -> int | None:
+        """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
+        return min((queue.first_arrival() for queue in self._queues.values() if len(queue)), default=None)
+
     def status(self) -> dict[str, object]:
         """Return the counters as plain JSON values."""
         return {
@@ -199,6 +204,7 @@ class Dispatcher:
         try:
             while len(queue):
                 message = queue.first()
+                set_arrival(queue.first_arrival())
                 if self._is_big(message):
                     await self._handle_big(queue, message)
                 else:

@@ -14,6 +14,7 @@ from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime import process_tuning
+from gateway.runtime.arrival import arrival_time
 from gateway.runtime.kernel_progress import KernelProgress
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry
@@ -60,15 +61,19 @@ class Context:
     metrics: Metrics
     workers: WorkerPool
     """Threads for calls that would block the event loop."""
+    camera_workers: WorkerPool
+    """Threads for the cameras, which the other workers give way to."""
     security: Security
     """Tokens, TLS and trusted hosts of every interface."""
-    tree: LiveTree = field(default_factory=LiveTree)
+    tree: LiveTree = field(default_factory=lambda: LiveTree(arrival_time))
     page: LivePage = field(default_factory=LivePage)
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
+    oldest_arrivals: list[Callable[[], int | None]] = field(default_factory=list)
+    """Functions that return the arrival of the oldest message that is not applied to the tree yet."""
     lcm_listeners: list[ChannelListener] = field(default_factory=list)
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
     state: PersistentState | None = None
@@ -120,8 +125,13 @@ class Context:
 
             threads = self.settings.frame_threads or self.workers.threads
             extra = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: extra + self.workers.spare)
+            self._renderer = CpuRenderer(threads, lambda: extra + self._spare_threads)
         return self._renderer
+
+    @property
+    def _spare_threads(self) -> int:
+        """Number of worker threads that no call needs."""
+        return max(0, self.workers.threads - self.workers.calls - self.camera_workers.calls)
 
     @property
     def mesh_files(self) -> MeshFiles:
@@ -143,12 +153,17 @@ class Context:
             self._local_mesh_files = MeshFiles(self.settings.mesh_folders, any_folder=True)
         return self._local_mesh_files
 
+    def has_messages_before(self, timestamp: int) -> bool:
+        """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""
+        arrivals = [oldest() for oldest in self.oldest_arrivals]
+        return any(arrival is not None and arrival <= timestamp for arrival in arrivals)
+
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
         before = returned = (0, 0)
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            if self.workers.stats.running == 0 and self._work_done == before != returned:
+            if self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before != returned:
                 returned = before
                 if self._renderer is not None:
                     self._renderer.release_memory()
@@ -158,7 +173,7 @@ class Context:
     @property
     def _work_done(self) -> tuple[int, int]:
         """Number of calls in the worker threads, and revision of the live tree."""
-        return self.workers.stats.done, self.tree.snapshot.revision
+        return self.workers.stats.done + self.camera_workers.stats.done, self.tree.snapshot.revision
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
@@ -232,7 +247,10 @@ class Context:
     async def _close_queue(self, seconds: float) -> None:
         """Reject the calls that still wait for a thread after ``seconds``."""
         await asyncio.sleep(seconds)
-        await self.workers.close(0.0)
+        await self._close_workers(0.0)
+
+    async def _close_workers(self, seconds: float) -> None:
+        await asyncio.gather(self.workers.close(seconds), self.camera_workers.close(seconds))
 
     async def close(self) -> None:
         """End the start, every service, the state and the worker threads."""
@@ -247,7 +265,7 @@ class Context:
         if self.state is not None:
             await self.state.close()
         self._queue_closer.cancel()
-        await self.workers.close(max(0.0, self._deadline - asyncio.get_running_loop().time()))
+        await self._close_workers(max(0.0, self._deadline - asyncio.get_running_loop().time()))
         self.exit_stack.close()
 
 

@@ -13,7 +13,7 @@ from fastapi.exceptions import RequestValidationError
 
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
-from gateway.scene.live import Snapshot
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
 from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
@@ -99,7 +99,7 @@ def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
 
 
 def _start_camera(
-    context: Context, number: int, config: StereoConfig, mount: Mount, scene: Snapshot | None
+    context: Context, number: int, config: StereoConfig, mount: Mount, scene: LiveTree | None
 ) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
 
@@ -108,20 +108,24 @@ def _start_camera(
     """
     settings = context.settings
     if scene is None:
-        view = SceneView(lambda: context.tree.snapshot, context.flattener, mount)
-        pose_log = PoseLog(lambda: context.tree.snapshot, view.pose_in, context.tree)
+        view = SceneView(context.tree, context.flattener, mount)
     else:
-        view = SceneView(lambda: scene, Flattener(LabelTable()), mount)
-        pose_log = PoseLog(lambda: scene, view.pose_in, None)
+        view = SceneView(scene, Flattener(LabelTable()), mount)
+
+    def on_streaming(streaming: bool) -> None:
+        view.tree.keep_recent(number, active=streaming)
+        context.workers.give_way(number, active=streaming)
+
     simulated = settings.clock == "simulated"
     service = StereoService(
         config,
-        view.scene,
-        view.pose,
+        view.state,
         context.renderer,
-        context.workers,
+        context.camera_workers,
         SimulatedClock() if simulated else None,
-        None if simulated else pose_log,
+        None if simulated else PoseLog(view.tree, view.pose_in),
+        on_streaming,
+        context.has_messages_before if scene is None else lambda timestamp: False,
     )
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
@@ -143,14 +147,17 @@ def _start_camera(
     return service
 
 
-async def _scene(context: Context) -> Snapshot | None:
+async def _scene(context: Context) -> LiveTree | None:
     """Return the scene of ``--stereo-scene``; None if that is the live tree."""
     settings = context.settings
     if settings.stereo_scene == "live":
         return None
     file = await read_scene_setting(settings.stereo_scene, settings)
     context.registry.warn("stereo", settings.stereo_scene, *file.warnings)
-    return Snapshot(file.root, 0)
+    tree = LiveTree()
+    with tree.edit() as edit:
+        edit.set_subtree((), file.root)
+    return tree
 
 
 def _pairs(folder: Path, service: StereoService) -> PairImaging:
@@ -198,7 +205,6 @@ def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = N
         disparity_error=profile.depth.disparity_error,
         projector=projector is not None,
         dot_light=projector.light if projector is not None else 0.0,
-        mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
         alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,

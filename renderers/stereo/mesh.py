@@ -33,8 +33,6 @@ class MeshOptions:
     """Fill every hole and connect every cell."""
     textured: bool = False
     """Colour points from the left image."""
-    rgb: bool = False
-    """Write the colours a second time as red, green and blue."""
 
 
 def smallest_bin_size(width: int, height: int, max_points: int) -> int:
@@ -78,7 +76,7 @@ def disparity_mesh(
         bin_disparity, bin_u, bin_v, float(intrinsics.focal_length), float(intrinsics.cx), float(intrinsics.cy),
         baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
     )  # fmt: skip
-    vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured, rgb=options.rgb))
+    vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured))
     for column, name in enumerate(("x", "y", "z", "scan_size")):
         vertices[name] = points[:, column]
     if options.textured:
@@ -86,9 +84,7 @@ def disparity_mesh(
             raise ValueError("a textured mesh needs the left image")
         colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
         for channel, name in enumerate(("red", "green", "blue")):
-            vertices[f"diffuse_{name}"] = colors[:, channel]
-            if options.rgb:
-                vertices[name] = colors[:, channel]
+            vertices[f"diffuse_{name}"] = vertices[name] = colors[:, channel]
     max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
     triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
     kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)

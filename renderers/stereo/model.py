@@ -53,8 +53,15 @@ class Intrinsics:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Camera matrix K, (3, 3) float64."""
+        """Camera matrix K, (3, 3) float64. The centre of the first pixel is at (0.5, 0.5)."""
         return np.array(((self.focal_length, 0, self.cx), (0, self.focal_length, self.cy), (0, 0, 1)))
+
+    @property
+    def opencv_matrix(self) -> NDArray[np.float64]:
+        """The same for OpenCV, whose first pixel has its centre at (0, 0)."""
+        matrix = self.matrix
+        matrix[:2, 2] -= 0.5
+        return matrix
 
 
 @dataclass(frozen=True, slots=True)

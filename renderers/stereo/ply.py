@@ -1,4 +1,4 @@
-"""Binary little-endian PLY in the vendor's layout."""
+"""Binary little-endian PLY in the vendor's layout, with colours that other loaders read, too."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ from numpy.typing import NDArray
 _TYPES = {np.dtype("<f4"): "float32", np.dtype("u1"): "uint8"}
 
 
-def vertex_dtype(*, textured: bool, rgb: bool) -> np.dtype[np.void]:
+def vertex_dtype(*, textured: bool) -> np.dtype[np.void]:
     """Return the packed vertex type: x, y, z and scan_size, followed by the colours.
 
     Args:
-        textured: add the colours as diffuse_red, diffuse_green and diffuse_blue.
-        rgb: repeat the colours as red, green, blue, the names that most other loaders read.
+        textured: add the colours twice: as diffuse_red, diffuse_green, diffuse_blue, which the vendor's programs read,
+            and as red, green, blue, which trimesh, Open3D and most others read.
     """
     fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
     if textured:
-        fields += [(f"diffuse_{name}", "u1") for name in ("red", "green", "blue")]
-        if rgb:
-            fields += [(name, "u1") for name in ("red", "green", "blue")]
+        fields += [(prefix + name, "u1") for prefix in ("diffuse_", "") for name in ("red", "green", "blue")]
     return np.dtype(fields)
 
 

@@ -19,6 +19,7 @@ from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
+from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path as TreePath
@@ -43,7 +44,7 @@ class Running:
         files: MeshFiles | None = None,
         local_files: MeshFiles | None = None,
     ) -> None:
-        self.live = LiveTree()
+        self.live = LiveTree(arrival_time)
         self.service = DrakeViewerService(self.live, files or MeshFiles(()), config, local_files)
 
     def x(self) -> float | None:
@@ -330,3 +331,18 @@ async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_wit
         await until(lambda: found.service.status().get("warnings"))
         assert found.service.status()["warnings"][0].endswith("(refused: --strict)")
         assert found.live.snapshot.root.find(("drake",)) is None
+
+
+async def test_messages_are_valid_from_their_arrival_however_long_they_wait() -> None:
+    async with running(DrakeViewerConfig(offload_bytes=1)) as found:
+        live = found.live
+        set_arrival(10)
+        found.service.receive(LOAD, ROBOT)
+        set_arrival(20)
+        found.service.receive(DRAW, at(3))
+        set_arrival(30)
+        assert found.service.oldest_arrival() == 10
+        await until(lambda: found.x() == 3)
+        await until(lambda: found.service.oldest_arrival() is None)
+        assert live.snapshot.timestamp == 20
+        set_arrival(None)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import select
 import socket
 import struct
 import sys
+import time
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from gateway.lcm import network, receive_buffer, tcpq_hub
+from gateway.lcm import network, receive_buffer, tcpq_hub, udpm_socket
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.liblcm_transport import MAX_READ, LiblcmTransport
 from gateway.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
-from tests.support.waiting import until
+from gateway.runtime.arrival import arrival_time
+from tests.support.waiting import SECONDS, until, wait_until
 
 
 def queue_of(*names: str, handled: list[str]) -> ReceiveQueue:
@@ -258,3 +261,34 @@ def test_a_client_is_paused_and_resumed_once(closing: bool, calls: list[str]) ->
     connection.resume_reading()
     connection.pause_reading()
     assert transport.calls == calls
+
+
+async def test_messages_keep_the_time_of_their_arrival() -> None:
+    arrivals: list[int] = []
+    queue = ReceiveQueue(1 << 20)
+    queue.start(lambda *_: arrivals.append(arrival_time()))
+    for arrival in range(MAX_HANDLED + 2):
+        queue.put("a", b"x", arrival=arrival)
+    queue.handle()
+    await until(lambda: len(arrivals) == MAX_HANDLED + 2)
+    assert arrivals == list(range(MAX_HANDLED + 2))
+    before = time.time_ns()
+    assert arrival_time() >= before, "no message is being handled"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have other timestamps")
+def test_datagrams_have_the_time_at_which_the_socket_received_them() -> None:
+    receiver, sender = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    receiver.bind(("127.0.0.1", 0))
+    udpm_socket.enable_timestamps(receiver)
+
+    def waited_in_the_socket() -> bool:
+        begin = time.time_ns()
+        sender.sendto(b"datagram", receiver.getsockname())
+        select.select([receiver], [], [], SECONDS)
+        end = time.time_ns()
+        datagram, _, arrival = udpm_socket.receive(receiver, 100)
+        return datagram == b"datagram" and begin <= arrival <= end
+
+    with receiver, sender:
+        wait_until(waited_in_the_socket)  # the system needs a moment to switch its timestamps on

@@ -9,9 +9,11 @@ import os
 import sys
 import threading
 import weakref
+from functools import partial
 
 import pytest
 
+from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from renderers.compiler import pending
 from renderers.raster.frame_threads import FrameThreads
@@ -71,14 +73,14 @@ async def test_first_come_first_served_with_limited_threads() -> None:
 
     waiting = [asyncio.create_task(workers.run(call, number)) for number in range(20)]
     await until(lambda: workers.stats.waiting == 20)
-    assert workers.spare == 0
+    assert workers.calls == 22
     gates[0].open.set()  # one thread works through the queue, in order, while the other is held
     await asyncio.gather(*waiting)
     assert order == list(range(20))
     assert most == 1
     gates[1].open.set()
     await asyncio.gather(*held)
-    assert workers.spare == 2
+    assert workers.calls == 0
     assert await workers.close()
 
 
@@ -373,3 +375,48 @@ async def test_what_a_failed_call_used_is_freed_while_its_error_is_kept() -> Non
     assert used[0]() is None
     assert kept.value.__traceback__ is not None
     await pool.close()
+
+
+def own_niceness() -> int:
+    return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
+async def test_threads_give_way_while_a_camera_streams() -> None:
+    own = own_niceness()
+    workers, gate, threads = WorkerPool(1), Gate(), list[int]()
+
+    def running() -> object:
+        threads.append(threading.get_native_id())
+        return gate()
+
+    call = asyncio.create_task(workers.run(running))
+    await started(gate)
+    niceness, lower = partial(os.getpriority, os.PRIO_PROCESS), min(19, own + CAMERA_FIRST_NICENESS)
+    assert niceness(threads[0]) == own
+    for key in ("left", "left", "right"):
+        workers.give_way(key, active=True)
+    assert niceness(threads[0]) == lower, "in the middle of a call"
+    workers.give_way("left", active=False)
+    assert niceness(threads[0]) == lower, "one still streams"
+    workers.give_way("right", active=False)
+    assert await workers.run(own_niceness) == own, "another thread, while the old one is in its call"
+    gate.open.set()
+    await call
+    assert await workers.run(own_niceness) == own
+    workers.give_way("left", active=True)
+    assert await workers.run(own_niceness) == lower, "an idle thread"
+    workers.give_way("left", active=False)
+    assert [await workers.run(own_niceness) for _ in range(3)] == [own] * 3
+    assert await workers.close()
+
+
+async def test_no_call_is_lost_or_run_twice_while_priorities_change() -> None:
+    workers, done = WorkerPool(2), list[int]()
+    calls = [asyncio.create_task(workers.run(done.append, number)) for number in range(300)]
+    for turn in range(300):
+        workers.give_way("camera", active=turn % 2 == 0)
+        await asyncio.sleep(0)
+    await asyncio.gather(*calls)
+    assert sorted(done) == list(range(300))
+    assert await workers.close()

@@ -17,6 +17,8 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.frame_scheduler import SceneSource
+from gateway.stereo.motion import SceneState
 from gateway.stereo.service import StereoService
 from gateway.wiring.warmup import PARTS
 from renderers.drawlist import DrawList
@@ -76,16 +78,27 @@ def renderer() -> CpuRenderer:
     return CpuRenderer(2)
 
 
+def seen(scene: Callable[[], tuple[DrawList, int]]) -> SceneSource:
+    """Return a source of a scene and its revision, seen from ``pose``."""
+
+    def state(timestamp: int | None) -> SceneState:
+        draw_list, revision = scene()
+        return SceneState(timestamp or 0, draw_list, pose(), revision, timestamp or 0)
+
+    return state
+
+
 @asynccontextmanager
 async def running(
     renderer: Renderer,
     config: StereoConfig,
-    scene: Callable[[], tuple[DrawList, int]],
+    state: SceneSource,
     clock: Clock | None,
     seconds: float | None = None,
 ) -> AsyncIterator[Camera]:
     workers = WorkerPool(2, seconds=seconds, limit_name="--render-seconds")
-    service = StereoService(config, scene, pose, renderer, workers, clock)
+
+    service = StereoService(config, state, renderer, workers, clock)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     if task.done():
@@ -100,15 +113,21 @@ async def running(
 
 @pytest.fixture
 async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
-    """Return a function that starts a camera; arguments are ``scene``, ``clock`` and fields of StereoConfig."""
+    """Return a function that starts a camera; arguments are ``scene`` or ``state``, ``clock``, and others of config."""
     async with AsyncExitStack() as stack:
 
         async def begin(
-            scene: Callable[[], tuple[DrawList, int]] | None = None, clock: Clock | None = None, **fields: Any
+            scene: Callable[[], tuple[DrawList, int]] | None = None,
+            clock: Clock | None = None,
+            state: SceneSource | None = None,
+            **fields: Any,
         ) -> Camera:
             drawn = table()
+
             config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
-            return await stack.enter_async_context(running(renderer, config, scene or (lambda: (drawn, 1)), clock))
+            return await stack.enter_async_context(
+                running(renderer, config, state or seen(scene or (lambda: (drawn, 1))), clock)
+            )
 
         yield begin
 

@@ -26,8 +26,8 @@ class FixedClock:
     simulated = False
     now = 0
 
-    def next_timestamp(self, previous: int | None, period: int) -> int:
-        return self.now
+    def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
+        return self.now - age
 
 
 def clock_at(clock: Clock, rate: Rate = "device") -> FrameClock:
@@ -35,29 +35,58 @@ def clock_at(clock: Clock, rate: Rate = "device") -> FrameClock:
 
 
 def test_frames_keep_their_beat() -> None:
-    clock = clock_at(SimulatedClock())
-    clock.schedule_next_frame(10.0, 0.04)
+    clock = clock_at(FixedClock())
+    assert clock.take_frame(10.0, 0.04) == 0
     assert clock.seconds_until_frame(10.0) == pytest.approx(0.04)
-    clock.schedule_next_frame(10.045, 0.04)  # 5 ms late
+    assert clock.take_frame(10.045, 0.04) == 0  # 5 ms late
     assert clock.seconds_until_frame(10.045) == pytest.approx(0.035)
 
 
-@pytest.mark.parametrize(("late", "wait"), [(0.125, 0.125), (0.25, 0.25), (3.0, 0.25)])
-def test_missed_frames_are_not_made_up_for(late: float, wait: float) -> None:
-    clock = clock_at(SimulatedClock())
-    clock.schedule_next_frame(7.75, 0.25)  # next at 8.0
-    clock.schedule_next_frame(8.0 + late, 0.25)
+@pytest.mark.parametrize(("late", "missed", "wait"), [(0.125, 0, 0.125), (0.25, 1, 0.25), (3.0625, 12, 0.1875)])
+def test_missed_frames_are_counted_and_not_made_up_for(late: float, missed: int, wait: float) -> None:
+    clock = clock_at(FixedClock())
+    clock.take_frame(7.75, 0.25)  # next at 8.0
+    assert clock.take_frame(8.0 + late, 0.25) == missed
     assert clock.seconds_until_frame(8.0 + late) == pytest.approx(wait)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.0625, 0.1875, 0.5, 0.75])
+def test_timestamps_do_not_depend_on_lateness(late: float) -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.take_frame(8.0, 0.25)
+    clock.take_frame(8.25 + late, 0.25)
+    for delay in (0.0, 0.03125):  # until the timestamp is needed
+        now = 8.25 + late + delay
+        source.now = round(now * NANOSECONDS_PER_SECOND)
+        timestamp = clock.next_timestamp(PERIOD, now, exposure=0.015625)
+        assert (timestamp / NANOSECONDS_PER_SECOND + 0.0078125) % 0.25 == 0.0, "the exposure ends when it is due"
+
+
+def test_no_frames_are_missed_while_no_client_streams() -> None:
+    clock = clock_at(FixedClock())
+    assert clock.take_frame(100.0, 0.25) == 0
+    assert clock.seconds_until_frame(100.0) == pytest.approx(0.25)
+    clock.rest()
+    assert clock.seconds_until_frame(100.125) == pytest.approx(0.125), "not faster by disconnecting"
+    assert clock.take_frame(150.125, 0.25) == 0
+    assert clock.seconds_until_frame(150.125) == pytest.approx(0.25)
+
+
+def test_simulated_frames_are_never_missed() -> None:
+    clock = clock_at(SimulatedClock())
+    clock.take_frame(1.0, 0.25)
+    assert clock.take_frame(9.0, 0.25) == 0
 
 
 def test_depth_is_due_within_half_a_period() -> None:
     source = FixedClock()
     clock = clock_at(source)
-    assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "the first frame has depth"
+    assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False), "the first frame has depth"
     clock.schedule_next_depth(0, 10.0)  # next at 0.1 s
     for now, due in ((79_999_999, False), (80_000_000, True), (100_000_000, True), (300_000_000, True)):
         source.now = now
-        assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
+        assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False) == due, now
 
 
 def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
@@ -67,14 +96,14 @@ def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
     far = round(10.1 * NANOSECONDS_PER_SECOND - 2e9 / SETTINGS.depth_rate)
     for now, due in ((far + 1, False), (far - 1, True)):
         source.now = now
-        assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
+        assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False) == due, now
 
 
 def test_depth_in_single_frame_mode_needs_the_trigger() -> None:
     clock, single = clock_at(FixedClock(), "max"), replace(SETTINGS, single_frame=True)
-    assert not clock.depth_due(single, PERIOD, triggered=False)
-    assert clock.depth_due(single, PERIOD, triggered=True)
-    assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "rate max"
+    assert not clock.depth_due(single, 0, PERIOD, triggered=False)
+    assert clock.depth_due(single, 0, PERIOD, triggered=True)
+    assert clock.depth_due(SETTINGS, 0, PERIOD, triggered=False), "rate max"
 
 
 @pytest.mark.parametrize(("second", "third"), [(110_000_000, 200_000_000), (200_000_000, 200_000_000)])
@@ -84,9 +113,9 @@ def test_depth_keeps_its_beat(second: int, third: int) -> None:
     clock.schedule_next_depth(0, 10.0)
     clock.schedule_next_depth(second, 10.0)
     source.now = third - PERIOD // 2 - 1
-    assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
+    assert not clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
     source.now += 1
-    assert clock.depth_due(SETTINGS, PERIOD, triggered=False)
+    assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
 
 
 def test_depth_restarts_after_a_gap() -> None:
@@ -95,9 +124,9 @@ def test_depth_restarts_after_a_gap() -> None:
     clock.schedule_next_depth(0, 10.0)
     clock.schedule_next_depth(200_000_001, 10.0)
     source.now = 300_000_000 - PERIOD // 2
-    assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
-    clock.reset_depth()
-    assert clock.depth_due(SETTINGS, PERIOD, triggered=False)
+    assert not clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
+    clock.rest()
+    assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
 
 
 def test_simulated_time_advances_with_frames() -> None:

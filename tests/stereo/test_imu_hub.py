@@ -86,12 +86,13 @@ async def test_streams_end_when_the_hub_closes() -> None:
 
 
 def test_poses_are_recorded_between_start_and_stop_only() -> None:
-    tree, times = LiveTree(), iter(range(1, 100))
+    times = iter(range(1, 100))
+    tree = LiveTree(lambda: next(times))
 
     def pose_in(snapshot: Snapshot) -> Any:
         return np.eye(4) * snapshot.revision
 
-    log = PoseLog(lambda: tree.snapshot, pose_in, tree, lambda: next(times))
+    log = PoseLog(tree, pose_in, lambda: next(times))
 
     def move() -> None:
         with tree.edit() as edit:
@@ -102,7 +103,7 @@ def test_poses_are_recorded_between_start_and_stop_only() -> None:
     log.start()
     move()
     move()
-    assert [(time, pose[0, 0]) for time, pose in log.take()] == [(1, 1), (2, 2), (3, 3)]
+    assert [(time, pose[0, 0]) for time, pose in log.take()] == [(2, 1), (3, 2), (4, 3)]
     assert log.take() == []
     move()
     log.stop()

@@ -57,11 +57,11 @@ async def served(*services: StereoService) -> AsyncIterator[httpx.AsyncClient]:
 @asynccontextmanager
 async def moving(renderer: CpuRenderer, tree: LiveTree, **fields: Any) -> AsyncIterator[StereoService]:
     """Run a camera on the node ``camera`` of a live tree with the system clock."""
-    view = SceneView(lambda: tree.snapshot, Flattener(LabelTable()), Mount(np.eye(4), ("camera",)))
-    poses = PoseLog(lambda: tree.snapshot, view.pose_in, tree)
+    view = SceneView(tree, Flattener(LabelTable()), Mount(np.eye(4), ("camera",)))
+    poses = PoseLog(tree, view.pose_in)
     workers = WorkerPool(1, seconds=None, limit_name="--render-seconds")
     config = StereoConfig(port=0, model=SMALL, look="phong", **fields)
-    service = StereoService(config, view.scene, view.pose, renderer, workers, None, poses)
+    service = StereoService(config, view.state, renderer, workers, None, poses)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     yield service
@@ -119,7 +119,7 @@ async def test_nothing_runs_without_clients() -> None:
             super().stop()
             stopped.set()
 
-    log = Log(lambda: tree.snapshot, lambda _: np.eye(4), tree)
+    log = Log(tree, lambda _: np.eye(4))
     imu = Imu(StereoConfig(), log)
     running = asyncio.create_task(imu.run())
     set_pose(tree, np.eye(4))

@@ -122,7 +122,7 @@ def test_watertight_is_one_surface_without_holes() -> None:
 def test_colours_are_the_left_image_over_each_pixel() -> None:
     left = np.random.default_rng(1).integers(0, 256, (960, 1280, 3), np.uint8)
     d = encode(plane(K, 0, 1.0))
-    lines, vertices, _ = read(disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True, rgb=True), left))
+    lines, vertices, _ = read(disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True), left))
     assert [l.split()[-1] for l in lines if "uint8" in l and "list" not in l] == [
         "diffuse_red", "diffuse_green", "diffuse_blue", "red", "green", "blue",
     ]  # fmt: skip
@@ -131,7 +131,7 @@ def test_colours_are_the_left_image_over_each_pixel() -> None:
     for name, value in zip(("red", "green", "blue"), mean, strict=True):
         assert abs(int(pixel[name]) - value) <= 1
         assert pixel[f"diffuse_{name}"] == pixel[name]
-    parts = disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True, rgb=True), left)
+    parts = disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True), left)
     loaded: Any = trimesh.load(io.BytesIO(b"".join(parts)), file_type="ply", process=False)
     assert np.asarray(loaded.visual.vertex_colors)[7 * K.width + 11, :3].tolist() == [
         pixel["red"], pixel["green"], pixel["blue"],
@@ -171,7 +171,7 @@ def test_any_disparity_image_gives_a_valid_file(
     height, width = d.shape
     k = Intrinsics(width, height, 10.0, width / 2, height / 2)
     left = np.zeros((height * 2, width * 2), np.uint8)
-    options = MeshOptions(max_points, min_depth, watertight, textured, textured)
+    options = MeshOptions(max_points, min_depth, watertight, textured)
     _, vertices, faces = read(disparity_mesh(d, k, 0.1, options, left))
     n = smallest_bin_size(width, height, max_points)
     bins = -(-width // n) * -(-height // n)

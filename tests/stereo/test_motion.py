@@ -17,9 +17,9 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.motion import (
     MAX_SUBFRAMES,
-    EarlierFrame,
     Motion,
     MovingRectangle,
+    SceneState,
     moving_rectangles,
     subframe_count,
 )
@@ -55,7 +55,7 @@ class Scene:
 
 
 def image(
-    renderer: CpuRenderer, now: DrawList, earlier: EarlierFrame | None, time: float, pose: NDArray[np.float64] = CAMERA
+    renderer: CpuRenderer, now: DrawList, earlier: SceneState | None, time: float, pose: NDArray[np.float64] = CAMERA
 ) -> NDArray[np.float64]:
     """Return the light of a left image without noise, white is 1."""
     config = StereoConfig(
@@ -82,7 +82,7 @@ def test_blur_is_as_long_as_the_motion_during_the_exposure(renderer: CpuRenderer
     scene, time = Scene(), 0.016
     before = scene.at(-speed * 0.04)
     now = scene.at(0.0)
-    earlier = EarlierFrame(0, before, CAMERA)
+    earlier = SceneState(0, before, CAMERA)
     sharp, blurred = image(renderer, now, None, time), image(renderer, now, earlier, time)
     motion = abs(speed) * time * SMALL.intrinsics().focal_length / DEPTH  # 6.5 pixels
     assert edge_width(sharp) <= 1.0
@@ -97,15 +97,15 @@ def test_blur_is_as_long_as_the_motion_during_the_exposure(renderer: CpuRenderer
 def test_what_stands_still_stays_sharp(renderer: CpuRenderer) -> None:
     scene = Scene()
     before, now = scene.at(-0.06), scene.at(0.0)
-    sharp, blurred = (image(renderer, now, earlier, 0.016) for earlier in (None, EarlierFrame(0, before, CAMERA)))
+    sharp, blurred = (image(renderer, now, earlier, 0.016) for earlier in (None, SceneState(0, before, CAMERA)))
     other = np.s_[: SMALL.height // 2 - 30]
     assert sharp[other].max() > 0.5
     assert (sharp[other] == blurred[other]).all()
     for earlier in (
-        EarlierFrame(0, now, CAMERA),
-        EarlierFrame(FRAME_NS, before, CAMERA),  # a frozen clock
-        EarlierFrame(-1_000_000_000, before, CAMERA),  # too long ago
-        EarlierFrame(0, DrawList(tuple(before.instances)[:1]), CAMERA),  # other things
+        SceneState(0, now, CAMERA),
+        SceneState(FRAME_NS, before, CAMERA),  # a frozen clock
+        SceneState(-1_000_000_000, before, CAMERA),  # too long ago
+        SceneState(0, DrawList(tuple(before.instances)[:1]), CAMERA),  # other things
     ):
         assert (image(renderer, now, earlier, 0.016) == sharp).all()
 
@@ -114,7 +114,7 @@ def test_a_moving_camera_blurs_everything(renderer: CpuRenderer) -> None:
     now = Scene().at(0.0)
     before = CAMERA.copy()
     before[1, 3] = 0.06
-    sharp, blurred = (image(renderer, now, earlier, 0.016) for earlier in (None, EarlierFrame(0, now, before)))
+    sharp, blurred = (image(renderer, now, earlier, 0.016) for earlier in (None, SceneState(0, now, before)))
     assert edge_width(blurred) == pytest.approx(0.024 * SMALL.intrinsics().focal_length, abs=1.5)
     other = np.s_[: SMALL.height // 2 - 30]
     assert np.abs(sharp[other] - blurred[other]).max() > 0.2

@@ -225,12 +225,11 @@ def test_descriptions_have_the_devices_fields() -> None:
 def test_mesh_options_of_a_request() -> None:
     options = pb.MeshOptions(max_points=1000, binning_method=pb.MeshOptions.MIN_DEPTH, watertight=True)
     request = pb.ImageSetRequest(mesh_enabled=True, mesh_options=options)
-    plain, rgb = StereoConfig(), StereoConfig(mesh_rgb=True)
-    assert read_set_kind(request, rgb).mesh == MeshOptions(1000, min_depth=True, watertight=True)
+    config = StereoConfig()
+    assert read_set_kind(request, config).mesh == MeshOptions(1000, min_depth=True, watertight=True)
     request.mesh_options.textured = True
     request.mesh_options.binning_method = pb.MeshOptions.AVERAGE
-    assert read_set_kind(request, rgb).mesh == MeshOptions(1000, watertight=True, textured=True, rgb=True)
-    assert read_set_kind(request, plain).mesh == MeshOptions(1000, watertight=True, textured=True)
+    assert read_set_kind(request, config).mesh == MeshOptions(1000, watertight=True, textured=True)
 
 
 @pytest.mark.parametrize(("control", "auto"), [("Manual", False), ("Auto", True), ("HDR", True)])

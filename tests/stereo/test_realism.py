@@ -19,7 +19,7 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair
 from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.matched_depth import matched_depth
-from gateway.stereo.motion import EarlierFrame
+from gateway.stereo.motion import SceneState
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import read_settings
@@ -44,7 +44,7 @@ def moving_demo(gpio: int) -> Capture:
     before = flattener.flatten(tree.snapshot)
     demo.move_to(0.04)
     left = parse_mount_pose(Settings(only=()).stereo_pose)
-    return Capture(40_000_000, flattener.flatten(tree.snapshot), 1, left, gpio, 1, EarlierFrame(0, before, left))
+    return Capture(40_000_000, flattener.flatten(tree.snapshot), 1, left, gpio, 1, SceneState(0, before, left))
 
 
 @pytest.mark.parametrize(("gpio", "checksum"), [(0, 4009308581), (1, 350211001)])

@@ -18,39 +18,40 @@ from tests.stereo.conftest import SMALL
 
 def view_of(tree: LiveTree) -> SceneView:
     mount = Mount(tf.translation(9, 9, 9), ("head",))
-    return SceneView(lambda: tree.snapshot, Flattener(LabelTable()), mount)
+    return SceneView(tree, Flattener(LabelTable()), mount)
 
 
-def test_scene_and_pose_are_of_one_snapshot() -> None:
-    tree = LiveTree()
+def test_scene_and_pose_are_of_one_time() -> None:
+    times = iter((10, 20))
+    tree = LiveTree(lambda: next(times))
+    tree.keep_recent("camera", active=True)
     with tree.edit() as edit:
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
         edit.set_matrix(("head",), tf.translation(1, 2, 3))
     view = view_of(tree)
-    scene, revision = view.scene()
-    assert (len(scene.instances), revision) == (1, tree.snapshot.revision)
     with tree.edit() as edit:
         edit.delete(("box",))
         edit.set_matrix(("head",), tf.translation(4, 5, 6))
-    assert view.pose()[:3, 3].tolist() == [1, 2, 3], "the pose in the scene returned last"
+    before, after, current = view.state(19), view.state(20), view.state()
+    assert (len(before.scene.instances), before.revision, before.timestamp, before.changed) == (1, 1, 19, 10)
+    assert before.X_world_left[:3, 3].tolist() == [1, 2, 3]
+    assert (len(after.scene.instances), after.revision, after.timestamp, after.changed) == (0, 2, 20, 20)
+    assert after.X_world_left[:3, 3].tolist() == [4, 5, 6]
+    assert (current.revision, current.timestamp) == (2, 20)
     assert view.camera(StereoConfig(model=SMALL)).X_world_camera[:3, 3].tolist() == [4, 5, 6]
-    scene, revision = view.scene()
-    assert (len(scene.instances), revision) == (0, tree.snapshot.revision)
-    assert view.pose()[:3, 3].tolist() == [4, 5, 6]
 
 
 def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     tree = LiveTree()
     view = view_of(tree)
     assert "the stereo camera keeps its last pose" in view.warning()
-    assert view.pose()[:3, 3].tolist() == [9, 9, 9]
+    assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]
     with tree.edit() as edit:
         edit.set_matrix(("head",), tf.translation(1, 2, 3))
     assert view.warning() == ""
     with tree.edit() as edit:
         edit.delete(("head",))
-    view.scene()
-    assert view.pose()[:3, 3].tolist() == [1, 2, 3]
+    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
     assert "no such node" in view.warning()
 
 

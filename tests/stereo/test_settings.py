@@ -34,7 +34,7 @@ def test_image_noise_is_a_factor() -> None:
 
 
 async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
-    camera = await start(mesh_rgb=True, image_noise=2.0)
+    camera = await start(image_noise=2.0)
     (image_set,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
     header = image_set.mesh.data[: image_set.mesh.data.index(b"end_header")]
     assert b"property uint8 diffuse_red" in header

@@ -19,7 +19,7 @@ from gateway.stereo.truth import find_frame, ground_truth_npz
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running
+from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running, seen
 from tests.stereo.scenes import table
 from tests.support.waiting import until
 
@@ -247,10 +247,10 @@ async def test_a_scene_that_cannot_be_read_does_not_end_the_camera(start: Start)
     camera = await start(scene=scene)
     with pytest.raises(grpc.aio.AioRpcError, match="the scene could not be read: the file is gone"):
         await camera.stream(left_enabled=True).read()
-    assert "the file is gone" in camera.service.status()["warning"]
+    assert "the file is gone" in camera.service.status()["warnings"][0]
     broken = False
     await camera.take(left_enabled=True)
-    assert "warning" not in camera.service.status()
+    assert "warnings" not in camera.service.status()
 
 
 async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
@@ -299,8 +299,8 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
         simulated = False
         shift = 0
 
-        def next_timestamp(self, previous: int | None, period: int) -> int:
-            return time.time_ns() - self.shift
+        def next_timestamp(self, previous: int | None, period: int, age: int = 0) -> int:
+            return time.time_ns() - age - self.shift
 
     clock = Clock()
     camera = await start(clock=clock)
@@ -315,7 +315,7 @@ async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRend
     """Their time is not part of a frame's time limit."""
     scene, config = table(), StereoConfig(port=0, model=SMALL)
     with pending.announced(("stereo",)):
-        async with running(renderer, config, lambda: (scene, 1), None) as camera:
+        async with running(renderer, config, seen(lambda: (scene, 1)), None) as camera:
             first = asyncio.ensure_future(camera.stream(left_enabled=True).read())
             await until(lambda: len(camera.service.hub) == 1)
             assert not camera.service.history

@@ -5,14 +5,20 @@ from __future__ import annotations
 import asyncio
 import random
 import threading
+from dataclasses import replace
 
 import grpc
 import pytest
 
+from gateway.generated import image_interface_pb2 as pb
 from renderers.drawlist import DrawList
 from tests.stereo.conftest import EVERYTHING, SMALL, Start
 from tests.stereo.scenes import table
 from tests.support.waiting import SECONDS, until
+
+
+def seconds(timestamp: pb.Time) -> float:
+    return timestamp.sec + timestamp.nsec * 1e-9
 
 
 async def test_disconnected_clients_leave_no_state(start: Start) -> None:
@@ -47,6 +53,20 @@ async def test_a_slow_client_does_not_delay_others(start: Start) -> None:
     stuck = min(camera.service.hub, key=lambda s: s.sent)
     assert stuck.sent < 150
     assert stuck.skipped > 0
+
+
+async def test_a_client_that_resumes_reading_gets_the_newest_set(start: Start) -> None:
+    camera = await start(rate="max", model=SMALL)
+    options = [("grpc.http2.bdp_probe", 0), ("grpc.use_local_subchannel_pool", 1)]
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{camera.service.port}", options=options) as channel:
+        paused = replace(camera, channel=channel).stream(left_enabled=True)
+        await paused.read()
+        fast = camera.stream(left_enabled=True)
+        newest = [(await fast.read()).timestamp for _ in range(60)][-1]
+        old = 0
+        while seconds((await paused.read()).timestamp) < seconds(newest):
+            old += 1
+    assert old <= 2, "one in the window, and one that was being sent"
 
 
 async def test_limits_of_clients_and_kinds(start: Start) -> None:

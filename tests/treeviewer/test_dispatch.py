@@ -11,13 +11,15 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
+from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene.live import LiveTree
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
-from gateway.treeviewer.protocol import REQUEST
+from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
@@ -309,3 +311,19 @@ def test_commands_are_executed_in_slices(commands: int, slice_: int, steps: int)
     done.append(len(viewer.live.snapshot.root.children))
     assert len(done) == steps + 1
     assert done == [min(slice_ * number, commands) for number in range(steps)] + [commands]
+
+
+async def test_requests_are_valid_from_their_arrival_however_long_they_wait() -> None:
+    big = message({"settransform": [{"path": ["big"], "transform": {"translation": [1, 2, 3]}}] * 20})
+    small = message({"settransform": [{"path": ["small"], "transform": {"translation": [1, 2, 3]}}]})
+    world, live = World(), LiveTree(arrival_time)
+    world.dispatcher = Dispatcher(TreeViewerProtocol(live), TreeViewerConfig(offload_bytes=len(big) - 1), world.pool)
+    live.keep_recent("camera", active=True)
+    for arrival, request in ((10, big), (20, small), (30, big)):
+        set_arrival(arrival)
+        world.receive(request)
+    set_arrival(40)
+    assert world.dispatcher.oldest_arrival() == 10
+    await until(lambda: len(world.published) == 3)
+    await until(lambda: world.dispatcher.oldest_arrival() is None)
+    assert [live.snapshot_at(time).timestamp for time in (9, 10, 20, 30, 40)] == [0, 10, 20, 30, 30]

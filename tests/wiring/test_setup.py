@@ -171,7 +171,6 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
             stereo_seed=5,
             stereo_noise=False,
             stereo_profile="rc_visard_65m",
-            stereo_mesh_rgb=True,
             background=(1, 2, 3),
             stereo_faults=True,
             grpc_certificate=certificate,
@@ -190,7 +189,6 @@ def test_configuration_of_the_stereo_camera(tmp_path: Path) -> None:
         rate="max",
         seed=5,
         noise=False,
-        mesh_rgb=True,
         background=(1, 2, 3),
         faults=True,
     )
@@ -209,10 +207,9 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
     monkeypatch.setattr(Context, "run_service", lambda self, name, service, **_: services.__setitem__(name, service))
     poses: list[Any] = []
 
-    def recorded(config: Any, scene: Any, pose: Any, *rest: Any) -> StereoService:
-        scene()
-        poses.append(pose()[:3, 3].tolist())
-        return StereoService(config, scene, pose, *rest)
+    def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
+        poses.append(scene(None).X_world_left[:3, 3].tolist())
+        return StereoService(config, scene, *rest)
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
     await stereo.setup(context)
@@ -232,9 +229,9 @@ class Sensor:
         self.tree, self.workers = LiveTree(), WorkerPool(1)
         pose = np.eye(4)
         pose[:3, 3] = 1, 2, 3
-        scene_view = SceneView(lambda: self.tree.snapshot, Flattener(LabelTable()), Mount(pose))
+        scene_view = SceneView(self.tree, Flattener(LabelTable()), Mount(pose))
         config = StereoConfig(model=StereoModel("small", 64, 48, 0.8449, 0.160), look="phong", noise=False)
-        self.service = StereoService(config, scene_view.scene, scene_view.pose, CpuRenderer(1), self.workers)
+        self.service = StereoService(config, scene_view.state, CpuRenderer(1), self.workers)
         self.source = stereo.StereoSensor(self.service, scene_view, live=live)
 
 
