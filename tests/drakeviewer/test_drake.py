@@ -164,7 +164,11 @@ def test_names_in_scene_and_healthz(version: str) -> None:
             return http.get("/healthz").json()["interfaces"]["drakeviewer"]
 
         wait_until(lambda: drake().get("unshown_channels"))
-        wait_until(lambda: ("drake", "frames", "default", "goal", "b") in nodes())
+        shown = {
+            ("drake", *path) for path in (("frames", "default", "goal", "b"), ("proximity", "plant", "arm", "fore"))
+        }
+        shown.add(("drake", "illustration", "plant", "arm", "fore"))
+        wait_until(lambda: shown <= nodes().keys())
         found = nodes()
         assert found["drake", "illustration", "plant", "arm", "fore"]["kinds"] == ["box"]
         assert not found["drake", "proximity"]["visible"]
