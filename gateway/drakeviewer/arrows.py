@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -38,7 +39,7 @@ def arrows(
     vectors: NDArray[np.float64],
     lengths: NDArray[np.float64],
     radius: float,
-    color: Color,
+    colors: Sequence[Color],
     *,
     centred: bool,
 ) -> list[tuple[Part, ...]]:
@@ -48,6 +49,7 @@ def arrows(
         origins: (N, 3), points in the world, metres.
         vectors: (N, 3), directions in the world, not zero; their lengths have no effect.
         lengths: (N,), lengths of the cylinders, metres.
+        colors: N colours.
         radius: radius of the cylinders, metres. Cones have twice this radius, and twice this radius as length.
         centred: True: an origin is the centre of its cylinder, which has two cones; False: its start, with one cone.
     """
@@ -60,9 +62,9 @@ def arrows(
     if centred:
         heads.append(_transforms(R * (size, -size, -size), origins, R, begin - size))
     shaft, head = Surface(primitives.cylinder(SIDES)), Surface(primitives.cone(SIDES))
-    own_material = material(color)
-    parts = [[Part(shaft, own_material, X, "arrow") for X in shafts]]
-    parts += [[Part(head, own_material, X, "arrow") for X in transforms] for transforms in heads]
+    materials = [material(color) for color in colors]
+    parts = [[Part(shaft, own, X, "arrow") for own, X in zip(materials, shafts, strict=True)]]
+    parts += [[Part(head, own, X, "arrow") for own, X in zip(materials, Xs, strict=True)] for Xs in heads]
     return list(zip(*parts, strict=True))
 
 

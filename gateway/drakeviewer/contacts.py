@@ -5,6 +5,7 @@ Thresholds, scales, radius and colours are Drake's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -51,20 +52,19 @@ def read_contacts(contacts: Contacts) -> ContactParts:
         MessageError: A contact surface is damaged.
     """
     parts: dict[Path, list[Part]] = {}
-    arrows_by_contact = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, POINT_COLOR, centred=True)
-    for bodies, arrow in zip(contacts.point_bodies, arrows_by_contact, strict=True):
+    count = len(contacts.points)
+    arrows_of_points = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, [POINT_COLOR] * count, centred=True)
+    for bodies, arrow in zip(contacts.point_bodies, arrows_of_points, strict=True):
         if arrow:
             parts.setdefault((ROOT, CONTACTS, "point", "+".join(bodies)), []).extend(arrow)
     surfaces = contacts.surfaces
-    centroids, forces, moments = (
-        np.array([(s.centroid, s.force, s.moment) for s in surfaces]).reshape(-1, 3, 3).swapaxes(0, 1)
-    )
-    for surface, force, moment in zip(
-        surfaces,
-        _arrows(centroids, forces, NEWTONS_PER_METRE, FORCE_COLOR, centred=False),
-        _arrows(centroids, moments, NEWTON_METRES_PER_METRE, MOMENT_COLOR, centred=False),
-        strict=True,
-    ):
+    count = len(surfaces)
+    centroids = np.array([surface.centroid for surface in surfaces] * 2).reshape(-1, 3)
+    forces = [surface.force for surface in surfaces] + [surface.moment for surface in surfaces]
+    per_metre = np.repeat((NEWTONS_PER_METRE, NEWTON_METRES_PER_METRE), count)
+    colors = [FORCE_COLOR] * count + [MOMENT_COLOR] * count
+    found = _arrows(centroids, np.array(forces).reshape(-1, 3), per_metre, colors, centred=False)
+    for surface, force, moment in zip(surfaces, found[:count], found[count:], strict=True):
         if force or moment:
             path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
             parts.setdefault(path, []).extend((*force, *moment, *_pressure_surface(surface)))
@@ -72,22 +72,30 @@ def read_contacts(contacts: Contacts) -> ContactParts:
 
 
 def _arrows(
-    origins: NDArray[np.float64], vectors: NDArray[np.float64], per_metre: float, color: Color, *, centred: bool
+    origins: NDArray[np.float64],
+    vectors: NDArray[np.float64],
+    per_metre: NDArray[np.float64] | float,
+    colors: Sequence[Color],
+    *,
+    centred: bool,
 ) -> list[tuple[Part, ...]]:
-    """Return the parts of each arrow; none for vectors that are too small or not finite.
+    """Return the parts of N arrows; none for vectors that are too small or not finite.
 
     Args:
         origins, vectors: (N, 3).
-        per_metre: norm of the vector for an arrow of 1 m.
+        per_metre: norm of a vector for an arrow of 1 m, (N,) or one for all.
+        colors: N colours.
     """
     found: list[tuple[Part, ...]] = [()] * len(vectors)
     with np.errstate(over="ignore", invalid="ignore"):
         norms = np.linalg.norm(vectors, axis=1)
         shown = np.flatnonzero((norms >= MIN_FORCE) & (norms < np.inf) & np.isfinite(origins).all(axis=1))
+        lengths = np.minimum(norms / per_metre, MAX_LENGTH)[shown]
     if len(shown):
-        lengths = np.minimum(norms[shown] / per_metre, MAX_LENGTH)
-        made = arrows(origins[shown], vectors[shown], lengths, RADIUS, color, centred=centred)
-        for index, parts in zip(shown.tolist(), made, strict=True):
+        indices = shown.tolist()
+        own_colors = [colors[index] for index in indices]
+        made = arrows(origins[shown], vectors[shown], lengths, RADIUS, own_colors, centred=centred)
+        for index, parts in zip(indices, made, strict=True):
             found[index] = parts
     return found
 

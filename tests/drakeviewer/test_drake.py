@@ -68,7 +68,7 @@ async def simulated(python: str) -> Seen:
     # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.
     await until(lambda: drake.status().get("unshown_channels"))
     await until(lambda: live.snapshot.root.find(("drake", "frames", "default", "goal", "b")))
-    await until(lambda: all(family["draws"] for family in drake.status()["families"].values()))
+    await until(lambda: [family["draws"] > 0 for family in drake.status()["families"].values()] == [True, True])
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
@@ -164,7 +164,11 @@ def test_names_in_scene_and_healthz(version: str) -> None:
             return http.get("/healthz").json()["interfaces"]["drakeviewer"]
 
         wait_until(lambda: drake().get("unshown_channels"))
-        wait_until(lambda: ("drake", "frames", "default", "goal", "b") in nodes())
+        shown = {
+            ("drake", *path) for path in (("frames", "default", "goal", "b"), ("proximity", "plant", "arm", "fore"))
+        }
+        shown.add(("drake", "illustration", "plant", "arm", "fore"))
+        wait_until(lambda: shown <= nodes().keys())
         found = nodes()
         assert found["drake", "illustration", "plant", "arm", "fore"]["kinds"] == ["box"]
         assert not found["drake", "proximity"]["visible"]
