@@ -1,11 +1,12 @@
 """The Python and curl blocks of the documentation, run against a gateway with the demo scene.
 
-Only addresses are replaced, because tests must not use the default ports.
+Only addresses are replaced, because tests must not use the default ports, and the client's timeout.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -42,9 +43,10 @@ def addresses(demo_gateway: DemoGateway) -> dict[str, str]:
 
 
 def placed(code: str, addresses: dict[str, str]) -> str:
+    """Return the code with our addresses, and with our timeout, because the machine may be busy."""
     for theirs, ours in addresses.items():
         code = code.replace(theirs, ours)
-    return code
+    return re.sub(r'(TreeViewer\("[^"]*")', rf"\1, timeout={SECONDS}", code)
 
 
 @pytest.mark.parametrize("block", [b for b in PYTHON if "notest" not in b.options], ids=str)
