@@ -24,8 +24,8 @@ def _refuse_other_files(event: str, arguments: tuple[Any, ...]) -> None:
             raise OSError(errno.EINVAL, "it is not a regular file", arguments[0])
 
 
-def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str]:
-    """Return the expanded XML and an empty string, or an empty string and an error text.
+def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str, list[str]]:
+    """Return the expanded XML, an error text if that is empty, and the paths of the files that were read.
 
     Args:
         read_file: Returns the folder of a package, by the package's name.
@@ -37,6 +37,7 @@ def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str]
     sys.modules["ament_index_python.packages"] = packages
     sys.addaudithook(_refuse_other_files)
     try:
-        return xacro.process_file(path).toxml(), ""
+        document, problem = xacro.process_file(path).toxml(), ""
     except Exception as error:  # noqa: BLE001 - expressions of the file can raise anything
-        return "", " ".join(f"{error}".split()) or type(error).__name__
+        document, problem = "", " ".join(f"{error}".split()) or type(error).__name__
+    return document, problem, list(dict.fromkeys(xacro.all_includes))

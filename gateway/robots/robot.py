@@ -98,7 +98,7 @@ class Robot:
     """Sentences about choices that the reader made."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the robot file's folder. The robot file
-    is first. The files that xacro includes are not among them."""
+    is first."""
 
     def joint_values(self, values: Mapping[str, JointValue]) -> dict[str, tuple[float, ...]]:
         """Return the values of all joints.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 from typing import Final
@@ -13,11 +14,11 @@ from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
-_output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str])
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, list[str]])
 
 
 def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
-    """Return the URDF or SDF document of the robot file, which has xacro elements.
+    """Return the URDF or SDF document of the robot file, which has xacro elements. ``files`` has read what it includes.
 
     Raises:
         RobotFileError: The file cannot be expanded within the limits.
@@ -40,7 +41,10 @@ def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
         output = call_limited("gateway.parsers.xacro:expand_file", (str(files.path),), process_limits, package_folder)
     except ProcessFailed as error:
         raise RobotFileError(f"xacro cannot expand it: {error}") from None
-    document, problem = _output_decoder.decode(output)
+    document, problem, includes = _output_decoder.decode(output)
+    for include in includes:
+        with contextlib.suppress(OSError, RobotFileError):  # xacro has read it, or says why not
+            files.read(files.path.parent / include)
     if problem:
         raise RobotFileError(f"xacro cannot expand it: {problem}")
     return document.encode()

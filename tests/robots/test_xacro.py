@@ -38,6 +38,7 @@ def test_macros_includes_and_packages(tmp_path: Path, name: str) -> None:
     assert robot.links == ("a",)
     assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
     assert robot.warnings == ()
+    assert set(robot.digests) == {name, "balls/macros/ball.xacro"}
 
 
 def test_pipes_are_refused(tmp_path: Path) -> None:
