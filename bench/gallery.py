@@ -45,6 +45,7 @@ from renderers.fxaa import fxaa
 from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
+from renderers.stereo.downscale import fine_means
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import DISPARITY_SCALE
@@ -331,7 +332,8 @@ def stereo_tiles(
                 images.append(exposed.image)
                 depths.append(rendered.depth.copy())
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
-    matched = match_pair(images[0], images[1], count, noise_sigma, ImageKind.DOTS)
+    fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)
+    matched = match_pair(fine_left, fine_right, count, noise_sigma, ImageKind.DOTS)
     ft = k.focal_length * model.baseline
     exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
     if max_disparity is None:

@@ -1,6 +1,6 @@
-"""Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--realism] [--pictures FOLDER]``.
+"""Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--over-time] [--realism]``.
 
-Measured on the ten scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless
+Measured on the scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless
 a table says otherwise.
 """
 
@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 
 from bench import sensor_timing
 from bench.sensor_images import Sample, demo_samples, samples
+from bench.sensor_plot import write_plot
+from bench.sensor_time import report_over_time
 from gateway.stereo.depth import ground_truth_depth, modelled_depth
 from gateway.stereo.matched_depth import matched_depth
 from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.downscale import grey_levels
 from renderers.stereo.filters import Filters
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 
@@ -35,7 +38,7 @@ FORMATS: Final = ("5.2f", "6.3f", "6.2f", "6.3f", "6.3f", "7.2f", "6.2f")
 BINS: Final = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
 """Borders of the bins of confidence, in each of which it is compared with the share of right pixels."""
 MODES: Final[dict[str, Callable[[Sample], DepthImages]]] = {
-    "modelled": lambda s: modelled_depth(s.imaging.config, *s.depth, s.pair, s.settings, SEEDS[0]),
+    "modelled": lambda s: modelled_depth(s.imaging.config, *s.depth, s.pair, s.settings),
     "matched": lambda s: matched_depth(s.imaging.config, s.pair, s.settings, None),
     "ground_truth": lambda s: ground_truth_depth(s.imaging.config, *s.depth, s.settings),
 }
@@ -188,7 +191,7 @@ def comparison_image(sample: Sample, images: DepthImages) -> NDArray[np.uint8]:
         np.clip(np.nan_to_num(deviation) * 127.0 + 128.0, 0, 255).astype(np.uint8), cv2.COLORMAP_TWILIGHT_SHIFTED
     )
     error[~np.isfinite(deviation)] = 0
-    return np.hstack((cv2.cvtColor(sample.left, cv2.COLOR_GRAY2BGR), coloured, error)).astype(np.uint8)
+    return np.hstack((cv2.cvtColor(grey_levels(sample.left), cv2.COLOR_GRAY2BGR), coloured, error)).astype(np.uint8)
 
 
 def write_sheet(folder: Path) -> None:
@@ -207,7 +210,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
     parser.add_argument("--pictures", type=Path, help="folder for images: left image, disparity and error side by side")
+    parser.add_argument("--over-time", action="store_true", help="only the errors of static and moving scenes")
     options = parser.parse_args()
+    if options.over_time:
+        modes = {mode: MODES[mode] for mode in ("modelled", "matched")}
+        if options.pictures:
+            write_plot(options.pictures / "depth-over-time.webp", modes)
+        report_over_time(modes, realism=options.realism)
+        return
     first_samples = list(samples(Quality.HIGH, SEEDS[0], realism=options.realism))
     for mode, measure in MODES.items():
         pairs = [(sample, measure(sample)) for sample in first_samples]

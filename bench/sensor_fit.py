@@ -1,35 +1,42 @@
-"""Fit the statistics of our matcher: ``python -m bench.sensor_fit`` writes ``renderers/stereo/matcher_statistics.py``.
+"""Fit ``renderers/stereo/matcher_statistics.json``, the statistics of our matcher: ``python -m bench.sensor_fit``.
 
-Matches images of the ten scenes of ``sensor_scenes``, and compares the matches with the exact disparity in each class
+Matches images of the scenes of ``sensor_scenes``, and compares the matches with the exact disparity in each class
 of pixels (``pixel_classes``).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, samples
-from bench.sensor_source import Tables, source
-from renderers.stereo.matching import MIN_NOISE_SIGMA, find_matches
+from renderers.stereo.downscale import grey_levels
+from renderers.stereo.matcher_statistics import FILE
+from renderers.stereo.matching import find_matches
 from renderers.stereo.model import Quality
-from renderers.stereo.pixel_classes import CLASSES, DISAGREEMENTS, EDGES, TEXTURES, ImageKind, classify, window_range
+from renderers.stereo.pixel_classes import (
+    CLASSES,
+    DISAGREEMENTS,
+    EDGES,
+    MIN_NOISE_SIGMA,
+    TEXTURES,
+    ImageKind,
+    classify,
+    window_range,
+)
 
-TARGET: Final = Path(__file__).parents[1] / "renderers/stereo/matcher_statistics.py"
-SEEDS: Final = range(100, 108)
+SEEDS: Final = range(100, 106)
 """Seeds of the scenes."""
 PRIOR: Final = 200.0
 """Weight of the mean of the classes of equal texture and edge, pixels. Rare classes get about that mean."""
 TEXTURELESS: Final = 3
 """Number of the lowest classes of texture, which hardly exceed the noise."""
-LAGS: Final = 40
-"""Number of distances for which the autocorrelation of errors is measured: 0 to 39 pixels."""
 
 
 def _zeros() -> NDArray[np.float64]:
@@ -87,7 +94,8 @@ def add_sample(totals: Totals, sample: Sample, matches: NDArray[np.uint16], erro
     def count(classes: NDArray[np.uint8], weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         return np.bincount(classes, weights, minlength=CLASSES).astype(np.float64)
 
-    at_match = classify(sample.left, sample.right, matches, *window_range(matches), noise)
+    left, right = grey_levels(sample.left), grey_levels(sample.right)
+    at_match = classify(left, right, matches, *window_range(matches), noise)
     known = has_match & has_truth
     classes, off = at_match[known], np.abs(deviation[known])
     totals.matched += count(classes)
@@ -97,7 +105,7 @@ def add_sample(totals: Totals, sample: Sample, matches: NDArray[np.uint16], erro
 
     sixteenths = np.floor(sample.visible * 16.0 + 0.5).astype(np.uint16)
     nearest, farthest = window_range(sixteenths)
-    at_truth = classify(sample.left, sample.right, sixteenths, nearest, farthest, noise)
+    at_truth = classify(left, right, sixteenths, nearest, farthest, noise)
     visible = sixteenths > 0
     totals.visible += count(at_truth[visible])
     both = visible & has_match
@@ -119,46 +127,6 @@ def add_sample(totals: Totals, sample: Sample, matches: NDArray[np.uint16], erro
     totals.wrong += float(wrong.sum())
 
 
-def autocovariance(sample: Sample, matches: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Return sums for the autocorrelation of the errors below a pixel along rows, (``LAGS``, 2) float64.
-
-    A row has the sum of the products of two errors at that distance, and the number of products.
-    """
-    deviation = matches / 16.0 - sample.visible
-    small = (matches > 0) & (sample.visible > 0) & (np.abs(deviation) < 1.0)
-    values = np.where(small, deviation, 0.0)
-    sums = []
-    for lag in range(LAGS):
-        left, right = slice(None, values.shape[1] - lag), slice(lag, None)
-        sums.append(((values[:, left] * values[:, right]).sum(), (small[:, left] & small[:, right]).sum()))
-    return np.array(sums, np.float64)
-
-
-def box_correlation(box: int) -> NDArray[np.float64]:
-    """Return the autocorrelation of ``smooth_noise`` at the distances 0, 1, …, (``LAGS``,) float64."""
-    weights = np.convolve(np.ones(box), np.ones(box))
-    correlation = np.correlate(weights, weights, "full")[len(weights) - 1 :]
-    padded = np.zeros(LAGS)
-    padded[: min(LAGS, len(correlation))] = correlation[:LAGS] / correlation[0]
-    return padded
-
-
-def fit_boxes(correlation: NDArray[np.float64]) -> tuple[int, int, float]:
-    """Return the boxes of near and wide noise, pixels, and the share of wide noise in the variance, by least squares.
-
-    Args:
-        correlation: (``LAGS``,) float64, autocorrelation of the errors.
-    """
-    best = (np.inf, 0, 0, 0.0)
-    for near in range(2, 9):
-        for wide in range(near + 1, 33):
-            a, b = box_correlation(near), box_correlation(wide)
-            share = float(np.clip(np.dot(correlation - a, b - a) / np.dot(b - a, b - a), 0.0, 1.0))
-            residual = float(np.square(correlation - (1 - share) * a - share * b).sum())
-            best = min(best, (residual, near, wide, share))
-    return best[1:]
-
-
 def shares(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``part / whole`` by class, (``CLASSES``,) float64, shrunk towards the mean of equal texture and edge.
 
@@ -173,8 +141,12 @@ def shares(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.
     return values.reshape(-1)
 
 
-def tables(totals: Totals, error: NDArray[np.float64]) -> Tables:
-    """Return the tables for the totals of all samples.
+Table = dict[str, NDArray[np.float64]]
+"""``matcher_statistics.COLUMNS``, (``CLASSES`` + 1,) each."""
+
+
+def table(totals: Totals, error: NDArray[np.float64]) -> Table:
+    """Return the table for the totals of all samples.
 
     Args:
         totals: totals of all samples.
@@ -199,21 +171,20 @@ def tables(totals: Totals, error: NDArray[np.float64]) -> Tables:
     spread = np.sqrt(shares(totals.square, totals.small))
     good_texture = np.s_[CLASSES // TEXTURES * (TEXTURES - 2) :]  # the two highest classes of texture
     best_spread = np.sqrt(totals.square[good_texture].sum() / totals.small[good_texture].sum())
-    return Tables(
-        shares(totals.found, totals.visible),
-        right,
-        confidence.reshape(-1),
-        neighbour.reshape(-1),
-        np.maximum(spread / best_spread, 1.0),
-        error,
-        shares(totals.matched_right, totals.matched),
-        totals.hidden_found / totals.hidden,
-        float(front_right.sum() / front_found.sum()),
-    )
+    by_class = {
+        "found": (shares(totals.found, totals.visible), totals.hidden_found / totals.hidden),
+        "right": (right, 0.0),
+        "confidence": (confidence.reshape(-1), 0.0),
+        "neighbour_confidence": (neighbour.reshape(-1), front_right.sum() / front_found.sum()),
+        "relative_error": (np.maximum(spread / best_spread, 1.0), 1.0),
+        "matched_error": (error, 1.0 / 16.0),
+        "matched_right": (shares(totals.matched_right, totals.matched), 0.0),
+    }
+    return {name: np.append(values, hidden) for name, (values, hidden) in by_class.items()}
 
 
-def fitted_tables(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Tables, Totals]:
-    """Return the tables for samples with their matches, and the totals from which the tables follow."""
+def fitted_table(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table, Totals]:
+    """Return the table for samples with their matches, and the totals from which it follows."""
     error = np.full(CLASSES, 0.2)
     for _ in range(2):  # the first pass measures the errors that limit right matches in the second one
         totals = Totals()
@@ -221,7 +192,7 @@ def fitted_tables(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table
             add_sample(totals, sample, matches, error)
         new_error = np.maximum(np.rint(np.sqrt(shares(totals.matched_square, totals.matched_small)) * 16), 1) / 16
         used, error = error, new_error
-    return tables(totals, used), totals
+    return table(totals, used), totals
 
 
 def all_samples(
@@ -231,28 +202,32 @@ def all_samples(
     for quality in qualities:
         for seed in seeds:
             for sample in samples(quality, seed, realism=realism):
-                yield sample, find_matches(sample.left, sample.right, sample.disparity_count)
+                yield sample, find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=len(SEEDS), help="number of seeds; default: all")
     options = parser.parse_args()
-    by_kind: dict[ImageKind, Tables] = {}
-    sums = np.zeros((LAGS, 2))
+    by_kind: dict[str, Table] = {}
     excess = wrong = 0.0
     for realism in (False, True):
         pairs = list(all_samples((Quality.HIGH, Quality.MEDIUM), SEEDS[: options.seeds], realism=realism))
-        sums += np.sum([autocovariance(sample, matches) for sample, matches in pairs], axis=0)
         for dots in (False, True):
             kind = ImageKind.of(dots=dots, realistic=realism)
-            by_kind[kind], totals = fitted_tables([pair for pair in pairs if pair[0].projector == dots])
+            by_kind[kind.name], totals = fitted_table([pair for pair in pairs if pair[0].projector == dots])
             excess, wrong = excess + totals.wrong_excess, wrong + totals.wrong
-    correlation = sums[:, 0] / sums[:, 1]
     # The mean of the absolute value of a normal variable is 0.798 of its standard deviation.
-    spread = excess / wrong * 16 / 0.798
-    text = source([by_kind[kind] for kind in ImageKind], spread, fit_boxes(correlation / correlation[0]))
-    TARGET.write_text(text, encoding="utf-8")
+    FILE.write_text(text_of(by_kind, excess / wrong * 16 / 0.798), encoding="utf-8")
+
+
+def text_of(by_kind: dict[str, Table], wrong_spread: float) -> str:
+    """Return the text of ``matcher_statistics.json``, one line for each column of a table."""
+    lines = [f'"wrong_spread": {wrong_spread:.1f}']
+    for kind, columns in by_kind.items():
+        rows = (f' "{name}": {json.dumps([round(float(v), 4) for v in values])}' for name, values in columns.items())
+        lines.append(f'"{kind}": {{\n' + ",\n".join(rows) + "\n}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 if __name__ == "__main__":

@@ -37,10 +37,10 @@ class Sample:
     """Name of the scene's function."""
     projector: bool
     """The projector is on."""
-    left: NDArray[np.uint8]
-    """(H, W) uint8."""
-    right: NDArray[np.uint8]
-    """(H, W) uint8."""
+    left: NDArray[np.uint16]
+    """(H, W) uint16, units of 1/16 grey level."""
+    right: NDArray[np.uint16]
+    """(H, W) uint16, likewise."""
     noise_sigma: float
     """Standard deviation of the noise in both images at mid grey, grey levels."""
     exact: NDArray[np.float32]
@@ -57,10 +57,12 @@ class Sample:
     """Images at full resolution."""
     depth: tuple[NDArray[np.float32], NDArray[np.float32]]
     """(H, W) float32 each, depth from both cameras, metres."""
+    capture: Capture
+    """Scene, pose and number of the frame."""
 
 
 @cache
-def _renderer() -> CpuRenderer:
+def renderer() -> CpuRenderer:
     return CpuRenderer()
 
 
@@ -73,11 +75,11 @@ def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[S
         realism: images with all parts of ``--stereo-realism``.
     """
     config = StereoConfig(seed=seed, realism=frozenset(REALISM_PARTS if realism else ()))
-    imaging, settings = make_imaging(config, _renderer()), replace(read_settings(Parameters()), quality=quality)
+    imaging, settings = make_imaging(config, renderer()), replace(read_settings(Parameters()), quality=quality)
     for scene in SCENES:
         draw_list = make_scene(scene, seed)
         for projector in (False, True):
-            yield _sample(scene.__name__, imaging, settings, Capture(0, draw_list, 1, POSE, int(projector), seed))
+            yield make_sample(scene.__name__, imaging, settings, Capture(0, draw_list, 1, POSE, int(projector), seed))
 
 
 def demo_samples(*, realism: bool = False) -> Iterator[Sample]:
@@ -85,16 +87,17 @@ def demo_samples(*, realism: bool = False) -> Iterator[Sample]:
     tree = LiveTree()
     demo = Demo(tree)
     demo.populate()
-    imaging = make_imaging(StereoConfig(realism=frozenset(REALISM_PARTS if realism else ())), _renderer())
+    imaging = make_imaging(StereoConfig(realism=frozenset(REALISM_PARTS if realism else ())), renderer())
     settings, pose = read_settings(Parameters()), parse_mount_pose(Settings(only=()).stereo_pose)
     for frame, seconds in enumerate((1.3, 4.0, 7.0)):
         demo.move_to(seconds)
         draw_list = flatten(tree.snapshot.root)
         for projector in (False, True):
-            yield _sample("demo", imaging, settings, Capture(0, draw_list, 1, pose, int(projector), frame))
+            yield make_sample("demo", imaging, settings, Capture(0, draw_list, 1, pose, int(projector), frame))
 
 
-def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capture) -> Sample:
+def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capture) -> Sample:
+    """Return images and depth of a capture."""
     model, divisor = imaging.config.model, settings.quality.divisor
     exposure = imaging.meter(capture, settings).exposure
     left, right = (
@@ -125,4 +128,5 @@ def _sample(name: str, imaging: Imaging, settings: StreamSettings, capture: Capt
         settings,
         pair,
         depth,
+        capture,
     )

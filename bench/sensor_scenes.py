@@ -1,4 +1,4 @@
-"""Ten indoor scenes for statistics of the stereo camera's errors: textured, plain, shiny, translucent, near and far.
+"""Indoor scenes for statistics of the stereo camera's errors: textured, plain, shiny, translucent, near and far.
 
 A scene is a function of a seed, which chooses textures and places: fits and tests use different seeds. The camera is at
 half a metre above the origin and looks along +x and down; z is up; walls close the view, 1.5 to 5 m away.
@@ -184,8 +184,20 @@ def far(random: np.random.Generator) -> list[Part]:
     return parts
 
 
+def faint(random: np.random.Generator) -> list[Part]:
+    """Walls and boxes of all contrasts down to that of the image noise."""
+    contrasts = 0.15 * 2.0 ** random.uniform(-5.0, 0.0, 12)
+    parts = room(textured(random, contrasts[0]), textured(random, contrasts[1]), random.uniform(1.6, 2.6))
+    for contrast in contrasts[2:]:
+        side = random.uniform(0.3, 0.7, 3)
+        x = random.uniform(1.2, 2.4)
+        y, z = random.uniform(-0.5, 0.5) * x, random.uniform(-0.3, 0.3) * x
+        parts.append(box(x, y, z, tuple(side), textured(random, contrast)))
+    return parts
+
+
 SCENES: Final[tuple[Callable[[np.random.Generator], list[Part]], ...]] = (
-    textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far,
+    textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far, faint,
 )  # fmt: skip
 """Functions that return the parts of a scene."""
 

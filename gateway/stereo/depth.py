@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.settings import StreamSettings
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.downscale import block_means
+from renderers.stereo.downscale import fine_means
 from renderers.stereo.errors import ErrorModel, choose_error_scale, exact_images, measured_images
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import apply_filters
-from renderers.stereo.matching import MIN_NOISE_SIGMA
 from renderers.stereo.model import StereoModel
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.sensor import SensorImage
@@ -43,13 +42,13 @@ def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRang
     return DepthRange(nearest, filters.maxdepth)
 
 
-def depth_pair(pair: ImagePair, model: StereoModel, divisor: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return the left and the right image at the resolution of the depth images, (H, W) uint8 each.
+def depth_pair(pair: ImagePair, model: StereoModel, divisor: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return the left and the right image at the resolution of the depth images, (H, W) uint16 each, 1/16 grey level.
 
     Pixels are means of blocks of ``divisor`` x ``divisor`` pixels.
     """
     k = model.intrinsics(divisor)
-    left, right = (block_means(image.image, divisor, k.height, k.width) for image in (pair.left, pair.right))
+    left, right = (fine_means(image.image, divisor, k.height, k.width) for image in (pair.left, pair.right))
     return left, right
 
 
@@ -90,29 +89,25 @@ def modelled_depth(
     right_depth: NDArray[np.float32],
     pair: ImagePair,
     settings: StreamSettings,
-    frame_number: int,
 ) -> DepthImages:
     """Return depth images from rendered depth, with the errors of a window matcher (``renderers.stereo.errors``).
 
     ``double_shot`` has no effect.
 
     Args:
-        config: model of the camera, disparity error, factor of the noise, and seed.
+        config: model of the camera, disparity error, and factor of the noise.
         left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
         right_depth: (H, W) float32 depth from the right camera, metres.
-        pair: images of the same exposure, which determine where a matcher can measure.
+        pair: images of the same exposure, from which the errors follow.
         settings: parameters of the frame.
-        frame_number: selects the random numbers.
     """
     model, divisor, filters = config.model, settings.quality.divisor, settings.filters
     disparity = _true_disparity(config, left_depth, right_depth, settings)
     sigma = config.disparity_error / divisor / settings.averaged_images**0.5
     errors = ErrorModel(
         sigma,
-        max(depth_noise_sigma(pair, config, settings), MIN_NOISE_SIGMA),
-        config.seed,
+        depth_noise_sigma(pair, config, settings),
         pair.kind,
-        frame_number,
         choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
     )
     images = measured_images(disparity, *depth_pair(pair, model, divisor), errors)

@@ -270,7 +270,7 @@ class Frame:
                 for offset in (0.0, config.model.baseline)
             ]
         )
-        return await self._workers.run(self._imaging.measure, left, right, self.settings, self.number, pair)
+        return await self._workers.run(self._imaging.measure, left, right, self.settings, pair)
 
     async def _depth_from_matching(self) -> DepthImages:
         """Return depth images by matching."""

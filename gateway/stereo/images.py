@@ -179,16 +179,13 @@ class Imaging:
         """Return the kind of a capture's images."""
         return ImageKind.of(dots=capture.has_projection(self.config), realistic=bool(self.config.realism))
 
-    def measure(
-        self, left: Frame, right: Frame, settings: StreamSettings, frame_number: int, pair: ImagePair | None
-    ) -> DepthImages:
+    def measure(self, left: Frame, right: Frame, settings: StreamSettings, pair: ImagePair | None) -> DepthImages:
         """Return depth images from two frames with depth, and close the frames.
 
         Args:
             left: frame of the left camera.
             right: frame of the right camera.
             settings: parameters of the frame.
-            frame_number: selects the random numbers of the errors.
             pair: images of the same exposure, for modelled errors; None: no errors.
         """
         with left, right:
@@ -196,7 +193,7 @@ class Imaging:
             assert right.depth is not None
             if pair is None:
                 return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
-            return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings, frame_number)
+            return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings)
 
     def mesh(
         self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None

@@ -60,8 +60,8 @@ def matched_depth(
 
 
 def _match_region(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
     disparity_count: int,
     noise_sigma: float,
     kind: ImageKind,
@@ -76,7 +76,7 @@ def _match_region(
         return match_pair(left, right, disparity_count, noise_sigma, kind)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
-    full_size = DepthImages(np.zeros_like(left, np.uint16), np.zeros_like(left), np.zeros_like(left))
+    full_size = DepthImages(np.zeros_like(left), np.zeros_like(left, np.uint8), np.zeros_like(left, np.uint8))
     if rows.start >= height or columns.start >= width:
         return full_size
     # Points at the region's left edge lie up to `disparity_count` columns farther left in the right image.
@@ -97,7 +97,7 @@ def _match_region(
 
 
 def _match_half_resolution(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int, noise_sigma: float, kind: ImageKind
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, kind: ImageKind
 ) -> DepthImages:
     """Return depth images by matching at half the resolution, where a window covers four times the area of the scene.
 

@@ -7,8 +7,7 @@ Modules, in the order in which a frame uses them:
 * ``realism``: names of the parts of realistic images. ``key_light``, ``optics``, ``fixed_pattern``, ``motion_blur``
   and ``projector_pattern`` make these parts.
 * ``truth``: exact disparity. ``errors``: disparity with the errors of a matcher. ``matching``: disparity from a pair of
-  images. Both of the latter need ``pixel_classes`` and the ``matcher_statistics`` of each class; ``smooth_noise`` makes
-  the noise of the errors.
+  images. Both of the latter need ``residual_shift``, ``pixel_classes`` and the ``matcher_statistics`` of each class.
 * ``filters``: the device's post-processing of depth images.
 * ``mesh`` and ``ply``: triangle meshes from depth images.
 

@@ -6,23 +6,26 @@ the left image has a class: its texture, the agreement of both images at the exa
 (``pixel_classes``). For each class ``matcher_statistics`` has the share of pixels with a match, and the share of right
 matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
 
-* Hole: no match, as on surfaces without texture, in highlights and on translucent surfaces.
-* Right: a Gaussian error that changes little from pixel to pixel. It is larger where there is little texture.
+* Hole: no match, as on surfaces without texture, in highlights, on translucent surfaces and in repeated patterns.
+* Right: with the error that a local matcher would make in these images (``residual_shift``), scaled so that its
+  standard deviation is the disparity error times the relative error of the class.
 * Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
   the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
   part of the matching window.
 * Wrong, elsewhere: off by more than 3 disparity errors.
 
-Holes and wrong pixels form blobs, because smooth noise selects them. The confidence is the share of right pixels among
-those that the device cannot tell apart.
+There are no random numbers. Errors belong to the texture, the dots and the sub-pixel phase, and stay while the scene is
+static; the image noise adds a small part that differs from frame to frame. Of each class, holes and wrong pixels are
+those that are brighter than their surroundings and have a large error, so they form blobs that move with the surface.
+The confidence is the share of right pixels among those that the device cannot tell apart.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,20 +33,38 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import matcher_statistics as statistics
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.matcher_statistics import WRONG_SPREAD
+from renderers.stereo.downscale import grey_levels
+from renderers.stereo.matcher_statistics import HIDDEN_CLASS
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.pixel_classes import CLASSES, EDGE_STEP, ImageKind, classify, window_range
-from renderers.stereo.smooth_noise import smooth_noise
+from renderers.stereo.pixel_classes import EDGE_STEP, MIN_NOISE_SIGMA, ImageKind, classify, window_range
+from renderers.stereo.repetition import repeated_texture
+from renderers.stereo.residual_shift import residual_shift
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-OUTCOME_BOX: Final = 8
-"""Box of the noise that selects holes and wrong pixels (``smooth_noise``), pixels: our choice, a little more than a
-matching window."""
-_HIDDEN_CLASS: Final = CLASSES
-"""Class of pixels without a measurable disparity. Next to a nearer surface they may get its disparity."""
-_WRONG_FROM, _HOLE_FROM, _NEAR_SIGMA, _WIDE_SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(8)
+ERROR_RADIUS: Final = 5
+"""Radius of the windows from which errors follow, pixels. Semi-global matching is smoother than its own windows."""
+ERROR_BLUR: Final = 7
+"""Side of the box over which errors are averaged, pixels."""
+ERROR_BANDS: Final = (5, 11)
+"""Sides of two boxes. The difference of the brightness in them determines the errors of weak texture, where semi-global
+matching depends on the surroundings."""
+WEAK_SHIFT: Final = 0.02
+"""Standard deviation of the shift by ``ERROR_BANDS``, pixels; it counts relative to that by texture and noise."""
+OUTCOME_BANDS: Final = (11, 31)
+"""Sides of the boxes for holes and wrong pixels, pixels: our choice."""
+LOCKING: Final = 0.36
+"""Preference for whole disparities: amplitude of the mean error by sub-pixel phase, relative to the disparity error.
+Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase is 0."""
+_LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astype(np.float32)
+"""(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
+REPEATED: Final = 0.6
+"""Added to the rank of repeated texture: that share of it has no match."""
+RANK_BINS: Final = 256
+"""Bins of the histogram by which the pixels of a class are ordered."""
+MAX_NOISE: Final = 3.0
+"""Maximum of the error, in standard deviations: a right pixel is within 3."""
+_WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
 """Columns of the class table (``_class_table``)."""
 
 
@@ -54,13 +75,9 @@ class ErrorModel:
     sigma: float
     """Standard deviation of the disparity on good texture, rounding included, pixels; above 0."""
     noise_sigma: float
-    """Standard deviation of the image noise, grey levels, above 0."""
-    seed: int
-    """Seed of the random numbers."""
+    """Standard deviation of the image noise, grey levels."""
     kind: ImageKind
     """Kind of the images."""
-    frame: int
-    """Number of the frame; with ``seed`` it selects the random numbers."""
     error_scale: float = DISPARITY_SCALE
     """Pixels per unit of the error image (``choose_error_scale``)."""
 
@@ -94,39 +111,41 @@ def exact_images(true_disparity: NDArray[np.float32]) -> DepthImages:
 
 
 def measured_images(
-    true_disparity: NDArray[np.float32], left: NDArray[np.uint8], right: NDArray[np.uint8], model: ErrorModel
+    true_disparity: NDArray[np.float32], left: NDArray[np.uint16], right: NDArray[np.uint16], model: ErrorModel
 ) -> DepthImages:
     """Return the depth images that a camera measures with the errors of this model.
 
     Args:
         true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
-        left: (H, W) uint8, left image.
-        right: (H, W) uint8, right image.
+        left: (H, W) uint16, left image, units of 1/16 grey level.
+        right: (H, W) uint16, right image, likewise.
         model: parameters of the errors.
     """
     wait_until_compiled("stereo")
-    height, width = true_disparity.shape
     exact = _sixteenths(true_disparity)
     nearest, farthest = window_range(exact)
-    classes = classify(left, right, exact, nearest, farthest, model.noise_sigma)
-    classes[exact == 0] = _HIDDEN_CLASS
-    noise_images = [
-        smooth_noise(height, width, box, frame_key(model.seed, model.frame, stream))
-        for box, stream in (
-            (statistics.NEAR_BOX, NoiseStream.DISPARITY),
-            (statistics.WIDE_BOX, NoiseStream.DISPARITY_WIDE),
-            (OUTCOME_BOX, NoiseStream.OUTCOME),
-        )
-    ]
-    images = DepthImages(
-        np.empty((height, width), np.uint16),
-        np.empty((height, width), np.uint8),
-        np.empty((height, width), np.uint8),
-        model.error_scale,
-    )
+    levels, right_levels = grey_levels(left), grey_levels(right)
+    noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
+    classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
+    classes[exact == 0] = HIDDEN_CLASS
+    phases = np.where(exact > 0, exact & np.uint16(15), np.uint16(16)).astype(np.uint8)
+    expected = _contrast(levels, ERROR_BANDS)
+    _standardise(expected, classes)
+    expected *= np.float32(WEAK_SHIFT)
+    shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
+    noise = np.asarray(cv2.blur(shift, (ERROR_BLUR, ERROR_BLUR)), np.float32)
+    _standardise(noise, classes)
+    _standardise(noise, phases)
+    outcome = _contrast(levels, OUTCOME_BANDS)
+    _standardise(outcome, classes)
+    outcome += np.float32(0.5) * noise
+    _rank(outcome, classes)
+    outcome[repeated_texture(levels, right_levels, true_disparity)] += np.float32(REPEATED)
+    noise = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5) * noise - _LOCKING_BY_PHASE[phases]
+    images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
-        true_disparity, nearest, farthest, classes, *noise_images, _class_table(model), images.disparity, images.error,
-        images.confidence,
+        true_disparity, nearest, farthest, classes, noise, outcome, _class_table(model), statistics.wrong_spread(),
+        images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
@@ -138,42 +157,104 @@ def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def _class_table(model: ErrorModel) -> NDArray[np.float32]:
-    """Return (``CLASSES`` + 1, 8) float32, a row for each class, the last one for ``_HIDDEN_CLASS``.
+    """Return (``CLASSES`` + 1, 7) float32, a row for each class, the last one for ``HIDDEN_CLASS``.
 
     Columns:
 
-    * ``_WRONG_FROM``, ``_HOLE_FROM``: outcome noise from which a pixel is wrong, and from which it is a hole.
-    * ``_NEAR_SIGMA``, ``_WIDE_SIGMA``: standard deviations of the two parts of the Gaussian error, which are correlated
-      over a small and a large distance, units of 1/16 pixel.
+    * ``_WRONG_FROM``, ``_HOLE_FROM``: rank in the class from which a pixel is wrong, and from which it is a hole.
+    * ``_SIGMA``: standard deviation of the error before rounding, units of 1/16 pixel.
     * ``_MIN_WRONG``: minimum error of a wrong pixel away from edges, units of 1/16 pixel.
     * ``_ERROR``: disparity error, units of the error image.
     * ``_CONFIDENCE``, ``_NEIGHBOUR_CONFIDENCE``: confidence of a pixel with the disparity of its own surface, and with
       that of the other side of an edge, units of 1/255.
     """
-    found = np.append(statistics.FOUND[model.kind], statistics.HIDDEN_FOUND[model.kind])
-    right = np.append(statistics.RIGHT[model.kind], 0.0)
-    sigma = model.sigma * np.append(statistics.RELATIVE_ERROR[model.kind], 1.0)
+    table = statistics.table(model.kind)
+    found, right = table["found"], table["right"]
+    sigma = model.sigma * table["relative_error"]
     units = np.clip(np.rint(sigma / model.error_scale), 1, 255)
-    # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit; the Gaussian part makes up the rest.
-    gaussian = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
-    own = np.append(statistics.CONFIDENCE[model.kind], 0.0)
-    neighbours = np.append(statistics.NEIGHBOUR_CONFIDENCE[model.kind], statistics.HIDDEN_CONFIDENCE[model.kind])
-    normal = NormalDist()
-    thresholds = [[normal.inv_cdf(min(max(p, 1e-6), 1 - 1e-6)) for p in shares] for shares in (found * right, found)]
-    near, wide = (1.0 - statistics.WIDE_SHARE) ** 0.5, statistics.WIDE_SHARE**0.5
+    # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit.
+    before_rounding = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
     wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
-    confidences = np.floor(np.stack((own, neighbours)) * 255.0)
-    columns = (*thresholds, near * gaussian, wide * gaussian, wrong, units, *confidences)
+    confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
+    columns = (found * right, found, before_rounding, wrong, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+
+
+def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the difference between the means over two boxes around each pixel, (H, W) float32, grey levels."""
+    small, large = (cv2.boxFilter(levels, cv2.CV_32F, (side, side)) for side in sides)
+    return np.asarray(small - large, np.float32)
+
+
+@kernel("void(float32[:,::1], uint8[:,::1])")
+def _standardise(values, groups):
+    """Change values in place so that in each group their mean is 0 and their variance 1, within ``MAX_NOISE``.
+
+    Args:
+        values: (H, W) float32.
+        groups: (H, W) uint8, group of each value.
+    """
+    height, width = values.shape
+    sums, squares, counts = np.zeros(256), np.zeros(256), np.zeros(256)
+    for row in range(height):
+        for column in range(width):
+            group, value = groups[row, column], np.float64(values[row, column])
+            sums[group] += value
+            squares[group] += value * value
+            counts[group] += 1.0
+    counts = np.maximum(counts, 1.0)
+    variances = np.maximum(squares / counts - (sums / counts) ** 2, 1e-12)
+    means, factors = (sums / counts).astype(np.float32), (1.0 / np.sqrt(variances)).astype(np.float32)
+    most = np.float32(MAX_NOISE)
+    for row in range(height):
+        for column in range(width):
+            group = groups[row, column]
+            value = (values[row, column] - means[group]) * factors[group]
+            values[row, column] = min(max(value, -most), most)
+
+
+@kernel("void(float32[:,::1], uint8[:,::1])")
+def _rank(values, groups):
+    """Replace values in place by the share of smaller ones in their group, 0 to 1.
+
+    Args:
+        values: (H, W) float32.
+        groups: (H, W) uint8, group of each value.
+    """
+    height, width = values.shape
+    sums, counts = np.zeros(256), np.zeros(256)
+    for row in range(height):
+        for column in range(width):
+            sums[groups[row, column]] += np.float64(abs(values[row, column]))
+            counts[groups[row, column]] += 1.0
+    # Values are mapped to positions in -1 to 1 so that many small and few large ones fill the bins alike.
+    spreads = (0.5 * sums / np.maximum(counts, 1.0) + 1e-6).astype(np.float32)
+    half = np.float32(RANK_BINS / 2)
+    histogram = np.zeros((256, RANK_BINS + 1))
+    for row in range(height):
+        for column in range(width):
+            group, value = groups[row, column], values[row, column]
+            position = (np.float32(1.0) + value / (abs(value) + spreads[group])) * half
+            values[row, column] = position
+            histogram[group, min(int(position), RANK_BINS - 1) + 1] += 1.0
+    for group in range(256):
+        for position_bin in range(RANK_BINS):
+            histogram[group, position_bin + 1] += histogram[group, position_bin]
+    for row in range(height):
+        for column in range(width):
+            group, position = groups[row, column], values[row, column]
+            position_bin = min(int(position), RANK_BINS - 1)
+            below, up_to = histogram[group, position_bin], histogram[group, position_bin + 1]
+            share = below + (up_to - below) * np.float64(position - np.float32(position_bin))
+            values[row, column] = np.float32(share / counts[group])
 
 
 @kernel(
     "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
-    "float32[:,::1], float32[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+    "float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
 )
 def _write_measured(
-    true_disparity, nearest, farthest, classes, near_noise, wide_noise, outcome_noise, class_table, disparity, error,
-    confidence,
+    true_disparity, nearest, farthest, classes, noise, outcome, class_table, wrong_spread, disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
 
@@ -182,10 +263,10 @@ def _write_measured(
         nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
         farthest: (H, W) uint16, likewise.
         classes: (H, W) uint8, row of ``class_table``.
-        near_noise: (H, W) float32, of variance 1.
-        wide_noise: (H, W) float32, of variance 1.
-        outcome_noise: (H, W) float32, of variance 1; small values make right pixels, large ones holes.
-        class_table: (``CLASSES`` + 1, 8) float32, ``_class_table``.
+        noise: (H, W) float32, error, of variance 1 in each class.
+        outcome: (H, W) float32, rank in the class, 0 to 1: small ones are right, large ones holes.
+        class_table: (``CLASSES`` + 1, 7) float32, ``_class_table``.
+        wrong_spread: spread of wrong pixels beyond 3 errors, units of 1/16 pixel.
         disparity: (H, W) uint16, output, units of 1/16 pixel.
         error: (H, W) uint8, output, units of the error image.
         confidence: (H, W) uint8, output, units of 1/255.
@@ -195,21 +276,21 @@ def _write_measured(
     for row in range(height):
         for column in range(width):
             entry = class_table[classes[row, column]]
-            outcome, noise = outcome_noise[row, column], near_noise[row, column]
+            pixel_outcome, pixel_noise = outcome[row, column], noise[row, column]
             units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
-            if outcome < entry[_HOLE_FROM]:
+            if pixel_outcome < entry[_HOLE_FROM]:
                 measured = true_disparity[row, column] * np.float32(16.0)
-                deviation = entry[_NEAR_SIGMA] * noise + entry[_WIDE_SIGMA] * wide_noise[row, column]
+                deviation = entry[_SIGMA] * pixel_noise
                 error_units, confidence_units = entry[_ERROR], entry[_CONFIDENCE]
-                if outcome >= entry[_WRONG_FROM]:
+                if pixel_outcome >= entry[_WRONG_FROM]:
                     front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
                     is_behind = front >= measured + np.float32(EDGE_STEP)
                     if is_behind or measured >= back + np.float32(EDGE_STEP):
                         measured = front if is_behind else back
                         confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
                     else:
-                        deviation = entry[_MIN_WRONG] + np.float32(WRONG_SPREAD) * abs(noise)
-                        if noise < zero:
+                        deviation = entry[_MIN_WRONG] + np.float32(wrong_spread) * abs(pixel_noise)
+                        if pixel_noise < zero:
                             deviation = -deviation
                 if measured > zero:
                     units = int(min(max(measured + deviation, one), np.float32(65535.0)) + half)

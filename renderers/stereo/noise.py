@@ -21,18 +21,14 @@ class NoiseStream(IntEnum):
     """Independent random sequences of one frame, named by the image that uses them.
 
     ``*_DEPTH`` are the images for stereo matching, ``*_SECOND`` those without the projector's light (``double_shot``).
-    ``DISPARITY*`` and ``OUTCOME`` are the errors of modelled depth (``errors``).
     """
 
     LEFT = 1
     RIGHT = 2
     LEFT_DEPTH = 3
     RIGHT_DEPTH = 4
-    DISPARITY = 5
     LEFT_SECOND = 6
     RIGHT_SECOND = 7
-    DISPARITY_WIDE = 8
-    OUTCOME = 9
     COLOR_CAMERA = 10
     RAW_LEFT = 11
     RAW_RIGHT = 12

@@ -33,6 +33,8 @@ class ImageKind(IntEnum):
         return ImageKind(int(dots) + 2 * int(realistic))
 
 
+MIN_NOISE_SIGMA: Final = 0.3
+"""Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
 RADIUS: Final = 2
 """Pixels on each side of a window's centre: a window has 5 x 5 pixels."""
 _WINDOW: Final = 2 * RADIUS + 1

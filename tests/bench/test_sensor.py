@@ -1,4 +1,4 @@
-"""Statistics of the stereo camera's errors on rendered scenes, and the source that the fit writes."""
+"""Statistics of the stereo camera's errors on rendered scenes, and the file that the fit writes."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench import sensor, sensor_fit, sensor_source
+from bench import sensor, sensor_fit
 from bench.sensor_images import Sample, samples
 from renderers.stereo import matcher_statistics
 from renderers.stereo.model import Quality
 from renderers.stereo.pixel_classes import CLASSES, ImageKind
-from renderers.stereo.smooth_noise import smooth_noise
 
 
 @pytest.fixture(scope="module")
@@ -58,16 +57,6 @@ def test_matching_is_as_dense_at_every_quality() -> None:
         assert (sensor.MODES["matched"](sample).disparity > 0).mean() > 0.85
 
 
-def test_boxes_are_found_from_their_correlation() -> None:
-    noise = 0.6**0.5 * smooth_noise(900, 1200, 4, np.uint64(1)) + 0.4**0.5 * smooth_noise(900, 1200, 24, np.uint64(2))
-    variance = (noise**2).mean()
-    others = [(noise[:, lag:] * noise[:, :-lag]).mean() / variance for lag in range(1, sensor_fit.LAGS)]
-    near, wide, share = sensor_fit.fit_boxes(np.array([1.0, *others]))
-    assert near in (3, 4, 5)
-    assert wide == pytest.approx(24, abs=6)
-    assert share == pytest.approx(0.4, abs=0.1)
-
-
 def test_shares_of_rare_classes_are_those_of_their_texture_and_edge() -> None:
     part, whole = np.zeros(CLASSES), np.zeros(CLASSES)
     textured = CLASSES - 1  # the last class: most texture, most disagreement, behind an edge
@@ -79,17 +68,8 @@ def test_shares_of_rare_classes_are_those_of_their_texture_and_edge() -> None:
 
 
 def test_statistics_are_what_the_fit_would_write() -> None:
-    """Writing the module from its own values gives the module."""
-    tables = [
-        sensor_source.Tables(
-            **{name: np.array(getattr(matcher_statistics, name.upper())[side]) for name, _, _ in sensor_source.TABLES},
-            hidden_found=matcher_statistics.HIDDEN_FOUND[side],
-            hidden_confidence=matcher_statistics.HIDDEN_CONFIDENCE[side],
-        )
-        for side in ImageKind
-    ]
-    boxes = matcher_statistics.NEAR_BOX, matcher_statistics.WIDE_BOX, matcher_statistics.WIDE_SHARE
-    text = sensor_source.source(tables, matcher_statistics.WRONG_SPREAD, boxes)
-    assert text == sensor_fit.TARGET.read_text("utf-8")
-    for name, _, _ in sensor_source.TABLES:
-        assert np.array(getattr(matcher_statistics, name.upper())).shape == (len(ImageKind), CLASSES)
+    """Writing the file from its own values gives the file."""
+    by_kind = {kind.name: matcher_statistics.table(kind) for kind in ImageKind}
+    assert sensor_fit.text_of(by_kind, matcher_statistics.wrong_spread()) == matcher_statistics.FILE.read_text("utf-8")
+    for table in by_kind.values():
+        assert {values.shape for values in table.values()} == {(CLASSES + 1,)}

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.stereo.profile import read_profile
+from renderers.stereo.downscale import fine_means
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import Quality
@@ -131,7 +132,8 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         depths.append(z)
         images.append(sensor_image(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
+    left, right = (fine_means(image, 1, *image.shape) for image in images)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() > 0.95
     error = np.abs(measured.disparity / 16 - true)
@@ -144,5 +146,6 @@ def test_matching_with_the_projector(quality: Quality) -> None:
 def test_matching_a_blank_wall_is_invalid() -> None:
     image = sensor_image(grey(120), Exposure(), KEY, color=False).image
     other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT), color=False).image
-    measured = match_pair(image, other, 64, 0.3, ImageKind.PLAIN)
+    left, right = (fine_means(i, 1, *i.shape) for i in (image, other))
+    measured = match_pair(left, right, 64, 0.3, ImageKind.PLAIN)
     assert (measured.confidence >= 128).mean() < 0.2

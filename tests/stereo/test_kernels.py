@@ -11,6 +11,7 @@ from renderers.compiler.jit import KERNELS, compile_kernel
 from renderers.stereo import mesh_kernels as mesh
 from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.downscale import fine_means
 from renderers.stereo.errors import ErrorModel, exact_images, measured_images
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import Filters, apply_filters, fill_holes
@@ -58,17 +59,16 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     )  # fmt: skip
     image_from_light(on_sensor, Exposure(), KEY, fixed_pattern(0, right=False, height=24, width=40))
     write_mean_light(rendered, 4, 2, [rendered[:8, :12].copy()])
-    match_pair(image, image, 16, 0.3, ImageKind.PLAIN)
+    fine = fine_means(image, 1, 24, 40)
+    match_pair(fine, fine, 16, 0.3, ImageKind.PLAIN)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
-    images = measured_images(
-        true, image, image, ErrorModel(sigma=0.25, noise_sigma=0.3, seed=0, kind=ImageKind.DOTS, frame=1)
-    )
+    images = measured_images(true, fine, fine, ErrorModel(sigma=0.25, noise_sigma=0.3, kind=ImageKind.DOTS))
     apply_filters(images, Filters(), 8.0, 2)
     k = Intrinsics(40, 24, 40.0, 20.0, 12.0)
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 22
+    assert len(kernels) == 24
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         compile_kernel(kernel)

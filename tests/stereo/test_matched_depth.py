@@ -34,8 +34,8 @@ class FakeMatcher:
 
     def __call__(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: NDArray[np.uint16],
+        right: NDArray[np.uint16],
         disparity_count: int,
         noise_sigma: float,
         kind: ImageKind,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo.profile import PROFILE_NAMES, read_profile
 from renderers.camera import Camera
+from renderers.stereo.downscale import fine_means
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.fixed_pattern import (
     COLUMN_OFFSET,
@@ -215,7 +216,8 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         depths.append(z)
         images.append(image_from_light(light, Exposure(), frame_key(1, 1, NoiseStream(number + 1)), pattern).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match_pair(images[0], images[1], MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
+    left, right = (fine_means(image, 1, *image.shape) for image in images)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
     assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01

@@ -1,0 +1,51 @@
+"""Repeated texture: pixels whose window matches the right image at another disparity as well."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SCALE: Final = 4
+"""Images are compared at 1/4 of their resolution: finer patterns than 8 pixels do not count."""
+HALF: Final = 2
+"""Candidate disparities have steps of 1/2 pixel at that resolution."""
+WINDOW: Final = 5
+"""Side of a window, pixels at that resolution."""
+MIN_DISTANCE: Final = 3.0
+"""Minimum difference of a second match from the exact disparity, pixels at that resolution."""
+MAX_COST: Final = 0.4
+"""Maximum difference of the windows of a second match, relative to the contrast of the window. Random textures reach
+0.7, a chequerboard 0.1 to 0.3."""
+MIN_CONTRAST: Final = 4.0
+"""Minimum contrast of a window along its rows, grey levels: without contrast, nothing is repeated."""
+
+
+def repeated_texture(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """Return where a window matches at a second disparity, up to the largest one of the image, (H, W) bool.
+
+    Args:
+        left: (H, W) uint8, rectified.
+        right: (H, W) uint8, rectified.
+        disparity: (H, W) float32, exact disparity, pixels, 0: unknown.
+    """
+    height, width = left.shape
+    rows, columns = max(height // SCALE, 1), max(width // SCALE, 1)
+    small_left = cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
+    small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
+    half_pixels = [small_right, cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)]
+    exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST) * np.float32(1.0 / SCALE)
+    best = np.full((rows, columns), 255, np.uint8)
+    for candidate in range(min(int(exact.max()) + 2, columns) * HALF):
+        whole, half = divmod(candidate, HALF)
+        difference = cv2.absdiff(small_left[:, whole:], half_pixels[half][:, : columns - whole])
+        cost = cv2.blur(difference, (WINDOW, WINDOW))
+        is_other = np.abs(exact[:, whole:] - np.float32(candidate / HALF)) >= MIN_DISTANCE
+        np.minimum(best[:, whole:], cost, out=best[:, whole:], where=is_other)
+    contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (WINDOW, 1))), (WINDOW, WINDOW))
+    repeated = (best <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
+    return cv2.resize(repeated.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0

@@ -1,0 +1,168 @@
+"""Sub-pixel shift between the windows of a pair that remains at given disparities.
+
+One step of Lucas and Kanade (1981). Over a window, the shift is the least-squares solution of
+``left(x) - right(x - d) = -gradient(x) * shift``::
+
+    shift = -sum(gradient * difference) / (sum(gradient²) + prior)
+
+It follows from the texture, the projector's dots, the sub-pixel phase and the image noise. At disparities of a matcher
+it refines them; at exact disparities it is the error that any local matcher would make.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.device_function import device_function
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+
+PRIOR_SHIFT: Final = 0.2
+"""Standard deviation of the shift before the images are compared, pixels: that of a matcher's errors. It decides how
+much gradients count against the noise."""
+ROUNDING_NOISE: Final = 0.15
+"""Standard deviation of rounding in means of 2 x 2 pixels, grey levels. It adds to the image noise."""
+SHARPNESS: Final = -0.6
+"""Parameter of the cubic interpolation between pixels (Keys 1981). Catmull-Rom has -0.5, OpenCV -0.75. Between them,
+the mean shift does not depend on the sub-pixel phase."""
+PHASES: Final = 64
+"""Sub-pixel positions of the interpolation."""
+MAX_RADIUS: Final = 5
+"""Maximum radius of a window, pixels: the sums of larger ones exceed 32 bits."""
+_MAX_LEVEL: Final = 255 * 16
+_WEIGHT_BITS: Final = 8
+
+
+def _interpolation_weights() -> NDArray[np.int32]:
+    """Return the weights of four neighbours for each sub-pixel position, (``PHASES``, 4) int32, units of 1/256."""
+    distance = np.abs(np.arange(PHASES)[:, None] / PHASES - np.arange(-1, 3))
+    a = SHARPNESS
+    near = ((a + 2.0) * distance - (a + 3.0)) * distance**2 + 1.0
+    far = ((distance - 5.0) * distance + 8.0) * distance * a - 4.0 * a
+    weights: NDArray[np.int32] = np.rint(np.where(distance <= 1.0, near, far) * (1 << _WEIGHT_BITS)).astype(np.int32)
+    weights[:, 1] += (1 << _WEIGHT_BITS) - weights.sum(axis=1)
+    return weights
+
+
+_WEIGHTS: Final = _interpolation_weights()
+
+
+def residual_shift(
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    disparity: NDArray[np.float32],
+    radius: int,
+    noise_sigma: float,
+    expected: NDArray[np.float32] | None = None,
+) -> NDArray[np.float32]:
+    """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
+
+    Args:
+        left: (H, W) uint16, rectified, units of 1/16 grey level.
+        right: (H, W) uint16, likewise.
+        disparity: (H, W) float32, pixels, 0: unknown.
+        radius: pixels on each side of a window's centre, up to ``MAX_RADIUS``.
+        noise_sigma: standard deviation of the image noise, grey levels.
+        expected: (H, W) float32, shift of windows without texture, pixels; None: 0.
+    """
+    wait_until_compiled("stereo")
+    # Both images have the noise. Gradients have units of 1/32 level per pixel.
+    prior = 2.0 * (noise_sigma**2 + ROUNDING_NOISE**2) * (32.0 / PRIOR_SHIFT) ** 2
+    shift = np.empty(left.shape, np.float32)
+    expected = np.zeros_like(shift) if expected is None else expected
+    _residual_shift(left, right, disparity, radius, prior, expected, _WEIGHTS, shift)
+    return shift
+
+
+@kernel(
+    "void(uint16[:,::1], uint16[:,::1], float32[:,::1], int64, float64, float32[:,::1], int32[:,::1], float32[:,::1])"
+)
+def _residual_shift(left, right, disparity, radius, prior, expected, weights, shift):
+    """Write the shift of each pixel. All sums are of integers: their results do not depend on the order.
+
+    Args:
+        left: (H, W) uint16, units of 1/16 level.
+        right: (H, W) uint16, likewise.
+        disparity: (H, W) float32, pixels, 0: unknown.
+        radius: pixels on each side of a window's centre.
+        prior: weight of the expected shift per pixel of the window, squared units of the gradient.
+        expected: (H, W) float32, pixels.
+        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
+        shift: (H, W) float32, output, pixels.
+    """
+    height, width = left.shape
+    window = 2 * radius + 1
+    padded = width + 2 * radius
+    # Rings of the last rows of products, and their sums down each column. Padding beyond the image is 0.
+    products, squares = np.zeros((window, padded), np.int32), np.zeros((window, padded), np.int32)
+    counts = np.zeros((window, padded), np.int32)
+    product_sums, square_sums = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
+    count_sums = np.zeros(padded, np.int32)
+    for row in range(height + radius):
+        product, square, count = products[row % window], squares[row % window], counts[row % window]
+        for x in range(padded):
+            product_sums[x] -= product[x]
+            square_sums[x] -= square[x]
+            count_sums[x] -= count[x]
+            product[x], square[x], count[x] = 0, 0, 0
+        if row < height:
+            _multiply_rows(left[row], right[row], disparity[row], radius, weights, product, square, count)
+            for x in range(padded):
+                product_sums[x] += product[x]
+                square_sums[x] += square[x]
+                count_sums[x] += count[x]
+        center = row - radius
+        if center < 0:
+            continue
+        product_sum, square_sum, pixels = np.int32(0), np.int32(0), np.int32(0)
+        for x in range(window - 1):
+            product_sum += product_sums[x]
+            square_sum += square_sums[x]
+            pixels += count_sums[x]
+        for column in range(width):
+            product_sum += product_sums[column + window - 1]
+            square_sum += square_sums[column + window - 1]
+            pixels += count_sums[column + window - 1]
+            value = np.float32(0.0)
+            if disparity[center, column] > np.float32(0.0):
+                prior_sum = np.float32(prior) * np.float32(max(pixels, 1))
+                # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
+                value = np.float32(-2.0) * np.float32(product_sum) + prior_sum * expected[center, column]
+                value /= np.float32(square_sum) + prior_sum
+            shift[center, column] = value
+            product_sum -= product_sums[column]
+            square_sum -= square_sums[column]
+            pixels -= count_sums[column]
+
+
+@device_function
+def _multiply_rows(left, right, disparity, radius, weights, product, square, count):
+    """Write the products of gradient and difference of one row, with ``radius`` columns of padding.
+
+    Args:
+        left: (W,) uint16, units of 1/16 level.
+        right: (W,) uint16, likewise.
+        disparity: (W,) float32, pixels, 0: unknown.
+        radius: columns of padding on each side.
+        weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
+        product: (W + 2 ``radius``,) int32, output, gradient times difference.
+        square: (W + 2 ``radius``,) int32, output, squared gradient.
+        count: (W + 2 ``radius``,) int32, output, 1 where the disparity is known.
+    """
+    last = len(left) - 1
+    for column in range(len(left)):
+        position = column * PHASES - int(disparity[column] * np.float32(PHASES) + np.float32(0.5))
+        if disparity[column] <= np.float32(0.0) or position < 0:
+            continue
+        whole, weight = position // PHASES, weights[position & (PHASES - 1)]
+        level = weight[0] * np.int32(right[max(whole - 1, 0)]) + weight[1] * np.int32(right[whole])
+        level += weight[2] * np.int32(right[min(whole + 1, last)]) + weight[3] * np.int32(right[min(whole + 2, last)])
+        difference = np.int32(left[column]) - (level + (1 << (_WEIGHT_BITS - 1)) >> _WEIGHT_BITS)
+        difference = min(max(difference, -_MAX_LEVEL), _MAX_LEVEL)
+        gradient = np.int32(left[min(column + 1, last)]) - np.int32(left[max(column - 1, 0)])
+        product[column + radius] = gradient * difference
+        square[column + radius] = gradient * gradient
+        count[column + radius] = 1
