@@ -106,7 +106,7 @@ class Imaging:
     def look(self) -> Look:
         """Look of the rendered images, depth and labels."""
         config = self.config
-        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold)
+        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
