@@ -29,7 +29,7 @@ _MAX_SAMPLES: Final = 12
 """Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
 _MAX_SAMPLES_PER_AXIS: Final = 8
 """Maximum number of samples along one side of a footprint: the highest anisotropy that is filtered without blur."""
-_SAMPLE_SPACING: Final = np.float32(1.3)
+_SAMPLE_SPACING: Final = 1.3
 """Maximum distance of samples, texels. Each covers two texels with a tent, so their sum has small ripples."""
 _NEAREST_SAMPLES: Final = 3
 """Minimum number of samples per axis of textures whose filter is the nearest texel."""
@@ -324,58 +324,73 @@ def _footprint(uv_transform, uv_gradient, x, width, height):
 
 @inlined
 def _samples_along(squared_side):
-    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, up to one more than the maximum per axis."""
-    count = np.int64(1)
-    while count <= _MAX_SAMPLES_PER_AXIS:
-        covered = _SAMPLE_SPACING * np.float32(count)
-        if vec.movemask(squared_side > vec.f32(covered * covered)) == 0:
-            break
-        count += 1
-    return count
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8, up to one more than the permitted one."""
+    most = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
+    side = vec.sqrt(vec.minimum(vec.maximum(squared_side, vec.f32(0.0)), vec.f32(most * most)))
+    return vec.maximum(vec.ceil(side * vec.f32(1.0 / _SAMPLE_SPACING)), vec.f32(1.0))
 
 
-@device_function
-def _area_samples(texture, gradient):
-    """Return mip level and numbers of samples across and down for the footprints of eight pixels.
+@inlined
+def _area_grids(texture, gradient):
+    """Return the samples for the footprints of eight pixels, i32x8: mip level, columns and rows, 4 bits each but the
+    first.
 
-    The finest level is chosen whose texels the permitted number of samples covers.
+    The level is the finest one whose texels the permitted number of samples covers. It depends on the pixel only, so
+    that an image does not depend on which pixels are sampled together.
     """
-    k = np.int64(0)
-    while True:
+    fewest = vec.f32(1.0 if texture.mag_linear != 0 or texture.min_linear != 0 else _NEAREST_SAMPLES)
+    most, most_per_axis, none = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.i32(_NO_LEVEL)
+    grids = none
+    for k in range(texture.level_count):
         _, width, height, _ = _load_level(texture, k)
         across, down = _squared_sides(gradient, width, height)
         columns, rows = _samples_along(across), _samples_along(down)
-        is_covered = max(columns, rows) <= _MAX_SAMPLES_PER_AXIS and columns * rows <= _MAX_SAMPLES
-        if is_covered or k == texture.level_count - 1:
+        is_covered = (columns <= most_per_axis) & (rows <= most_per_axis) & (columns * rows <= most)
+        if k == texture.level_count - 1:
+            limit = vec.f32(_NEAREST_SAMPLES)
+            columns, rows = vec.select(is_covered, columns, limit), vec.select(is_covered, rows, limit)
+            is_covered = rows == rows
+        columns, rows = vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
+        grid = vec.i32(k << 8) + (columns << vec.i32(4)) + rows
+        grids = vec.select(is_covered & (grids == none), grid, grids)
+        if vec.movemask(grids == none) == 0:
             break
-        k += 1
-    if not is_covered:
-        columns = rows = np.int64(_NEAREST_SAMPLES)
-    elif texture.mag_linear == 0 and texture.min_linear == 0:
-        columns, rows = max(columns, _NEAREST_SAMPLES), max(rows, _NEAREST_SAMPLES)
-    return k, columns, rows
+    return grids
 
 
 @device_function
-def _sample_area(texture, sampler, uv_transform, uv_gradient, u, v, x):
-    """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
-    gradient = _transformed_gradient(uv_transform, uv_gradient, x)
+def _sample_grid(texture, sampler, grid, u, v, gradient):
+    """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
-    k, columns, rows = _area_samples(texture, gradient)
+    k, columns, rows = np.int64(grid >> 8), np.int64(grid >> 4) & 15, np.int64(grid) & 15
     linear = texture.mag_linear != 0 or texture.min_linear != 0
     if columns * rows == 1:
         return _sample_level(texture, sampler, k, linear, u, v)
-    zero = vec.f32(0.0)
+    half, zero = np.float32(0.5), vec.f32(0.0)
     r, g, b, alpha = zero, zero, zero, zero
     for row in range(rows):
-        down = vec.f32((np.float32(row) + np.float32(0.5)) / np.float32(rows) - np.float32(0.5))
+        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half)
         row_u, row_v = u + down * du_dy, v + down * dv_dy
         for column in range(columns):
-            across = vec.f32((np.float32(column) + np.float32(0.5)) / np.float32(columns) - np.float32(0.5))
+            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half)
             rgba = _sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
             r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
     share = vec.f32(np.float32(1.0) / np.float32(columns * rows))
     return r * share, g * share, b * share, alpha * share
+
+
+@device_function
+def _sample_area(texture, sampler, u, v, gradient):
+    """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
+    grids = _area_grids(texture, gradient)
+    grid = vec.minimum_of(grids)
+    rgba = _sample_grid(texture, sampler, grid, u, v, gradient)
+    while True:
+        grids = vec.select(grids == vec.i32(grid), vec.i32(_NO_LEVEL), grids)
+        grid = vec.minimum_of(grids)
+        if grid == _NO_LEVEL:
+            return rgba
+        rgba = _select4(grids == vec.i32(grid), _sample_grid(texture, sampler, grid, u, v, gradient), rgba)
 
 
 @inlined
@@ -415,8 +430,8 @@ def sample(segment, index, count, rows, alpha):
     if job.area_filter != 0 and segment.material.has_gradients != 0:
         for x in range(0, count, vec.LANES):
             u, v = _transformed_uv(uv_transform, uv, x)
-            rgba = _sample_area(texture, sampler, uv_transform, uv_gradient, u, v, x)
-            _store_texel(rows, x, rgba, alpha)
+            gradient = _transformed_gradient(uv_transform, uv_gradient, x)
+            _store_texel(rows, x, _sample_area(texture, sampler, u, v, gradient), alpha)
         return
     is_minified = False
     if texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear:
