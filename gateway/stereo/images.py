@@ -26,7 +26,7 @@ from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import Lens, SceneLight, light_on_sensor, relative_light
 from renderers.stereo.pixel_classes import ImageKind
-from renderers.stereo.projector import projected_dots
+from renderers.stereo.projector import projected_dots, returned_shares
 from renderers.stereo.sensor import SensorImage, image_from_light
 
 
@@ -57,6 +57,8 @@ class Capture:
         return config.projector and self.out1_high
 
 
+DOT_ALPHA: Final = 0.5
+"""Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
 METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
 """Pixels of a colour camera's image that it meters."""
 
@@ -119,6 +121,12 @@ class Imaging:
         """
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
 
+    def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """As ``render``, but depth and instances are of the surfaces that a matcher measures and dots fall on: those
+        behind surfaces that are mostly transparent."""
+        look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
+
     def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
         """Return the camera of ``render`` with the same arguments."""
         config = self.config
@@ -134,7 +142,7 @@ class Imaging:
         # Render depth even if Out1 is low: metering compares the images without and with the projector's light.
         lit_capture = replace(capture, gpio=capture.gpio | 1)
         try:
-            frame = self.render(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
+            frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
@@ -154,7 +162,7 @@ class Imaging:
         key = frame_key(config.seed, capture.frame_number, request.stream)
         k, pattern = config.model.intrinsics(), self._fixed_pattern(right=right)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        with self.render(capture, offset, 1, self._outputs(capture)) as frame:
+        with self.render_lit(capture, offset, 1, self._outputs(capture)) as frame:
             assert frame.color is not None
             self._blur_motion(capture, offset, exposure.time, frame.color)
             dots = self._projected_dots(frame, capture, offset, 1)
@@ -225,14 +233,14 @@ class Imaging:
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
     def _metered_light(
-        self, frame: Frame, capture: Capture, dots: NDArray[np.uint8] | None, manual: Exposure
+        self, frame: Frame, capture: Capture, dots: NDArray[np.uint16] | None, manual: Exposure
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the light of a frame for metering, without and with the projector's light; (h, w) float32 each.
 
         Args:
             frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
             capture: capture of the frame.
-            dots: (h, w) uint8, the projector's light; None: the projector is off.
+            dots: (h, w) uint16, the projector's light; None: the projector is off.
             manual: exposure whose white balance applies.
         """
         rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
@@ -246,13 +254,13 @@ class Imaging:
         unlit = light(scene_light)
         return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
 
-    def _scene_light(self, scene: DrawList, half: Camera, dots: NDArray[np.uint8] | None) -> SceneLight:
+    def _scene_light(self, scene: DrawList, half: Camera, dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
 
         Args:
             scene: scene of the image.
             half: camera with half the resolution of the image.
-            dots: (H, W) uint8, the projector's light; None: the projector is off.
+            dots: (H, W) uint16, the projector's light; None: the projector is off.
         """
         return SceneLight(dots, self.config.dot_light, self._light_factors(scene, half), self.config.background)
 
@@ -280,16 +288,17 @@ class Imaging:
         """
 
     def _outputs(self, capture: Capture) -> Output:
-        """Return the outputs to render for a camera image. Depth is needed if the projector is on."""
-        return Output.COLOR | Output.DEPTH if capture.has_projection(self.config) else Output.COLOR
+        """Return the outputs to render for a camera image. Depth and instances are needed if the projector is on."""
+        return Output.COLOR | Output.DEPTH | Output.INSTANCE if capture.has_projection(self.config) else Output.COLOR
 
-    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint8] | None:
+    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint16] | None:
         """Return the projector's light at each pixel of a frame; None for a frame without depth."""
-        if frame.depth is None:
+        if frame.depth is None or frame.instance is None:
             return None
+        returned = frame.instance, returned_shares(capture.scene.instances)
         model, soft = self.config.model, "projector" in self.config.realism
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
-        with self.render(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
+        with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
             assert projector_view.depth is not None
             return projected_dots(
                 frame.depth,
@@ -301,6 +310,7 @@ class Imaging:
                 soft=soft,
                 right=offset > projector_offset,
                 point_samples=soft and divisor == METERING_DIVISOR,
+                returned=returned,
             )
 
 

@@ -17,6 +17,7 @@ from renderers.stereo import optics_kernels as kernels
 from renderers.stereo.exposure import LIGHT_OF_LEVEL, LUMA, Exposure
 from renderers.stereo.key_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
+from renderers.stereo.projector import FULL_LIGHT
 
 LENS_BLUR: Final = 0.7
 """Standard deviation of the point spread at full resolution, pixels. Our choice: a pixel's area alone has 0.29, the
@@ -29,7 +30,7 @@ VIGNETTING_EXPONENT: Final = 3
 LIGHT_WHITE: Final = kernels.LIGHT_WHITE
 """Value of white in a light image."""
 
-_NO_DOTS: Final = np.zeros((1, 1), np.uint8)
+_NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
 _NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
 """Kernel argument for ``SceneLight.factors`` of None."""
@@ -49,10 +50,10 @@ class Lens:
 class SceneLight:
     """Light on the scene besides the rendered one."""
 
-    dots: NDArray[np.uint8] | None = None
-    """(H, W) uint8 light of the projector, 255 is full; None: the projector is off."""
+    dots: NDArray[np.uint16] | None = None
+    """(H, W) uint16 light of the projector (``projector.projected_dots``); None: the projector is off."""
     dot_light: float = 0.0
-    """Light that a full dot adds, relative to the scene's own."""
+    """Light that a full dot adds, relative to the rendered light."""
     factors: NDArray[np.uint8] | None = None
     """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of
     1/``FACTOR_ONE`` (``key_light.light_factors``); None: 1."""
@@ -94,10 +95,9 @@ def light_on_sensor(
     light_of_level = (weights[:, :, None] * LIGHT_OF_LEVEL).astype(np.float32)
     light = np.empty((height, width, len(weights)), np.uint16)
     inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
-    dot_factors = (1.0 + scene_light.dot_light * np.arange(256) / 255.0).astype(np.float32)
     kernels.light_rows(
-        rendered, dots, dot_factors, factors, np.array(scene_light.background, np.uint8), light_of_level,
-        neighbour_weight, k.cx, k.cy, inv_focal, light,
+        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, np.array(scene_light.background, np.uint8),
+        light_of_level, neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
     return light
 

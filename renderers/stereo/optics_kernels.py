@@ -13,18 +13,18 @@ LIGHT_WHITE: Final = 16384
 
 
 @kernel(
-    "void(uint8[:,:,::1], uint8[:,::1], float32[::1], uint8[:,::1], uint8[::1], float32[:,:,::1], float64, "
+    "void(uint8[:,:,::1], uint16[:,::1], float64, uint8[:,::1], uint8[::1], float32[:,:,::1], float64, "
     "float64, float64, float64, uint16[:,:,::1])"
 )
 def light_rows(
-    rendered, dots, dot_factors, factors, background, light_of_level, neighbour_weight, cx, cy, inv_focal, light
+    rendered, dots, dot_unit, factors, background, light_of_level, neighbour_weight, cx, cy, inv_focal, light
 ):  # fmt: skip
     """Write a light image.
 
     Args:
         rendered: (H, W, 3) uint8 RGB.
-        dots: (H, W) uint8, the projector's light; (1, 1): the projector is off.
-        dot_factors: (256,) float32, factor of the light for each value of ``dots``.
+        dots: (H, W) uint16, the projector's light; (1, 1): the projector is off.
+        dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
         factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
         background: (3,) uint8 RGB of pixels to which no factor applies.
         light_of_level: (C, 3, 256) float32, light that each level of red, green and blue adds to each channel.
@@ -41,6 +41,8 @@ def light_rows(
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
     # Light of one row and its factors, each with its ends repeated; and the last three rows, blurred along x.
     scene = np.empty(width + 2, np.float32)
+    scene_factor = np.ones(width, np.float32)
+    unit = np.float32(dot_unit)
     half_width = factors.shape[1]
     factor_row = np.empty(half_width + 2, np.float32)
     blurred = np.empty((3, width), np.float32)
@@ -88,10 +90,13 @@ def light_rows(
                             & (rendered[source_row, column, 1] == background[1])
                             & (rendered[source_row, column, 2] == background[2])
                         )
-                        scene[column + 1] *= one if is_background else factor
+                        scene_factor[column] = one if is_background else factor
                 if has_dots:
                     for column in range(width):
-                        scene[column + 1] *= dot_factors[dots[source_row, column]]
+                        scene[column + 1] *= scene_factor[column] + unit * np.float32(dots[source_row, column])
+                elif has_factors:
+                    for column in range(width):
+                        scene[column + 1] *= scene_factor[column]
                 scene[0], scene[width + 1] = scene[1], scene[width]
                 target = source_row % 3
                 for column in range(width):

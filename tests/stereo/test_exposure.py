@@ -167,6 +167,19 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
     assert apart.left.brightness < apart.disparity.image.brightness
 
 
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 2.0])
+async def test_automatic_exposure_settles_with_any_gamma(start: Start, gamma: float) -> None:
+    camera = await start(rate="max", seed=3)
+    camera.service.set_parameters("rc_camera", [("gamma", gamma), ("exp_auto_average_max", 0.4)])
+    first = await capture_set(camera, left_enabled=True)
+    (second,) = await camera.take(1, left_enabled=True)
+    for image_set in (first, second):
+        assert image_set.left.gamma == pytest.approx(gamma)
+        assert image_set.left.exposure_time == pytest.approx(first.left.exposure_time)
+        assert 0.25 <= round(image_set.left.brightness, 2) <= 0.42
+        assert image_set.left.brightness == pytest.approx(pixels(image_set.left).mean() / 255, abs=0.006)
+
+
 async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> None:
     camera = await start(rate="max")
     set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.profile import read_profile
+from gateway.stereo.realistic_images import make_imaging
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
+from renderers.raster import CpuRenderer
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import SceneLight
 from renderers.stereo.pixel_classes import ImageKind
-from renderers.stereo.projector import projected_dots
+from renderers.stereo.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 from tests.stereo.camera_images import light_of, rendered_grey, sensor_image
@@ -136,6 +143,55 @@ def test_objects_cast_shadows_in_the_projectors_light() -> None:
     assert inside.sum() > 10
     assert dark[row][inside].all()
     assert not dark[row][beside].any()
+
+
+def test_dots_fade_with_the_square_of_the_distance() -> None:
+    k = MODEL.intrinsics(2)
+
+    def mean(z: float) -> float:
+        depth = np.full((k.height, k.width), z, np.float32)
+        return float(projected_dots(depth, k.focal_length, k.cx, k.cy, 0.0, depth).mean())
+
+    assert 0.2 * FULL_LIGHT < mean(1.5) < FULL_LIGHT
+    for z, share in ((0.75, 4.0), (0.3, 4.0), (3.0, 0.25), (6.0, 0.0625)):
+        assert mean(z) == pytest.approx(share * mean(1.5), rel=0.05)
+
+
+def test_metal_returns_dots_by_its_roughness() -> None:
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.array(((0, 1, 2),), np.uint32))
+    materials = [Material(metallic=m, roughness=r) for m, r in ((0.0, 0.0), (1.0, 0.05), (1.0, 0.4), (1.0, 1.0))]
+    shares = returned_shares([Instance(mesh, each, np.eye(4), instance_id=i) for i, each in enumerate(materials)])
+    assert shares[:4] == pytest.approx((1.0, 0.0025, 0.16, 1.0))
+    assert shares[-1] == 1.0, "surfaces without an id"
+
+
+def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
+    imaging = make_imaging(StereoConfig(noise=False), renderer)
+
+    def board(z: float, material: Material, index: int) -> Instance:
+        corners = np.array(((-4, -4, z), (4, -4, z), (4, 4, z), (-4, 4, z)), np.float32)
+        mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
+        return Instance(mesh, replace(material, double_sided=True), np.eye(4), instance_id=index)
+
+    def dots(*boards: Instance) -> NDArray[np.float64]:
+        """Return the light that the projector adds in the left image."""
+        request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((False,)))
+        low, high = (
+            imaging.expose(Capture(0, DrawList(boards), 1, np.eye(4), gpio), request)[False].image.astype(float)
+            for gpio in (0, 1)
+        )
+        difference: NDArray[np.float64] = high - low
+        return difference
+
+    wall = board(2.0, Material((0.3, 0.3, 0.3, 1.0), metallic=0.0), 0)
+    glass = Material((0.8, 0.8, 0.8, 0.2), metallic=0.0, alpha_mode=AlphaMode.BLEND)
+    on_wall = dots(wall)
+    assert on_wall.std() > 5
+    assert np.corrcoef(on_wall.ravel(), dots(wall, board(1.2, glass, 1)).ravel())[0, 1] > 0.95
+    frosted = replace(glass, base_color=(0.8, 0.8, 0.8, 0.9))
+    assert np.corrcoef(on_wall.ravel(), dots(wall, board(1.2, frosted, 1)).ravel())[0, 1] < 0.3
+    mirror = dots(board(1.5, Material((0.9, 0.9, 0.9, 1.0), metallic=1.0, roughness=0.05), 0))
+    assert mirror.std() < 0.05 * on_wall.std()
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])

@@ -80,7 +80,7 @@ def test_vignetting_is_the_third_power_of_the_cosine(name: str) -> None:
 
 def test_dots_and_key_light_multiply_the_light() -> None:
     grey = np.full((40, 60, 3), 100, np.uint8)
-    dots = np.zeros((40, 60), np.uint8)
+    dots = np.zeros((40, 60), np.uint16)
     dots[:, 30:] = 255
     lit = light_of(grey, light=SceneLight(dots, 2.0)) / light_of(grey)
     np.testing.assert_allclose(lit[:, :30], 1.0, rtol=1e-6)

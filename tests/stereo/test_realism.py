@@ -24,6 +24,7 @@ from gateway.stereo.realistic_images import make_imaging
 from gateway.stereo.settings import read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.exposure import SATURATED_SHARE
 from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.pixel_classes import ImageKind
@@ -79,7 +80,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
         metered = imaging.meter(capture, read_settings(Parameters()))
         request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
         image = imaging.expose(capture, request)[False]
-        assert (image.image == 255).mean() < 0.005
+        assert (image.image == 255).mean() < SATURATED_SHARE
         assert image.brightness == pytest.approx(metered.brightness, abs=0.08)
         assert image.brightness > 0.2
 
@@ -104,7 +105,7 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
     measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
     valid = (true > 0) & (measured.disparity > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95
-    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.02
+    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.025
 
 
 async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
