@@ -50,9 +50,10 @@ from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.optics import SceneLight, light_on_sensor
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
-from renderers.stereo.sensor import sensor_image
+from renderers.stereo.sensor import image_from_light
 from renderers.stereo.truth import DepthRange, true_disparity
 
 Picture = NDArray[np.uint8]
@@ -328,8 +329,8 @@ def stereo_tiles(
                     rendered.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth
                 )
                 key = frame_key(1, frame, stream)
-                exposed = sensor_image(rendered.color, exposure, key, color=False, dots=dots, dot_light=1.5)
-                images.append(exposed.image)
+                light = light_on_sensor(rendered.color, k, exposure, SceneLight(dots, 1.5), color=False)
+                images.append(image_from_light(light, exposure, key).image)
                 depths.append(rendered.depth.copy())
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
     fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)

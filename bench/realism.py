@@ -64,9 +64,11 @@ def captures(speed: float = 1.0) -> tuple[Capture, Capture]:
 def left_image(
     renderer: CpuRenderer, capture: Capture, parts: Iterable[RealismPart], color: bool = True
 ) -> NDArray[Any]:
-    """Return the left image with automatic exposure, (H, W, 3) uint8 RGB or (H, W) uint8."""
+    """Return the left image with automatic exposure and a gamma for people, (H, W, 3) uint8 RGB or (H, W) uint8."""
     imaging = make_imaging(StereoConfig(realism=frozenset(parts)), renderer)
-    exposure = imaging.meter(capture, read_settings(Parameters())).exposure
+    parameters = Parameters()
+    parameters.set("rc_camera", [("gamma", 0.45)])
+    exposure = imaging.meter(capture, read_settings(parameters)).exposure
     return imaging.expose(capture, ImageRequest(exposure, NoiseStream.LEFT, frozenset((color,))))[color].image
 
 

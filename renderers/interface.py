@@ -57,6 +57,9 @@ class Look:
     alpha_threshold: float = 0.0
     """Alpha from 0 to 1 below which blended surfaces are left out of the outputs other than colour, except in the looks
     of RenderEngineVtk. 0: none are left out, however transparent."""
+    area_filter: bool = False
+    """True: textures are averaged over each pixel's area, as a sensor does, in place of OpenGL's filters. It needs a
+    texture that is filtered by scale, or the look ``gltf``; the look ``studio`` ignores it."""
 
 
 @dataclass(slots=True, eq=False)

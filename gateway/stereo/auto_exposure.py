@@ -41,8 +41,8 @@ def choose_exposure(
     """Return the exposure of an image and ``out1_reduction``.
 
     Args:
-        unlit: (h, w) float32, ``brightness_of`` the left image at 1/``METERING_DIVISOR`` of the resolution, without the
-            projector's light.
+        unlit: (h, w) float32, light of the left image at 1/``METERING_DIVISOR`` of the resolution, 1 is white, without
+            the projector's light.
         lit: (h, w) float32, the same with the projector's light.
         out1_high: True if Out1 is high in this image.
         settings: parameters of the frame.

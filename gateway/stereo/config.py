@@ -85,7 +85,7 @@ class StereoConfig:
     projector: bool = True
     """True if the camera has a random-dot projector, on output Out1."""
     dot_light: float = 2.0
-    """Light that the centre of a dot adds, as a multiple of the light at that pixel without projector."""
+    """Light that the centre of a dot adds 1.5 m away, as a multiple of the headlight's on the same surface."""
     serial: str = "02900000"
     """Serial number in the system information."""
     hostname: str = "scenegate"

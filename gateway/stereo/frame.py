@@ -264,9 +264,10 @@ class Frame:
         pair = None
         if config.models_errors:
             pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+        render = self._imaging.render_lit if config.models_errors else self._imaging.render
         left, right = await _gather(
             [
-                self._workers.run(self._imaging.render, capture, offset, self.settings.quality.divisor, Output.DEPTH)
+                self._workers.run(render, capture, offset, self.settings.quality.divisor, Output.DEPTH)
                 for offset in (0.0, config.model.baseline)
             ]
         )

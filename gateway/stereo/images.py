@@ -15,16 +15,19 @@ from gateway.stereo.depth import ImagePair
 from gateway.stereo.motion import SceneState
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
+from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.color_camera import ColorCamera
 from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.exposure import Exposure, auto_exposure, brightness_of
+from renderers.stereo.exposure import LUMA, Exposure, auto_exposure
+from renderers.stereo.fixed_pattern import FixedPattern
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.optics import Lens, SceneLight, light_on_sensor, relative_light
 from renderers.stereo.pixel_classes import ImageKind
-from renderers.stereo.projector import projected_dots
-from renderers.stereo.sensor import SensorImage, sensor_image
+from renderers.stereo.projector import projected_dots, returned_shares
+from renderers.stereo.sensor import SensorImage, image_from_light
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,8 @@ class Capture:
         return config.projector and self.out1_high
 
 
+DOT_ALPHA: Final = 0.5
+"""Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
 METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
 """Pixels of a colour camera's image that it meters."""
 
@@ -103,7 +108,7 @@ class Imaging:
     def look(self) -> Look:
         """Look of the rendered images, depth and labels."""
         config = self.config
-        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold)
+        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
@@ -114,11 +119,20 @@ class Imaging:
             divisor: width of the camera images divided by that of the rendered images.
             outputs: images to render.
         """
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
+
+    def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """As ``render``, but depth and instances are of the surfaces that a matcher measures and dots fall on: those
+        behind surfaces that are mostly transparent."""
+        look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
+
+    def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
+        """Return the camera of ``render`` with the same arguments."""
         config = self.config
-        camera = config.model.camera(
+        return config.model.camera(
             capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far
         )
-        return self.renderer.render(capture.scene, camera, outputs, self.look)
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         """Return the exposure of a capture's images, and the mean brightness of the left image.
@@ -128,36 +142,38 @@ class Imaging:
         # Render depth even if Out1 is low: metering compares the images without and with the projector's light.
         lit_capture = replace(capture, gpio=capture.gpio | 1)
         try:
-            frame = self.render(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
+            frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
             dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR)
-            unlit, lit = self._metered_brightness(frame, capture, dots, settings.manual_exposure)
+            unlit, lit = self._metered_light(frame, capture, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
-        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.display_factor).mean()
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.light).mean()
         return MeteredExposure(exposure, float(brightness), out1_reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         """Return the requested images of one camera at full resolution; keys are True for colour, False for grey."""
         config, exposure = self.config, request.exposure
-        offset = config.model.baseline if request.stream.is_right else 0.0
+        right = request.stream.is_right
+        offset = config.model.baseline if right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)
+        k, pattern = config.model.intrinsics(), self._fixed_pattern(right=right)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        with self.render(capture, offset, 1, self._outputs(capture)) as frame:
-            dots = self._projected_dots(frame, capture, offset, 1)
+        with self.render_lit(capture, offset, 1, self._outputs(capture)) as frame:
             assert frame.color is not None
+            self._blur_motion(capture, offset, exposure.time, frame.color)
+            dots = self._projected_dots(frame, capture, offset, 1)
+            scene_light = self._scene_light(capture.scene, self.camera(capture, offset, 2), dots)
             return {
-                color: sensor_image(
-                    frame.color,
+                color: image_from_light(
+                    light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
                     exposure,
                     key,
-                    color=color,
-                    dots=dots,
-                    dot_light=config.dot_light,
-                    noise_factor=noise_factor,
+                    pattern,
+                    noise_factor,
                 )
                 for color in request.colors
             }
@@ -166,10 +182,14 @@ class Imaging:
         self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
     ) -> ColorImage:
         """Return the colour camera's image of a rendered image, (H, W, 3) uint8, which it meters itself."""
-        exposure = own_exposure(brightness_of(rendered[METERED_PIXELS]), settings)
-        key = frame_key(self.config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
+        config, manual = self.config, settings.manual_exposure
+        camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far, divisor=2)
+        scene_light = self._scene_light(capture.scene, camera, None)
+        light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, self._lens, color=True)
+        exposure = own_exposure(relative_light(light[METERED_PIXELS]) @ LUMA.astype(np.float32), settings)
+        key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
         return ColorImage(
-            sensor_image(rendered, exposure, key, color=True, noise_factor=self._noise_factor(color_camera)), exposure
+            image_from_light(light, exposure, key, noise_factor=self._noise_factor(color_camera)), exposure
         )
 
     def _noise_factor(self, color_camera: ColorCamera) -> float:
@@ -209,34 +229,73 @@ class Imaging:
         model = self.config.model
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
-    def _metered_brightness(
-        self, frame: Frame, capture: Capture, dots: NDArray[np.uint8] | None, manual: Exposure
+    def _metered_light(
+        self, frame: Frame, capture: Capture, dots: NDArray[np.uint16] | None, manual: Exposure
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the brightness of a frame for metering, without and with the projector's light; (h, w) float32 each.
+        """Return the light of a frame for metering, without and with the projector's light; (h, w) float32 each.
 
         Args:
             frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
             capture: capture of the frame.
-            dots: (h, w) uint8, the projector's light; None: the projector is off.
+            dots: (h, w) uint16, the projector's light; None: the projector is off.
             manual: exposure whose white balance applies.
         """
-        assert frame.color is not None
-        unlit = brightness_of(frame.color, None, self.config.dot_light, manual.channel_factors)
-        if dots is None:
-            return unlit, unlit
-        return unlit, brightness_of(frame.color, dots, self.config.dot_light, manual.channel_factors)
+        rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
+        assert rendered is not None
+        lens = Lens(vignetting=self._lens.vignetting)
+        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), None)
+
+        def light(scene_light: SceneLight) -> NDArray[np.float32]:
+            return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
+
+        unlit = light(scene_light)
+        return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
+
+    def _scene_light(self, scene: DrawList, half: Camera, dots: NDArray[np.uint16] | None) -> SceneLight:
+        """Return the light on the scene besides the rendered one.
+
+        Args:
+            scene: scene of the image.
+            half: camera with half the resolution of the image.
+            dots: (H, W) uint16, the projector's light; None: the projector is off.
+        """
+        return SceneLight(dots, self.config.dot_light, self._light_factors(scene, half), self.config.background)
+
+    @property
+    def _lens(self) -> Lens:
+        """Lens of all cameras."""
+        return Lens()
+
+    def _fixed_pattern(self, *, right: bool) -> FixedPattern | None:
+        """Return the fixed pattern of the left or right sensor; None: all pixels are alike."""
+        return None
+
+    def _light_factors(self, scene: DrawList, half: Camera) -> NDArray[np.uint8] | None:
+        """Return ``key_light.light_factors`` for a camera with half the resolution of an image; None: all are 1."""
+        return None
+
+    def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
+        """Blur the parts of a rendered image in which something moves.
+
+        Args:
+            capture: scene and pose of this frame and of the frame before.
+            offset: metres along the left camera's x axis.
+            exposure_time: seconds.
+            color: (H, W, 3) uint8, rendered image, changed.
+        """
 
     def _outputs(self, capture: Capture) -> Output:
-        """Return the outputs to render for a camera image. Depth is needed if the projector is on."""
-        return Output.COLOR | Output.DEPTH if capture.has_projection(self.config) else Output.COLOR
+        """Return the outputs to render for a camera image. Depth and instances are needed if the projector is on."""
+        return Output.COLOR | Output.DEPTH | Output.INSTANCE if capture.has_projection(self.config) else Output.COLOR
 
-    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint8] | None:
+    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint16] | None:
         """Return the projector's light at each pixel of a frame; None for a frame without depth."""
-        if frame.depth is None:
+        if frame.depth is None or frame.instance is None:
             return None
+        returned = frame.instance, returned_shares(capture.scene.instances)
         model, soft = self.config.model, "projector" in self.config.realism
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
-        with self.render(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
+        with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
             assert projector_view.depth is not None
             return projected_dots(
                 frame.depth,
@@ -248,15 +307,16 @@ class Imaging:
                 soft=soft,
                 right=offset > projector_offset,
                 point_samples=soft and divisor == METERING_DIVISOR,
+                returned=returned,
             )
 
 
-def own_exposure(brightness: NDArray[np.float32], settings: StreamSettings) -> Exposure:
+def own_exposure(light: NDArray[np.float32], settings: StreamSettings) -> Exposure:
     """Return the exposure of an image that is metered by itself, or the manual one.
 
     Args:
-        brightness: float32 of any shape, ``brightness_of``.
+        light: float32 of any shape, 1 is white.
         settings: parameters of the frame.
     """
     manual, limits = settings.manual_exposure, settings.auto_exposure
-    return manual if limits is None else auto_exposure(brightness, limits, manual)
+    return manual if limits is None else auto_exposure(light, limits, manual)

@@ -106,7 +106,7 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
             ),
             _float("exp_value", 6.6e-5, 0.018, 0.005, "Exposure time in manual mode, seconds"),
             _float("gain_value", 0, 18, 0, "Gain in manual mode, decibel"),
-            _float("gamma", 0.1, 10, 1, "Gamma of the images"),
+            _float("gamma", 0.1, 10, 1, "Power of the light that images show: 1 is linear, lower values are brighter"),
             _int("exp_offset_x", 0, 8191, 0, "Left column of the region for automatic exposure"),
             _int("exp_offset_y", 0, 8191, 0, "Upper row of the region for automatic exposure"),
             _int("exp_width", 0, 8191, 0, "Width of the region for automatic exposure, 0 is all"),

@@ -13,7 +13,8 @@ from renderers.interface import Output
 from renderers.stereo.distortion import distorted_image, raw_pose
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.sensor import SensorImage, sensor_image
+from renderers.stereo.optics import light_on_sensor
+from renderers.stereo.sensor import SensorImage, image_from_light
 
 
 def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: bool) -> SensorImage:
@@ -38,6 +39,7 @@ def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: boo
             assert frame.color is not None
             return frame.color.copy()
 
-    rendered = distorted_image(render, camera, config.model.intrinsics(), config.distortion)
+    k = config.model.intrinsics()
+    light = light_on_sensor(distorted_image(render, camera, k, config.distortion), k, exposure, color=False)
     key = frame_key(config.seed, capture.frame_number, NoiseStream.RAW_RIGHT if right else NoiseStream.RAW_LEFT)
-    return sensor_image(rendered, exposure, key, color=False, noise_factor=config.noise_factor)
+    return image_from_light(light, exposure, key, noise_factor=config.noise_factor)

@@ -122,6 +122,7 @@ SHADING_JOB: Final = Struct(
         "fy": F64,
         "cx": F64,
         "cy": F64,
+        "area_filter": I64,  # 1: Look.area_filter
         # Tables of ShadingScene.
         "instances": INSTANCE,
         "materials": MATERIAL,

@@ -195,7 +195,7 @@ def material_values(material: Material, look: LookName, lit: bool, textures: Tex
         if texture is None or not is_read:
             return -1
         uv_sets |= 1 << texture.uv_set
-        has_gradients |= texture.sampler.depends_on_scale
+        has_gradients |= texture.sampler.depends_on_scale or look == "gltf"
         return textures.index_of(texture, srgb and not (look == "pbr" and texture.image.sixteen_bits))
 
     strength = adapted.emissive_strength if look == "studio" else 1.0

@@ -1,5 +1,7 @@
 """Texture sampling, eight pixels at a time: wrap modes, bilinear and trilinear filters (OpenGL 4.6, 8.14).
 
+With SHADING_JOB's ``area_filter``, textures are averaged over each pixel's footprint instead.
+
 The arguments ``sampler``, ``level`` and ``uv_transform`` are the tuples that ``_load_sampler``, ``_load_level`` and
 ``_load_uv_transform`` return. They are loaded into local variables, since compiled kernels would load the fields of a
 struct again after every store.
@@ -23,6 +25,14 @@ _MAX_COORDINATE: Final = np.float32(1e9)
 _INV_255: Final = np.float32(1.0 / 255.0)
 _NO_LEVEL: Final = 1 << 20
 """Greater than every index of a mip level."""
+_MAX_SAMPLES: Final = 12
+"""Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
+_MAX_SAMPLES_PER_AXIS: Final = 8
+"""Maximum number of samples along one side of a footprint: the highest anisotropy that is filtered without blur."""
+_SAMPLE_SPACING: Final = 1.3
+"""Maximum distance of samples, texels. Each covers two texels with a tent, so their sum has small ripples."""
+_NEAREST_SAMPLES: Final = 3
+"""Minimum number of samples per axis of textures whose filter is the nearest texel."""
 _MIN_PREFETCHED_TEXELS: Final = 1 << 17
 """Number of texels from which an image is prefetched: half a megabyte, more than a second-level cache holds."""
 
@@ -284,19 +294,103 @@ def _half_log2(x):
 
 
 @inlined
-def _footprint(uv_transform, uv_gradient, x, width, height):
-    """Return the square of the longer side of eight pixels' footprints, in texels.
+def _transformed_gradient(uv_transform, uv_gradient, x):
+    """Return the sides of eight pixels' footprints as texture coordinates: du/dx, dv/dx, du/dy, dv/dy.
 
     Args:
         uv_gradient: pointer to the four rows of PIXELS for the texture's set of coordinates.
-        width, height: size of the first level, texels.
     """
     a, b, _, d, e, _ = uv_transform
     du_dx, dv_dx = vec.load(uv_gradient, x), vec.load(uv_gradient, x + STRIDE)
     du_dy, dv_dy = vec.load(uv_gradient, x + 2 * STRIDE), vec.load(uv_gradient, x + 3 * STRIDE)
-    ds_dx, dt_dx = (a * du_dx + b * dv_dx) * vec.f32(width), (d * du_dx + e * dv_dx) * vec.f32(height)
-    ds_dy, dt_dy = (a * du_dy + b * dv_dy) * vec.f32(width), (d * du_dy + e * dv_dy) * vec.f32(height)
-    return vec.maximum(ds_dx * ds_dx + dt_dx * dt_dx, ds_dy * ds_dy + dt_dy * dt_dy)
+    return a * du_dx + b * dv_dx, d * du_dx + e * dv_dx, a * du_dy + b * dv_dy, d * du_dy + e * dv_dy
+
+
+@inlined
+def _squared_sides(gradient, width, height):
+    """Return the squares of both sides of eight pixels' footprints, texels of a level of this size."""
+    du_dx, dv_dx, du_dy, dv_dy = gradient
+    ds_dx, dt_dx = du_dx * vec.f32(width), dv_dx * vec.f32(height)
+    ds_dy, dt_dy = du_dy * vec.f32(width), dv_dy * vec.f32(height)
+    return ds_dx * ds_dx + dt_dx * dt_dx, ds_dy * ds_dy + dt_dy * dt_dy
+
+
+@inlined
+def _footprint(uv_transform, uv_gradient, x, width, height):
+    """Return the square of the longer side of eight pixels' footprints, in texels of the first level."""
+    across, down = _squared_sides(_transformed_gradient(uv_transform, uv_gradient, x), width, height)
+    return vec.maximum(across, down)
+
+
+@inlined
+def _samples_along(squared_side):
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8, up to one more than the permitted one."""
+    most = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
+    side = vec.sqrt(vec.minimum(vec.maximum(squared_side, vec.f32(0.0)), vec.f32(most * most)))
+    return vec.maximum(vec.ceil(side * vec.f32(1.0 / _SAMPLE_SPACING)), vec.f32(1.0))
+
+
+@inlined
+def _area_grids(texture, gradient):
+    """Return the samples for the footprints of eight pixels, i32x8: mip level, columns and rows, 4 bits each but the
+    first.
+
+    The level is the finest one whose texels the permitted number of samples covers. It depends on the pixel only, so
+    that an image does not depend on which pixels are sampled together.
+    """
+    fewest = vec.f32(1.0 if texture.mag_linear != 0 or texture.min_linear != 0 else _NEAREST_SAMPLES)
+    most, most_per_axis, none = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.i32(_NO_LEVEL)
+    grids = none
+    for k in range(texture.level_count):
+        _, width, height, _ = _load_level(texture, k)
+        across, down = _squared_sides(gradient, width, height)
+        columns, rows = _samples_along(across), _samples_along(down)
+        is_covered = (columns <= most_per_axis) & (rows <= most_per_axis) & (columns * rows <= most)
+        if k == texture.level_count - 1:
+            limit = vec.f32(_NEAREST_SAMPLES)
+            columns, rows = vec.select(is_covered, columns, limit), vec.select(is_covered, rows, limit)
+            is_covered = rows == rows
+        columns, rows = vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
+        grid = vec.i32(k << 8) + (columns << vec.i32(4)) + rows
+        grids = vec.select(is_covered & (grids == none), grid, grids)
+        if vec.movemask(grids == none) == 0:
+            break
+    return grids
+
+
+@device_function
+def _sample_grid(texture, sampler, grid, u, v, gradient):
+    """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
+    du_dx, dv_dx, du_dy, dv_dy = gradient
+    k, columns, rows = np.int64(grid >> 8), np.int64(grid >> 4) & 15, np.int64(grid) & 15
+    linear = texture.mag_linear != 0 or texture.min_linear != 0
+    if columns * rows == 1:
+        return _sample_level(texture, sampler, k, linear, u, v)
+    half, zero = np.float32(0.5), vec.f32(0.0)
+    r, g, b, alpha = zero, zero, zero, zero
+    for row in range(rows):
+        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half)
+        row_u, row_v = u + down * du_dy, v + down * dv_dy
+        for column in range(columns):
+            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half)
+            rgba = _sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
+            r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
+    share = vec.f32(np.float32(1.0) / np.float32(columns * rows))
+    return r * share, g * share, b * share, alpha * share
+
+
+@device_function
+def _sample_area(texture, sampler, u, v, gradient):
+    """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
+    grids = _area_grids(texture, gradient)
+    grid = vec.minimum_of(grids)
+    rgba = _sample_grid(texture, sampler, grid, u, v, gradient)
+    while True:
+        grids = vec.select(grids == vec.i32(grid), vec.i32(_NO_LEVEL), grids)
+        grid = vec.minimum_of(grids)
+        if grid == _NO_LEVEL:
+            return rgba
+        rgba = _select4(grids == vec.i32(grid), _sample_grid(texture, sampler, grid, u, v, gradient), rgba)
 
 
 @inlined
@@ -319,7 +413,7 @@ def _store_texel(rows, x, rgba, alpha):
 def sample(segment, index, count, rows, alpha):
     """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel.
 
-    Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels need the rows ``uv_gradient``.
+    Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
 
     Args:
         index: index of the texture in the job's table.
@@ -333,6 +427,12 @@ def sample(segment, index, count, rows, alpha):
     uv = f32_at(address(pixels.uv) + 4 * 2 * STRIDE * texture.uv_set)
     uv_gradient = f32_at(address(pixels.uv_gradient) + 4 * 4 * STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
+    if job.area_filter != 0 and segment.material.has_gradients != 0:
+        for x in range(0, count, vec.LANES):
+            u, v = _transformed_uv(uv_transform, uv, x)
+            gradient = _transformed_gradient(uv_transform, uv_gradient, x)
+            _store_texel(rows, x, _sample_area(texture, sampler, u, v, gradient), alpha)
+        return
     is_minified = False
     if texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear:
         for x in range(0, count, vec.LANES):

@@ -151,19 +151,27 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
 
 
 def fill_shading_job(
-    job: NDArray[Any], shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, matrices: int
+    job: NDArray[Any],
+    shading: ShadingScene,
+    camera: Camera,
+    first_ids: int,
+    X_camera_mesh: int,
+    matrices: int,
+    *,
+    area_filter: bool = False,
 ) -> None:
     """Fill one SHADING_JOB, and the INSTANCE_MATRICES that it refers to.
 
     Args:
         first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
         matrices: address of an INSTANCE_MATRICES per instance.
+        area_filter: as in ``Look``.
     """
     count = len(shading.transparent)
     # As an int: with a bool, the first call would compile the kernel for another signature.
     compute_instance_matrices(X_camera_mesh, matrices, count, int(shading.look in VTK_LOOKS))
     intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
-    job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, *shading.tables)
+    job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, area_filter, *shading.tables)
 
 
 @kernel("void(int64, int64, int64, int64)", releases_gil=False)

@@ -1,13 +1,12 @@
 """Light on the sensor from a rendered image: adds the projector, key light, lens blur and vignetting.
 
-Light is the display-encoded value to the power of 2.2; 1 is white. ``sensor.image_from_light`` makes a camera image of
+Light is linear; 1 is rendered white (``exposure.LIGHT_OF_LEVEL``). ``sensor.image_from_light`` makes a camera image of
 it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import optics_kernels as kernels
-from renderers.stereo.exposure import DISPLAY_GAMMA, LUMA, Exposure
+from renderers.stereo.exposure import LIGHT_OF_LEVEL, LUMA, Exposure
 from renderers.stereo.key_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
+from renderers.stereo.projector import FULL_LIGHT
 
 LENS_BLUR: Final = 0.7
 """Standard deviation of the point spread at full resolution, pixels. Our choice: a pixel's area alone has 0.29, the
@@ -30,7 +30,7 @@ VIGNETTING_EXPONENT: Final = 3
 LIGHT_WHITE: Final = kernels.LIGHT_WHITE
 """Value of white in a light image."""
 
-_NO_DOTS: Final = np.zeros((1, 1), np.uint8)
+_NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
 _NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
 """Kernel argument for ``SceneLight.factors`` of None."""
@@ -50,10 +50,10 @@ class Lens:
 class SceneLight:
     """Light on the scene besides the rendered one."""
 
-    dots: NDArray[np.uint8] | None = None
-    """(H, W) uint8 light of the projector, 255 is full; None: the projector is off."""
+    dots: NDArray[np.uint16] | None = None
+    """(H, W) uint16 light of the projector (``projector.projected_dots``); None: the projector is off."""
     dot_light: float = 0.0
-    """Light that a full dot adds, relative to the scene's own."""
+    """Light that a full dot adds, relative to the rendered light."""
     factors: NDArray[np.uint8] | None = None
     """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of
     1/``FACTOR_ONE`` (``key_light.light_factors``); None: 1."""
@@ -64,10 +64,10 @@ class SceneLight:
 
 def light_on_sensor(
     rendered: NDArray[np.uint8],
-    scene_light: SceneLight,
-    lens: Lens,
     k: Intrinsics,
     exposure: Exposure,
+    scene_light: SceneLight = SceneLight(),
+    lens: Lens = Lens(),
     *,
     color: bool,
 ) -> NDArray[np.uint16]:
@@ -78,11 +78,11 @@ def light_on_sensor(
 
     Args:
         rendered: (H, W, 3) uint8 RGB, C-contiguous.
-        scene_light: projector and key light.
-        lens: blur and vignetting.
         k: intrinsics of the image, for the field angle.
         exposure: its white balance is applied; exposure time and gain are not.
-        color: return RGB; otherwise grey by Rec. 601 luma.
+        scene_light: projector and key light.
+        lens: blur and vignetting.
+        color: return RGB; otherwise grey, by the weights of Rec. 601.
     """
     wait_until_compiled("stereo")
     height, width = rendered.shape[:2]
@@ -91,26 +91,18 @@ def light_on_sensor(
     # The filter [w, 1 - 2 w, w] has the variance 2 w.
     neighbour_weight = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2
     white_balance = exposure.channel_factors
-    weights = np.rint(256.0 * (np.diag(white_balance) if color else (LUMA * white_balance)[None])).astype(np.int64)
+    weights = np.diag(white_balance) if color else (LUMA * white_balance)[None]
+    light_of_level = (weights[:, :, None] * LIGHT_OF_LEVEL).astype(np.float32)
     light = np.empty((height, width, len(weights)), np.uint16)
     inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
-    dot_factors = (1.0 + scene_light.dot_light * np.arange(256) / 255.0).astype(np.float32)
     kernels.light_rows(
-        rendered, dots, dot_factors, factors, np.array(scene_light.background, np.uint8), weights, _light_of_luma(),
-        neighbour_weight, k.cx, k.cy, inv_focal, light,
+        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, np.array(scene_light.background, np.uint8),
+        light_of_level, neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
     return light
 
 
-def brightness_of_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Return the display-encoded brightness of a light image, float32 of its shape; 1 is white."""
-    encoded: NDArray[np.float32] = (light.astype(np.float32) / np.float32(LIGHT_WHITE)) ** np.float32(
-        2.0 / DISPLAY_GAMMA
-    )
-    return encoded
-
-
-@cache
-def _light_of_luma() -> NDArray[np.float32]:
-    """Return the light of display-encoded values, (``LUMA_STEPS``,) float32; step ``WHITE_STEP`` is white."""
-    return ((np.arange(kernels.LUMA_STEPS) / kernels.WHITE_STEP) ** DISPLAY_GAMMA).astype(np.float32)
+def relative_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Return the light of a light image, float32 of its shape; 1 is white."""
+    root = light.astype(np.float32) / np.float32(LIGHT_WHITE)
+    return root * root

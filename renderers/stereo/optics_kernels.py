@@ -10,30 +10,24 @@ from renderers.compiler.jit import kernel
 
 LIGHT_WHITE: Final = 16384
 """Value of white in a light image, the square root of its light."""
-LUMA_STEPS: Final = 2048
-"""Number of entries of the table from luma to light, one per quarter of a grey level. White balance can double the luma
-of white."""
-WHITE_STEP: Final = 1020
-"""Luma of white, quarters of a grey level."""
 
 
 @kernel(
-    "void(uint8[:,:,::1], uint8[:,::1], float32[::1], uint8[:,::1], uint8[::1], int64[:,::1], float32[::1], float64, "
+    "void(uint8[:,:,::1], uint16[:,::1], float64, uint8[:,::1], uint8[::1], float32[:,:,::1], float64, "
     "float64, float64, float64, uint16[:,:,::1])"
 )
 def light_rows(
-    rendered, dots, dot_factors, factors, background, weights, light_of_luma, neighbour_weight, cx, cy, inv_focal, light
+    rendered, dots, dot_unit, factors, background, light_of_level, neighbour_weight, cx, cy, inv_focal, light
 ):  # fmt: skip
     """Write a light image.
 
     Args:
         rendered: (H, W, 3) uint8 RGB.
-        dots: (H, W) uint8, the projector's light; (1, 1): the projector is off.
-        dot_factors: (256,) float32, factor of the light for each value of ``dots``.
+        dots: (H, W) uint16, the projector's light; (1, 1): the projector is off.
+        dot_unit: light that 1 in ``dots`` adds, relative to the rendered light.
         factors: (ceil(H / 2), ceil(W / 2)) uint8, factors of the rendered light, units of 1/64; (1, 1): 1.
         background: (3,) uint8 RGB of pixels to which no factor applies.
-        weights: (C, 3) int64, weights of red, green and blue in each channel, units of 1/256.
-        light_of_luma: (``LUMA_STEPS``,) float32, light by luma in quarters of a grey level.
+        light_of_level: (C, 3, 256) float32, light that each level of red, green and blue adds to each channel.
         neighbour_weight: weight of each of both neighbours in the filter of three taps along rows and along columns.
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
@@ -45,9 +39,10 @@ def light_rows(
     center = one - outer - outer
     white, maximum = np.float32(LIGHT_WHITE), np.float32(65535.0)
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
-    last_step = np.uint32(LUMA_STEPS - 1)
     # Light of one row and its factors, each with its ends repeated; and the last three rows, blurred along x.
     scene = np.empty(width + 2, np.float32)
+    scene_factor = np.ones(width, np.float32)
+    unit = np.float32(dot_unit)
     half_width = factors.shape[1]
     factor_row = np.empty(half_width + 2, np.float32)
     blurred = np.empty((3, width), np.float32)
@@ -57,20 +52,15 @@ def light_rows(
         x = (column + 0.5 - cx) * inv_focal
         x_squared[column] = np.float32(x * x)
     for channel in range(channels):
-        red, green, blue = (
-            np.uint32(weights[channel, 0]),
-            np.uint32(weights[channel, 1]),
-            np.uint32(weights[channel, 2]),
-        )
+        red, green, blue = light_of_level[channel, 0], light_of_level[channel, 1], light_of_level[channel, 2]
         for source_row in range(height + 1):
             if source_row < height:
                 for column in range(width):
-                    luma = (
-                        red * rendered[source_row, column, 0]
-                        + green * rendered[source_row, column, 1]
-                        + blue * rendered[source_row, column, 2]
+                    scene[column + 1] = (
+                        red[rendered[source_row, column, 0]]
+                        + green[rendered[source_row, column, 1]]
+                        + blue[rendered[source_row, column, 2]]
                     )
-                    scene[column + 1] = light_of_luma[min((luma + np.uint32(32)) >> np.uint32(6), last_step)]
                 if has_factors:
                     # Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre
                     # lies a quarter of a coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32.
@@ -100,10 +90,13 @@ def light_rows(
                             & (rendered[source_row, column, 1] == background[1])
                             & (rendered[source_row, column, 2] == background[2])
                         )
-                        scene[column + 1] *= one if is_background else factor
+                        scene_factor[column] = one if is_background else factor
                 if has_dots:
                     for column in range(width):
-                        scene[column + 1] *= dot_factors[dots[source_row, column]]
+                        scene[column + 1] *= scene_factor[column] + unit * np.float32(dots[source_row, column])
+                elif has_factors:
+                    for column in range(width):
+                        scene[column + 1] *= scene_factor[column]
                 scene[0], scene[width + 1] = scene[1], scene[width]
                 target = source_row % 3
                 for column in range(width):

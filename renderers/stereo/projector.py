@@ -5,10 +5,14 @@ dots give the matcher texture on blank walls. The projector is half-way between 
 Objects cast shadows in its light.
 
 There are two patterns: square dots, and realistic ones (``projector_pattern``).
+
+Dots are relative to the light of the headlight on the same surface, which has its albedo and angle already. They fade
+with the square of the distance, and polished metal returns few of them to the cameras.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
@@ -17,6 +21,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
+from renderers.drawlist import Instance
 from renderers.stereo.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
@@ -30,6 +35,16 @@ differ between the two cameras."""
 _SHADOW_BIAS: Final = 0.02
 """Relative depth bias against self-shadowing: slanted surfaces change their depth by about this much over the three
 pixels that are compared."""
+
+REFERENCE_DEPTH: Final = 1.5
+"""Depth at which a full dot has the value ``FULL_LIGHT``, metres."""
+FULL_LIGHT: Final = 255
+"""Value of full light."""
+_MAX_FADE: Final = 4.0
+"""Maximum light at small depths, relative to that at ``REFERENCE_DEPTH``."""
+_NO_IDS: Final = np.zeros((1, 1), np.int32)
+"""Kernel argument for ``returned`` of None."""
+_ALL_RETURNED: Final = np.ones(1, np.float32)
 
 
 @cache
@@ -58,8 +73,9 @@ def projected_dots(
     soft: bool = False,
     right: bool = False,
     point_samples: bool = False,
-) -> NDArray[np.uint8]:
-    """Return the light of the projector at every pixel, (H, W) uint8; 255 is full light, background is 0.
+    returned: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
+) -> NDArray[np.uint16]:
+    """Return the light of the projector at every pixel, (H, W) uint16: ``FULL_LIGHT`` or more; background is 0.
 
     Args:
         depth: (H, W) float32 depth of the camera image, metres, +inf: background.
@@ -73,6 +89,7 @@ def projected_dots(
         right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
         point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
             full-resolution image's, for metering.
+        returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: 1.
     """
     wait_until_compiled("stereo")
     level, cell_pixels = 0, CELL * focal_length
@@ -82,15 +99,34 @@ def projected_dots(
     min_cell_pixels = 0.0 if point_samples else _MIN_CELL_PIXELS / (TEXELS_PER_CELL if soft else 1)
     while cell_pixels < min_cell_pixels and level < len(levels) - 1:
         level, cell_pixels = level + 1, cell_pixels * 2
-    light = np.empty(depth.shape, np.uint8)
+    light = np.empty(depth.shape, np.uint16)
+    ids, shares = returned or (_NO_IDS, _ALL_RETURNED)
     _project(
-        depth, projector_depth, levels[level], 1.0 / cell_pixels, float(cx), float(cy), offset * focal_length, light
-    )
+        depth, projector_depth, levels[level], 1.0 / cell_pixels, float(cx), float(cy), offset * focal_length, ids,
+        shares, light,
+    )  # fmt: skip
     return light
 
 
-@kernel("void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, uint8[:,::1])")
-def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, light):
+def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
+    """Return the share of the projector's light that each instance returns to the cameras, by instance id, float32.
+
+    Metal has no diffuse reflection: its highlight, whose width grows with the square of the roughness, misses the
+    cameras. Metals in textures return all.
+    """
+    shares = np.ones(max((instance.instance_id for instance in instances), default=0) + 2, np.float32)
+    for instance in instances:
+        material = instance.material
+        if material.metallic_roughness_texture is None:
+            shares[instance.instance_id] = 1.0 - material.metallic * (1.0 - material.roughness**2)
+    return shares
+
+
+@kernel(
+    "void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, int32[:,::1], "
+    "float32[::1], uint16[:,::1])"
+)
+def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, ids, shares, light):
     """Write the light at every pixel: the pattern, interpolated bilinearly, except in shadow.
 
     Args:
@@ -101,9 +137,12 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
         cx: principal point, pixels from the left edge.
         cy: principal point, pixels from the top edge.
         focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
-        light: (H, W) uint8, output.
+        ids: (H, W) int32, instance at every pixel, or (1, 1).
+        shares: (I,) float32, share of the light that each instance returns; with ids of (1, 1), that of all.
+        light: (H, W) uint16, output.
     """
     height, width = depth.shape
+    reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(_MAX_FADE), ids.shape[0] == height
     period_mask = pattern.shape[0] - 1
     scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
     shadow_factor = np.float32(1.0 - _SHADOW_BIAS)
@@ -137,5 +176,7 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
                         pattern[lower_cell, left_cell] * (one - fraction_u)
                         + pattern[lower_cell, right_cell] * fraction_u
                     )
-                    value = upper * (one - fraction_v) + lower * fraction_v
+                    fade = reference / z
+                    share = shares[max(ids[row, column], 0)] if has_ids else shares[0]
+                    value = (upper * (one - fraction_v) + lower * fraction_v) * min(fade * fade, max_fade) * share
             light[row, column] = int(value + half)

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.profile import read_profile
+from gateway.stereo.realistic_images import make_imaging
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
+from renderers.raster import CpuRenderer
 from renderers.stereo.downscale import fine_means
-from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
+from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import Quality
 from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.optics import SceneLight
 from renderers.stereo.pixel_classes import ImageKind
-from renderers.stereo.projector import projected_dots
-from renderers.stereo.sensor import sensor_image
+from renderers.stereo.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
+from tests.stereo.camera_images import light_of, rendered_grey, sensor_image
 
 MODEL = read_profile("rc_visard_160c").model
 KEY = frame_key(0, 0, NoiseStream.LEFT)
@@ -26,55 +34,72 @@ def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
     return np.full((*shape, 3), level, np.uint8)
 
 
-def test_reference_exposure_keeps_the_rendered_image() -> None:
+def test_the_response_is_linear_in_the_light() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
+    light = (picture / 255.0) ** 2.2
     color = sensor_image(picture, Exposure(), KEY, color=True, noise_factor=0.0).image
-    assert np.abs(color.astype(int) - picture).max() <= 1
-    luma = picture @ np.array((0.299, 0.587, 0.114))
-    assert np.abs(sensor_image(picture, Exposure(), KEY, color=False, noise_factor=0.0).image - luma).max() <= 1
+    assert np.abs(color - 255.0 * light).max() <= 1
+    grey_image = sensor_image(picture, Exposure(), KEY, noise_factor=0.0).image
+    assert np.abs(grey_image - 255.0 * light @ (0.299, 0.587, 0.114)).max() <= 1
 
 
-def test_exposure_and_gain_multiply_light() -> None:
-    twice = sensor_image(grey(100), Exposure(0.010), KEY, color=False, noise_factor=0.0).image.mean()
-    assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
-    six = sensor_image(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise_factor=0.0).image.mean()
-    assert six == pytest.approx(twice, abs=1)
-    assert sensor_image(grey(250), Exposure(0.018), KEY, color=False, noise_factor=0.0).image.min() == 255
-    bright = sensor_image(grey(100), Exposure(gamma=2.0), KEY, color=False, noise_factor=0.0).image.mean()
-    assert bright == pytest.approx(255 * (100 / 255) ** 0.5, abs=1)
+@pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 2.5])
+def test_exposure_and_gain_multiply_grey_values_until_saturation(factor: float) -> None:
+    ramp = np.broadcast_to(np.arange(256, dtype=np.uint8)[None, :, None], (4, 256, 3)).copy()
+    once = 255.0 * (ramp[:, :, 0] / 255.0) ** 2.2
+    expected = np.minimum(factor * once, 255.0)
+    longer = sensor_image(ramp, Exposure(0.005 * factor), KEY, noise_factor=0.0).image
+    gain = 20.0 * np.log10(factor)
+    amplified = sensor_image(ramp, Exposure(0.005, gain), KEY, noise_factor=0.0).image
+    for image in (longer, amplified):
+        np.testing.assert_allclose(image, expected, atol=0.8)
 
 
+@pytest.mark.parametrize("gamma", [0.1, 0.5, 0.8, 2.0, 10.0])
+def test_gamma_is_the_power_of_the_light(gamma: float) -> None:
+    for light in (0.02, 0.2, 0.6):
+        image = sensor_image(rendered_grey(light), Exposure(gamma=gamma), KEY, noise_factor=0.0).image
+        assert image.mean() == pytest.approx(255 * light_of(rendered_grey(light)).mean() ** gamma, abs=1.5)
+    assert sensor_image(grey(0), Exposure(gamma=gamma), KEY, noise_factor=0.0).image.max() == 0
+    assert sensor_image(grey(255), Exposure(gamma=gamma), KEY, noise_factor=0.0).image.min() == 255
+
+
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("gain", [9.0, 12.0, 18.0])
-def test_noise_matches_the_message(gain: float) -> None:
-    exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
-    image = sensor_image(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
+def test_noise_matches_the_message(gain: float, gamma: float) -> None:
+    exposure = Exposure(0.005 / 10 ** (gain / 20), gain, gamma)  # the same brightness
+    image = sensor_image(rendered_grey((128 / 255) ** (1 / gamma), (960, 1280)), exposure, KEY).image.astype(float)
     # Rounding to whole levels adds 1/12.
     assert image.std() == pytest.approx(np.sqrt(exposure.noise_sigma(128) ** 2 + 1 / 12), rel=0.15)
-    assert image.mean() == pytest.approx(128, abs=0.6)
+    assert image.mean() == pytest.approx(128, abs=2.5)
 
 
 def test_left_and_right_noise_is_independent() -> None:
     a, b = (
-        sensor_image(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s), color=False).image.astype(float).ravel()
+        sensor_image(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s)).image.astype(float).ravel()
         for s in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
     assert abs(np.corrcoef(a, b)[0, 1]) < 0.02
 
 
-def test_automatic_exposure_meets_its_target() -> None:
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 2.0])
+def test_automatic_exposure_meets_its_target(gamma: float) -> None:
+    manual = Exposure(gamma=gamma)
     for level in (20, 60, 120):
-        exposure = auto_exposure(brightness_of(grey(level)), AutoExposure())
-        assert sensor_image(grey(level), exposure, KEY, color=False, noise_factor=0.0).brightness == pytest.approx(
-            min(0.75, level / 255 * Exposure(0.018, 18.0).display_factor), abs=0.02
-        )
+        light = light_of(grey(level))
+        exposure = auto_exposure(light, AutoExposure(), manual)
+        expected = min(0.75, float(light.mean() * Exposure(0.018, 18.0).light) ** gamma)
+        brightness = sensor_image(grey(level), exposure, KEY, noise_factor=0.0).brightness
+        assert brightness == pytest.approx(expected, abs=0.02)
     # With something white in the picture it stays as bright as it can without saturating.
     picture = grey(60)
     picture[:, :100] = 250
-    exposure = auto_exposure(brightness_of(picture), AutoExposure())
-    assert int(sensor_image(picture, exposure, KEY, color=False, noise_factor=0.0).image.max()) >= 252
+    exposure = auto_exposure(light_of(picture), AutoExposure(), manual)
+    image = sensor_image(picture, exposure, KEY, noise_factor=0.0).image
+    assert image.max() >= 252 or image.mean() == pytest.approx(0.25 * 255, abs=2)
     # Longest time first, gain only after it.
-    assert auto_exposure(brightness_of(grey(130)), AutoExposure()).gain == 0
-    assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001
+    assert auto_exposure(light_of(grey(160)), AutoExposure(), manual).gain == 0
+    assert auto_exposure(light_of(grey(20)), AutoExposure(0.001), manual).time == 0.001
 
 
 def test_dots_are_fixed_to_the_surface() -> None:
@@ -121,6 +146,55 @@ def test_objects_cast_shadows_in_the_projectors_light() -> None:
     assert not dark[row][beside].any()
 
 
+def test_dots_fade_with_the_square_of_the_distance() -> None:
+    k = MODEL.intrinsics(2)
+
+    def mean(z: float) -> float:
+        depth = np.full((k.height, k.width), z, np.float32)
+        return float(projected_dots(depth, k.focal_length, k.cx, k.cy, 0.0, depth).mean())
+
+    assert 0.2 * FULL_LIGHT < mean(1.5) < FULL_LIGHT
+    for z, share in ((0.75, 4.0), (0.3, 4.0), (3.0, 0.25), (6.0, 0.0625)):
+        assert mean(z) == pytest.approx(share * mean(1.5), rel=0.05)
+
+
+def test_metal_returns_dots_by_its_roughness() -> None:
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.array(((0, 1, 2),), np.uint32))
+    materials = [Material(metallic=m, roughness=r) for m, r in ((0.0, 0.0), (1.0, 0.05), (1.0, 0.4), (1.0, 1.0))]
+    shares = returned_shares([Instance(mesh, each, np.eye(4), instance_id=i) for i, each in enumerate(materials)])
+    assert shares[:4] == pytest.approx((1.0, 0.0025, 0.16, 1.0))
+    assert shares[-1] == 1.0, "surfaces without an id"
+
+
+def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
+    imaging = make_imaging(StereoConfig(noise=False), renderer)
+
+    def board(z: float, material: Material, index: int) -> Instance:
+        corners = np.array(((-4, -4, z), (4, -4, z), (4, 4, z), (-4, 4, z)), np.float32)
+        mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
+        return Instance(mesh, replace(material, double_sided=True), np.eye(4), instance_id=index)
+
+    def dots(*boards: Instance) -> NDArray[np.float64]:
+        """Return the light that the projector adds in the left image."""
+        request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((False,)))
+        low, high = (
+            imaging.expose(Capture(0, DrawList(boards), 1, np.eye(4), gpio), request)[False].image.astype(float)
+            for gpio in (0, 1)
+        )
+        difference: NDArray[np.float64] = high - low
+        return difference
+
+    wall = board(2.0, Material((0.3, 0.3, 0.3, 1.0), metallic=0.0), 0)
+    glass = Material((0.8, 0.8, 0.8, 0.2), metallic=0.0, alpha_mode=AlphaMode.BLEND)
+    on_wall = dots(wall)
+    assert on_wall.std() > 5
+    assert np.corrcoef(on_wall.ravel(), dots(wall, board(1.2, glass, 1)).ravel())[0, 1] > 0.95
+    frosted = replace(glass, base_color=(0.8, 0.8, 0.8, 0.9))
+    assert np.corrcoef(on_wall.ravel(), dots(wall, board(1.2, frosted, 1)).ravel())[0, 1] < 0.3
+    mirror = dots(board(1.5, Material((0.9, 0.9, 0.9, 1.0), metallic=1.0, roughness=0.05), 0))
+    assert mirror.std() < 0.05 * on_wall.std()
+
+
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
 def test_matching_with_the_projector(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
@@ -130,7 +204,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         dots = projected_dots(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2, np.full_like(z, np.inf))
         key = frame_key(1, 1, NoiseStream(number + 1))
         depths.append(z)
-        images.append(sensor_image(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
+        images.append(sensor_image(grey(90, z.shape), Exposure(), key, scene_light=SceneLight(dots, 2.0)).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
     left, right = (fine_means(image, 1, *image.shape) for image in images)
     measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
@@ -144,8 +218,8 @@ def test_matching_with_the_projector(quality: Quality) -> None:
 
 
 def test_matching_a_blank_wall_is_invalid() -> None:
-    image = sensor_image(grey(120), Exposure(), KEY, color=False).image
-    other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT), color=False).image
+    image = sensor_image(grey(120), Exposure(), KEY).image
+    other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT)).image
     left, right = (fine_means(i, 1, *i.shape) for i in (image, other))
     measured = match_pair(left, right, 64, 0.3, ImageKind.PLAIN)
     assert (measured.confidence >= 128).mean() < 0.2

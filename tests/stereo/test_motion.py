@@ -66,7 +66,7 @@ def image(
     exposure = Exposure(time, 20.0 * np.log10(0.005 / time))
     request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
     grey = RealisticImaging(config, renderer).expose(capture, request)[False].image
-    return (grey / 255.0) ** 2.2
+    return grey / 255.0
 
 
 def edge_width(light: NDArray[np.float64]) -> float:

@@ -22,12 +22,12 @@ from renderers.stereo.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_
 from renderers.stereo.matching import match_pair
 from renderers.stereo.model import Intrinsics, Quality
 from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.optics import LENS_BLUR, LIGHT_WHITE, Lens, SceneLight, brightness_of_light, light_on_sensor
+from renderers.stereo.optics import LENS_BLUR, LIGHT_WHITE, Lens, SceneLight, light_on_sensor
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.projector_pattern import SPECKLE_CONTRAST, soft_pattern_levels
 from renderers.stereo.realism import REALISM_PARTS, parse_realism
-from renderers.stereo.sensor import image_from_light, sensor_image
+from renderers.stereo.sensor import image_from_light
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
@@ -41,7 +41,7 @@ def light_of(
     image: NDArray[np.uint8], lens: Lens = NO_LENS, k: Intrinsics = K, light: SceneLight = NO_LIGHT
 ) -> NDArray[np.float64]:
     """Return the light of a grey image behind a lens, white is 1."""
-    root = light_on_sensor(image, light, lens, k, Exposure(), color=False)[:, :, 0] / LIGHT_WHITE
+    root = light_on_sensor(image, k, Exposure(), light, lens, color=False)[:, :, 0] / LIGHT_WHITE
     return root.astype(np.float64) ** 2
 
 
@@ -53,17 +53,6 @@ def test_names_of_parts() -> None:
         parse_realism("shadows,haze")
     with pytest.raises(ValueError, match="'all' cannot be combined with other names"):
         parse_realism("shadows,all")
-
-
-@pytest.mark.parametrize("color", [True, False])
-def test_neutral_optics_keep_the_image(color: bool) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
-    for exposure in (Exposure(), Exposure(0.011, 6.0), Exposure(red=0.7, blue=1.3), Exposure(0.008, hdr=True)):
-        light = light_on_sensor(image, SceneLight(), Lens(), K, exposure, color=color)
-        through_light = image_from_light(light, exposure, KEY_LEFT, noise_factor=0.0).image.astype(int)
-        direct = sensor_image(image, exposure, KEY_LEFT, color=color, noise_factor=0.0).image.astype(int)
-        assert np.abs(through_light - direct).max() <= 2
-        assert np.abs(through_light - direct).mean() < 0.4
 
 
 def test_point_spread_has_the_lens_blur() -> None:
@@ -92,7 +81,7 @@ def test_vignetting_is_the_third_power_of_the_cosine(name: str) -> None:
 
 def test_dots_and_key_light_multiply_the_light() -> None:
     grey = np.full((40, 60, 3), 100, np.uint8)
-    dots = np.zeros((40, 60), np.uint8)
+    dots = np.zeros((40, 60), np.uint16)
     dots[:, 30:] = 255
     lit = light_of(grey, light=SceneLight(dots, 2.0)) / light_of(grey)
     np.testing.assert_allclose(lit[:, :30], 1.0, rtol=1e-6)
@@ -105,12 +94,6 @@ def test_dots_and_key_light_multiply_the_light() -> None:
     assert shaded[20, 29:31] == pytest.approx([0.5 + 9 / 64, 1 - 9 / 64], rel=5e-3), "interpolated"
     background = SceneLight(factors=factors, background=(100, 100, 100))
     np.testing.assert_allclose(light_of(grey, light=background), light_of(grey), rtol=1e-6)
-
-
-def test_metered_brightness_is_display_encoded() -> None:
-    grey = np.full((8, 8, 3), 100, np.uint8)
-    light = light_on_sensor(grey, SceneLight(), Lens(), K, Exposure(), color=False)
-    np.testing.assert_allclose(brightness_of_light(light), np.full((8, 8, 1), 100 / 255), rtol=2e-3)
 
 
 def test_fixed_pattern_is_fixed_and_has_its_statistics() -> None:
@@ -126,20 +109,20 @@ def test_fixed_pattern_is_fixed_and_has_its_statistics() -> None:
 
 
 def test_fixed_pattern_grows_with_the_gain() -> None:
-    grey = np.full((480, 640, 3), 60, np.uint8)
+    grey, level = np.full((480, 640, 3), 200, np.uint8), 255 * (200 / 255) ** 2.2
     pattern = fixed_pattern(0, right=False, height=480, width=640)
     deviations = []
     for gain in (0.0, 18.0):
         exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
-        light = light_on_sensor(grey, SceneLight(), Lens(), K, exposure, color=False)
+        light = light_on_sensor(grey, K, exposure, color=False)
         images = [
             image_from_light(light, exposure, frame_key(0, number, NoiseStream.LEFT), pattern).image.astype(float)
             for number in range(16)
         ]
         deviations.append(np.corrcoef(np.mean(images[:8], axis=0).ravel(), np.mean(images[8:], axis=0).ravel())[0, 1])
         fixed = np.mean(images, axis=0).std()
-        expected = np.hypot(np.hypot(PIXEL_OFFSET, COLUMN_OFFSET) * 10 ** (gain / 20), 60 / 2.2 * PIXEL_GAIN)
-        noise = exposure.noise_sigma(60) / 4
+        expected = np.hypot(np.hypot(PIXEL_OFFSET, COLUMN_OFFSET) * 10 ** (gain / 20), level * PIXEL_GAIN)
+        noise = exposure.noise_sigma(level) / 4
         # At 0 dB, rounding to whole levels hides a part of both.
         tolerance = 0.1 if gain else 0.35
         assert fixed == pytest.approx(np.hypot(expected, np.hypot(noise, 0.29 / 4)), rel=tolerance)
@@ -210,7 +193,7 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         )
         grey = np.full((*z.shape, 3), 90, np.uint8)
         light = light_on_sensor(
-            grey, SceneLight(dots, 2.0), Lens(LENS_BLUR / quality.divisor), k, Exposure(), color=False
+            grey, k, Exposure(), SceneLight(dots, 2.0), Lens(LENS_BLUR / quality.divisor), color=False
         )
         pattern = fixed_pattern(1, right=number == 1, height=k.height, width=k.width)
         depths.append(z)

@@ -13,7 +13,7 @@ from gateway.wiring.stereo import config_of, realism_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.realism import REALISM_PARTS
-from renderers.stereo.sensor import sensor_image
+from tests.stereo.camera_images import sensor_image
 from tests.stereo.conftest import SMALL, Start, pixels
 
 
@@ -26,8 +26,7 @@ def test_image_noise_is_a_factor() -> None:
     grey = np.full((200, 200, 3), 120, np.uint8)
     key = frame_key(1, 1, NoiseStream.LEFT)
     deviation = [
-        float(sensor_image(grey, Exposure(gain=18.0), key, color=False, noise_factor=n).image.std())
-        for n in (0.0, 1.0, 3.0)
+        float(sensor_image(grey, Exposure(gain=18.0), key, noise_factor=n).image.std()) for n in (0.0, 1.0, 3.0)
     ]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2

@@ -137,7 +137,9 @@ class HeadlightJob:
             0,
         )
         shading_job = array[job_end // 8 : matrices // 8].view(SHADING_JOB.dtype)
-        fill_shading_job(shading_job, shading, camera, first_ids, X_camera_mesh, address + matrices)
+        fill_shading_job(
+            shading_job, shading, camera, first_ids, X_camera_mesh, address + matrices, area_filter=look.area_filter
+        )
         self.address = address
         """Valid while this object is alive."""
         self._keep = (shading, array, keep)

@@ -232,3 +232,27 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
         row = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
         expected = 255 * (np.arange(100) + 0.5) / 100
         assert np.abs(row - expected).max() <= 1.5
+
+
+@pytest.mark.parametrize("size", [(256, 256), (64, 512), (230, 100)], ids=["minified", "anisotropic", "fractions"])
+def test_the_area_filter_averages_the_light_of_each_pixel(size: tuple[int, int]) -> None:
+    """The footprint is sharper than that of trilinear filters, and so is the image."""
+    cells = np.random.default_rng(5).integers(0, 2, (17, 17)).astype(np.uint8) * 255
+    pixels = np.full((*size, 4), 255, np.uint8)
+    rows, columns = (np.arange(n) * 17 // n for n in size)
+    pixels[..., :3] = cells[rows[:, None], columns, None]
+    mesh, view = square(64, 64)
+    material = Material(base_color_texture=Texture(image_of(pixels)), unlit=True, double_sided=True)
+    scene, renderer = DrawList((Instance(mesh, material, np.eye(4)),)), CpuRenderer(1)
+    fine = np.repeat(np.repeat(pixels[..., 0] / 255.0, 64, axis=0), 64, axis=1)
+    exact = fine.reshape(64, size[0], 64, size[1]).mean(axis=(1, 3))
+    deviations = []
+    for area_filter in (False, True):
+        with renderer.render(scene, view, Output.COLOR, Look("gltf", area_filter=area_filter)) as frame:
+            assert frame.color is not None
+            light = (frame.color[..., 0] / 255.0) ** 2.2
+        assert light.mean() == pytest.approx(exact.mean(), abs=0.005)
+        deviations.append(float((light - exact).std()))
+    assert deviations[1] < 0.05
+    assert deviations[1] < 0.5 * deviations[0]
+    renderer.close()
