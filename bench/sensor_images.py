@@ -107,8 +107,8 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
     pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
     small_left, small_right = depth_pair(pair, model, divisor)
     with (
-        imaging.render(capture, 0.0, divisor, Output.DEPTH) as left_view,
-        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as right_view,
+        imaging.render_lit(capture, 0.0, divisor, Output.DEPTH) as left_view,
+        imaging.render_lit(capture, model.baseline, divisor, Output.DEPTH) as right_view,
     ):
         assert left_view.depth is not None
         assert right_view.depth is not None
