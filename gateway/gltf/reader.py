@@ -139,7 +139,13 @@ def _read_content(
         if pose is not None and (mesh_index, pose) in parts_in_pose:
             posed_parts[position] = parts_in_pose[mesh_index, pose]
             continue
-        mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
+        try:
+            mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
+        except GltfError as error:
+            first_error = first_error or error
+            warnings.append(f"{error}; the node has no mesh")
+            parts[mesh_index] = ()
+            continue
         primitives = mesh.primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:

@@ -13,7 +13,6 @@ from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.fields import show
 
-
 Subject = tuple[str, Path | None]
 """Command and path that a warning is about; no path if it could not be read, or for ``setview`` and ``setclicks``."""
 
