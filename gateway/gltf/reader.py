@@ -158,7 +158,7 @@ def _read_content(
             if primitive is None:
                 continue
             try:
-                smooth = materials.is_from_vtk(primitive, name)
+                smooth = materials.is_from_vtk(primitive)
                 if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
             except GltfLimitError:
@@ -190,7 +190,7 @@ def _read_content(
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
     """Return the scene of a document, given its content and its nodes."""
     warnings = [*content.warnings, *_deformation_warnings(content, nodes)]
-    cameras = read_cameras(content.cameras, nodes)
+    cameras = read_cameras(content.cameras, nodes, warnings)
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
     if len(warnings) > _MAX_WARNINGS:
