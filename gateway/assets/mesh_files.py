@@ -205,9 +205,9 @@ class MeshFiles:
             folder = self._packages.folder(package)
             if folder is None:
                 raise MeshFileError(f"{quoted(filename)}: there is no package {quoted(package)}", missing=True)
-            paths = [folder / path_in_package]
+            paths = [folder / path_in_package.lstrip("/")]
         elif separator and scheme == "file":
-            paths = [Path("/" + unquote(rest).lstrip("/"))]
+            paths = [Path("/" + unquote(rest.removeprefix("localhost/")).lstrip("/"))]
         elif separator:
             raise MeshFileError(f"{quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
         elif filename.startswith("/"):
@@ -232,6 +232,8 @@ class MeshFiles:
             )
         paths = [path for path in self._candidates(filename) if self._any_folder or self._is_below_root(path)]
         if not paths:
+            if self._any_folder:
+                raise MeshFileError(f"{quoted(filename)} is relative to a folder of --mesh-root, and there is none")
             raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
         return paths
 
