@@ -31,8 +31,11 @@ class RequestApplier:
         self._properties = iter(enumerate(request.properties))
         self._failures = request.failures
         self._added: dict[Path, None] = {}
+        """Paths whose geometry was set, in order; the values have no meaning."""
         self._transformed: dict[Path, None] = {}
+        """Paths whose transform was set."""
         self._missing: dict[Path, None] = {}
+        """Paths whose transform or properties were set, but which have no geometry at or below them."""
 
     def step(self, max_commands: int) -> bool:
         """Execute up to ``max_commands`` commands; return True if commands remain."""

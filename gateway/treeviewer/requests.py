@@ -61,7 +61,7 @@ class Request(msgspec.Struct, gc=False):
 
     @property
     def commands(self) -> int:
-        """Number of commands that edit the tree, without ``failures``."""
+        """Number of commands that edit the tree. Those in ``failures`` are not among them."""
         return len(self.deletes) + len(self.geometries) + len(self.transforms) + len(self.properties)
 
     def subjects(self) -> Iterator[Subject]:
