@@ -40,7 +40,9 @@ from gateway.runtime.regular_files import read_regular, read_text
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+MAX_INTENSITY: Final = 1e9
+"""Maximum exposure, intensity and colour, about the radiance of the sun: products of these fit into float32."""
+NonNegative = Annotated[float, Field(ge=0, le=MAX_INTENSITY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[Finite, Finite, Finite]
@@ -151,7 +153,9 @@ def read_rig(path: Path) -> Rig:
         raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{owner}") from None
     except ValidationError as error:
         raise RigFileError(f"{path}: {_first_error(error)}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
+    except UnicodeDecodeError:
+        raise RigFileError(f"{path}: it is neither a TOML file nor a Radiance image (.hdr)") from None
+    except ValueError as error:  # including tomllib.TOMLDecodeError
         raise RigFileError(f"{path}: {error}") from None
 
 

@@ -1,7 +1,7 @@
-"""Loads mesh files that clients name, from the folders that the operator allows (``--mesh-root``), with a cache.
+"""Loads mesh files that clients name, from the folders that the operator opens (``--mesh-root``), with a cache.
 
 All names, including those of materials and textures in mesh files, are resolved with their symbolic links; the result
-must be below one of these folders. With ``any_folder``, for programs on this machine, it may also be elsewhere, if its
+must be below one of these roots. With ``any_folder``, for programs on this machine, it may also be elsewhere, if its
 extension is one of ``READABLE_EXTENSIONS``. Only regular files are read, and nothing from the network.
 """
 
@@ -196,7 +196,7 @@ class MeshFiles:
         raise MeshFileError(f"{quoted(filename)}: there is no such file", missing=True)
 
     def _candidates(self, filename: str) -> list[Path]:
-        """Return the paths that a client's name may refer to, with symbolic links resolved."""
+        """Return the paths that a client's name may refer to, in any folder, with symbolic links resolved."""
         if "\0" in filename or not filename or len(filename) > 4096:
             raise MeshFileError(f"{quoted(filename)} is not a file name")
         scheme, separator, rest = filename.partition("://")
@@ -205,9 +205,9 @@ class MeshFiles:
             folder = self._packages.folder(package)
             if folder is None:
                 raise MeshFileError(f"{quoted(filename)}: there is no package {quoted(package)}", missing=True)
-            paths = [folder / path_in_package]
+            paths = [folder / path_in_package.lstrip("/")]
         elif separator and scheme == "file":
-            paths = [Path("/" + unquote(rest).lstrip("/"))]
+            paths = [Path("/" + unquote(rest.removeprefix("localhost/")).lstrip("/"))]
         elif separator:
             raise MeshFileError(f"{quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
         elif filename.startswith("/"):
@@ -220,7 +220,7 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(filename)} is not a file name") from None
 
     def _named_paths(self, filename: str) -> list[Path]:
-        """Return the real paths that a client's name may refer to, in the folders that are open.
+        """Return those of ``_candidates`` that lie in folders that are open to the client.
 
         Raises:
             MeshFileError: It names none there.
@@ -232,6 +232,8 @@ class MeshFiles:
             )
         paths = [path for path in self._candidates(filename) if self._any_folder or self._is_below_root(path)]
         if not paths:
+            if self._any_folder:
+                raise MeshFileError(f"{quoted(filename)} is relative to a folder of --mesh-root, and there is none")
             raise MeshFileError(f"{quoted(filename)} lies outside of the folders that are open to clients")
         return paths
 

@@ -15,6 +15,7 @@ from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.client import manifest
 from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.views import usable_camera
 from gateway.gltf import GltfCamera
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
@@ -110,8 +111,9 @@ def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
         look = "phong" if scene.generator == "VTK" else "pbr"
     draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
     draw_list = replace(draw_list, lights=scene.lights)
-    file_camera = scene.cameras[0] if scene.cameras else None
-    description = _describe(source, scene.digests, labels, scene.generator, (*scene.warnings, *scene.notes))
+    file_camera, flaws = usable_camera(scene.cameras, draw_list)
+    warnings = (*scene.warnings, *flaws, *scene.notes)
+    description = _describe(source, scene.digests, labels, scene.generator, warnings)
     return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
 
 

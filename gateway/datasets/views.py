@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field
 from typing import Final
 
@@ -158,6 +159,19 @@ def camera_of(
         raise CameraError(f"view {view.name}: {error}") from None
 
 
+def usable_camera(cameras: Sequence[GltfCamera], draw_list: DrawList) -> tuple[GltfCamera | None, tuple[str, ...]]:
+    """Return the first camera of a scene file that can be used, if any, and warnings about those before it."""
+    warnings: list[str] = []
+    for camera in cameras:
+        try:
+            _camera_from_file(camera, 1, 1, draw_list)
+        except CameraError as error:
+            warnings.append(f"{error}; it is not used")
+        else:
+            return camera, tuple(warnings)
+    return None, tuple(warnings)
+
+
 def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_list: DrawList) -> Camera:
     """Return the camera of a scene file for an image size in pixels."""
     if file_camera.yfov is None:
@@ -169,6 +183,8 @@ def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_lis
             raise CameraError(f"the file's camera {file_camera.name!r} has neither yfov nor xmag")
         xmag = abs(file_camera.xmag)
         return orthographic_camera(pose, width, height, xmag, draw_list, file_camera.znear, file_camera.zfar)
+    if not 0.0 < file_camera.yfov < math.pi:
+        raise CameraError(f"the file's camera {file_camera.name!r}: yfov = {file_camera.yfov:g} is not in 0 .. pi")
     focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
     far = file_camera.zfar if file_camera.zfar is not None else math.inf
     try:

@@ -39,7 +39,7 @@ class DrakeViewerConfig:
 
     limits: Limits = Limits()
     strict: bool = False
-    """True: a load message of which something cannot be shown is refused."""
+    """True: a message of which something cannot be shown is refused."""
     offload_bytes: int = 64 * KIB
     """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     threads: int = 4

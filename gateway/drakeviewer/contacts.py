@@ -45,11 +45,11 @@ ContactParts = dict[Path, tuple[Part, ...]]
 """Parts by path in the live tree. A path has all contacts between two bodies."""
 
 
-def read_contacts(contacts: Contacts) -> ContactParts:
+def read_contacts(contacts: Contacts, problems: list[str]) -> ContactParts:
     """Return the arrows and surfaces of a message. A surface without a force or moment to show is left out.
 
-    Raises:
-        MessageError: A contact surface is damaged.
+    Args:
+        problems: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
     """
     parts: dict[Path, list[Part]] = {}
     count = len(contacts.points)
@@ -67,7 +67,11 @@ def read_contacts(contacts: Contacts) -> ContactParts:
     for surface, force, moment in zip(surfaces, found[:count], found[count:], strict=True):
         if force or moment:
             path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
-            parts.setdefault(path, []).extend((*force, *moment, *_pressure_surface(surface)))
+            parts.setdefault(path, []).extend((*force, *moment))
+            try:
+                parts[path] += _pressure_surface(surface)
+            except MessageError as error:
+                problems.append(str(error))
     return {path: tuple(of_path) for path, of_path in parts.items()}
 
 

@@ -18,15 +18,16 @@ Deformables = dict[Path, tuple[Part, ...]]
 """Parts of each body, by its path in the live tree."""
 
 
-def read_deformables(link: Link, family: str, limits: Limits) -> Deformables:
+def read_deformables(link: Link, family: str, limits: Limits, problems: list[str]) -> Deformables:
     """Return the bodies of a message. A body without drawable triangles has no parts.
 
     Args:
         link: the message; each of its geometries is a body.
         family: family of the channel.
+        problems: list to which the reason is added if a mesh is damaged or beyond a limit. That body has no parts.
 
     Raises:
-        MessageError: A mesh is damaged, or a mesh or name is beyond a limit.
+        MessageError: A name is beyond a limit.
     """
     bodies: Deformables = {}
     parent = (ROOT, family, *split_name(link.key[1], limits))
@@ -36,8 +37,12 @@ def read_deformables(link: Link, family: str, limits: Limits) -> Deformables:
                 f"the name of a deformable body has {len(geometry.text)} characters, the limit is {limits.name_bytes}"
             )
         path = (*parent, *split_name(geometry.text, limits))
-        surface = surface_of(geometry.floats, limits)
         parts = bodies.setdefault(path, ())
+        try:
+            surface = surface_of(geometry.floats, limits)
+        except MessageError as error:
+            problems.append(str(error))
+            continue
         if surface is not None:
             part = Part(surface, material(color_of(geometry)), transform_of(geometry), "mesh_data")
             bodies[path] = (*parts, part)

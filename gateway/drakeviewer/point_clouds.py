@@ -20,21 +20,29 @@ MAX_DISTANCE: Final = 1e15
 """Points farther away, metres, are not drawn: their coordinates would overflow in the renderer."""
 
 
-def read_cloud(cloud: Cloud) -> tuple[Part, ...]:
+def read_cloud(cloud: Cloud, problems: list[str]) -> tuple[Part, ...]:
     """Return the points that can be drawn, with their colours (the field ``rgb``) if there are any.
+
+    Args:
+        problems: list to which the reason is added if the colours cannot be read.
 
     Raises:
         MessageError: The cloud has no x, y or z, or its data is too short.
     """
     fields = {field.name: field for field in cloud.fields}
+    if not cloud.width * cloud.height:
+        return (Part(PointCloud(np.empty((0, 3), np.float32)), material(WHITE), kind="pointcloud"),)
     missing = [name for name in "xyz" if name not in fields]
     if missing:
         names = ", ".join(fields) or "none"
         raise MessageError(f"the cloud has no field {' or '.join(missing)}, only {names}")
-    if not cloud.width * cloud.height:
-        return (Part(PointCloud(np.empty((0, 3), np.float32)), material(WHITE), kind="pointcloud"),)
     points = _coordinates(cloud, [fields[name] for name in "xyz"])
-    channels = {"rgb": _colors(cloud, fields["rgb"])} if "rgb" in fields else {}
+    channels: dict[str, NDArray[np.float32]] = {}
+    if "rgb" in fields:
+        try:
+            channels["rgb"] = _colors(cloud, fields["rgb"])
+        except MessageError as error:
+            problems.append(f"{error}, so the points are white")
     if not (points.min() > -MAX_DISTANCE and points.max() < MAX_DISTANCE):  # false for NaN, too
         with np.errstate(invalid="ignore"):
             drawable = (np.abs(points) < MAX_DISTANCE).all(axis=1)

@@ -210,8 +210,9 @@ class DrakeViewerService:
 
     def _add_shown(self, channel: str, size: int) -> None:
         """Count a channel and the size of its newest shown message. Damaged messages do not count as shown."""
-        if self.viewer.is_load(channel):  # it may have deleted point clouds and frames
+        if self.viewer.is_load(channel):  # it may have deleted point clouds and frames; the next messages warn again
             self._sizes = {name: size for name, size in self._sizes.items() if self.viewer.has_fixed_name(name)}
+            self._warnings.remove(lambda name: not self.viewer.is_load(name))
         self._channels.setdefault(channel, 1)
         self._sizes[channel] = size
 

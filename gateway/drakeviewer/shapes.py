@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -49,6 +50,8 @@ def transform_of(geometry: Geometry) -> NDArray[np.float64]:
 
 
 def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, problems: list[str]) -> tuple[Part, ...]:
+    if not all(map(math.isfinite, (*geometry.position, *geometry.quaternion))):
+        raise MessageError("the pose of a geometry is not finite")
     if geometry.type == GeometryType.MESH and geometry.text:
         return _mesh_file(geometry, files, problems)
     shape: Shape | None
@@ -62,7 +65,10 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, problems: li
         kind, count, make = reader
         if len(geometry.floats) != count:
             raise MessageError(f"a {kind} has {len(geometry.floats)} numbers instead of {count}")
-        shape = make(geometry.floats.tolist())
+        numbers = geometry.floats.tolist()
+        if not all(0.0 <= number < math.inf for number in numbers):
+            raise MessageError(f"a {kind} has the sizes {numbers}: they must be finite and from 0 on")
+        shape = make(numbers)
     if shape is None:
         return ()
     return (Part(shape, material(color_of(geometry)), transform_of(geometry), kind),)

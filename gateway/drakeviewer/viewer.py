@@ -5,9 +5,11 @@ Reading a load message opens the mesh files that it names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
+
+import numpy as np
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer import wire
@@ -16,7 +18,7 @@ from gateway.drakeviewer.contacts import ContactChannel, read_contacts
 from gateway.drakeviewer.deformables import DeformableChannel, read_deformables
 from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
-from gateway.drakeviewer.messages import MessageError
+from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
 from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
 from gateway.scene.live import LiveTree
@@ -78,7 +80,7 @@ class _State:
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """Robots by family."""
     loads: dict[str, tuple[bytes, bool]] = field(default_factory=dict)
-    """Last load message of each channel, and whether it names files, which may change."""
+    """Last load message of each channel, and True if it must be read again: it names files, or something is missing."""
     deformables: dict[str, DeformableChannel] = field(default_factory=dict)
     """Deformable bodies by channel."""
     frames: dict[str, FrameChannel] = field(default_factory=dict)
@@ -181,15 +183,14 @@ class DrakeViewer:
         limits, loads = self._config.limits, self._state.loads
         shown_before = self._state.shown  # what arrives while files are read belongs to the new simulation
         data = bytes(message)
-        last, named_files = loads.get(channel, (b"", False))
+        last, must_be_read = loads.get(channel, (b"", False))
         is_repeated = last == data
-        if is_repeated and not named_files:
+        if is_repeated and not must_be_read:
             self.counters.repeated_loads += 1
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, files, limits)
-        if self._config.strict and loaded.problems:
-            raise MessageError(f"{loaded.problems[0]} (refused: --strict)")
+        problem = self._summary(loaded.problems)
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
         def apply(edit: TreeEdit) -> str:
@@ -199,15 +200,16 @@ class DrakeViewer:
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
-            loads[channel] = (data, has_files)
+            loads[channel] = (data, has_files or bool(problem))
             self.counters.loads += 1
-            return _summary(loaded.problems)
+            return problem
 
         return apply
 
     def _read_draw(self, family: str, message: wire.Message) -> Edit:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
+        not_finite = self._summary(_not_finite(draw))
 
         def apply(edit: TreeEdit) -> str:
             problem = robots.draw(draw, edit)
@@ -215,13 +217,15 @@ class DrakeViewer:
                 if draw.seconds < robots.seconds - RESTART_SECONDS:
                     self._clear_simulation(edit, self._state.shown)
                 self._state.seconds = robots.seconds = draw.seconds
-            return problem
+            return problem or not_finite
 
         return apply
 
     def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
         limits = self._config.limits
-        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits)
+        problems: list[str] = []
+        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, problems)
+        problem = self._summary(problems)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
         if not bodies and not shown.shown:
             return None
@@ -229,20 +233,23 @@ class DrakeViewer:
         def apply(edit: TreeEdit) -> str:
             self._reserve_nodes(channel, bodies)
             shown.apply(bodies, edit)
-            return ""
+            return problem
 
         return apply
 
     def _read_contacts(self, message: wire.Message) -> Edit | None:
-        parts, shown = read_contacts(wire.decode_contacts(message, self._config.limits)), self._state.contacts
-        if not parts and not shown.shown:
+        problems: list[str] = []
+        parts = read_contacts(wire.decode_contacts(message, self._config.limits), problems)
+        shown = self._state.contacts
+        if not parts and not shown.shown and not problems:
             return None
-        return self._of_simulation(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit))
+        return self._of_simulation(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), problems)
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
-        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits))
+        problems: list[str] = []
+        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), problems)
         path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
-        return self._of_simulation(channel, lambda edit: edit.set_parts(path, parts))
+        return self._of_simulation(channel, lambda edit: edit.set_parts(path, parts), problems)
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
@@ -255,16 +262,17 @@ class DrakeViewer:
                 self._reserve_nodes(channel, paths)
             shown.apply(draw, paths, edit)
 
-        return self._of_simulation(channel, apply)
+        return self._of_simulation(channel, apply, _not_finite(draw))
 
-    def _of_simulation(self, channel: str, apply: Callable[[TreeEdit], object]) -> Edit:
+    def _of_simulation(self, channel: str, apply: Callable[[TreeEdit], object], problems: Sequence[str]) -> Edit:
         """Return the edit of a message of contacts, points or frames, which ``_clear_simulation`` deletes later."""
+        problem = self._summary(problems)
 
         def edit_and_count(edit: TreeEdit) -> str:
             apply(edit)
             self._state.shown += 1
             self._state.shown_at[channel] = self._state.shown
-            return ""
+            return problem
 
         return edit_and_count
 
@@ -299,6 +307,19 @@ class DrakeViewer:
             raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
         nodes[source] = count
 
+    def _summary(self, problems: Sequence[str]) -> str:
+        """Return the first reason why something is not shown, and the number of further ones; "" if there is none.
+
+        Raises:
+            MessageError: There is one, and ``config.strict`` is true.
+        """
+        if not problems:
+            return ""
+        if self._config.strict:
+            raise MessageError(f"{problems[0]} (refused: --strict)")
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        return f"something is not shown: {problems[0]}{more}"
+
     def _robots(self, family: str) -> RobotChannels:
         return self._state.robots.setdefault(family, RobotChannels(family))
 
@@ -317,9 +338,7 @@ def _channel_path(group: str, channel: str, prefix: str) -> Path:
     return (ROOT, group, channel[len(prefix) :].removeprefix("_") or "default")
 
 
-def _summary(problems: tuple[str, ...]) -> str:
-    """Return the first reason why a geometry is not shown, and the number of further ones; "" if there is none."""
-    if not problems:
-        return ""
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"some geometry is not shown: {problems[0]}{more}"
+def _not_finite(draw: Draw) -> list[str]:
+    """Return a sentence about poses that are NaN or infinite, as those of a simulation that diverges; none without."""
+    count = int(np.count_nonzero(~np.isfinite(draw.poses).all(axis=1)))
+    return [f"{count} of {len(draw.poses)} poses are not finite"] if count else []

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.gltf import schema
-from gateway.gltf.errors import checked_item
+from gateway.gltf.errors import GltfError, checked_item
 from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
@@ -37,20 +37,21 @@ class GltfCamera:
     """Half of the width of an orthographic camera's view, metres; None for a perspective camera."""
 
 
-def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes) -> tuple[GltfCamera, ...]:
-    """Return a camera for every node with one, parents first.
+def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]) -> tuple[GltfCamera, ...]:
+    """Return a camera for every node with one that exists, parents first.
 
     Args:
         sources: The document's ``cameras``.
-
-    Raises:
-        GltfError: A node refers to a camera that does not exist.
     """
     cameras = []
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
+        try:
+            source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
+        except GltfError as error:
+            warnings.append(f"{error}; the node has no camera")
+            continue
         perspective = source.perspective
         projection = perspective or source.orthographic
         camera = GltfCamera(

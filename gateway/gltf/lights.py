@@ -20,6 +20,8 @@ from gateway.scene.transforms import Matrix
 from renderers.drawlist import Light, LightKind
 
 EXTENSION: Final = "KHR_lights_punctual"
+MAX_INTENSITY: Final = 1e12
+"""Maximum intensity times colour, lux or candela: sums of larger ones overflow in float32. The sun has 1e5 lux."""
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
@@ -93,6 +95,8 @@ def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
     if source.range is not None and not 0.0 < source.range < math.inf:
         raise GltfError(f"{name}.range: {source.range} is not a positive finite number")
     color = finite_vector_or_default(source.color, (1.0, 1.0, 1.0), f"{name}.color")
+    if intensity * max(map(abs, color)) > MAX_INTENSITY:
+        raise GltfError(f"{name}: intensity {intensity:g} times color {list(color)} is above {MAX_INTENSITY:g}")
     x, y, z = (float(v) for v in X_world_node[:3, 3])
     dx, dy, dz = (float(v) for v in axis / length)
     return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), source.range, inner_cone, outer_cone)

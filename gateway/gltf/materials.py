@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 import msgspec
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.parser import extension_json, finite_vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
@@ -55,6 +55,7 @@ class Materials:
             variant: Name of a variant of KHR_materials_variants; None: the default materials.
         """
         self._sources = document.materials
+        self._warnings = warnings
         self._variant = None if variant is None else _variant_index(document, variant, warnings)
         self._textures = textures
         self._from_drake = document.from_drake
@@ -65,18 +66,28 @@ class Materials:
         """By index in the document."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
-        """Return the material of a primitive, or ``DEFAULT_MATERIAL``.
+        """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
 
         Args:
             name: ``meshes[2].primitives[0]``, for messages.
 
         Raises:
-            GltfError: An index is out of range, a factor is invalid, or images are beyond the limits.
+            GltfLimitError: Images are beyond the limits.
         """
+        try:
+            return self._find(primitive, name)
+        except GltfLimitError:
+            raise
+        except GltfError as error:
+            self._warnings.append(f"{error}; {name} has the default material")
+            return DEFAULT_MATERIAL
+
+    def _find(self, primitive: schema.Primitive, name: str) -> Material:
+        """Return the material of a primitive, or ``DEFAULT_MATERIAL``. Raises GltfError."""
         index = self._index(primitive, name)
         if index is None:
             return DEFAULT_MATERIAL
-        vtk = self.is_from_vtk(primitive, name)
+        vtk = self.is_from_vtk(primitive)
         material = self._materials.get((index, vtk))
         if material is None:
             check_stop()
@@ -96,21 +107,18 @@ class Materials:
         chosen = [each.material for each in mappings if each is not None and self._variant in (each.variants or ())]
         return chosen[0] if chosen else primitive.material
 
-    def is_from_vtk(self, primitive: schema.Primitive, name: str) -> bool:
+    def is_from_vtk(self, primitive: schema.Primitive) -> bool:
         """Return True for a primitive that VTK's exporter wrote for Drake's client.
 
         Other exporters may write the same material, but VTK's never writes normals or vertex colours.
-
-        Args:
-            name: ``meshes[2].primitives[0]``, for messages.
         """
-        index = primitive.material
+        index, sources = primitive.material, self._sources or []
         if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
             return False
         is_from_vtk = self._written_by_vtk.get(index)
         if is_from_vtk is None:
-            source = checked_item(self._sources, index, "materials", f"{name}.material")
-            is_from_vtk = self._written_by_vtk[index] = _looks_written_by_vtk(source)
+            source = sources[index] if 0 <= index < len(sources) else None
+            is_from_vtk = self._written_by_vtk[index] = source is not None and _looks_written_by_vtk(source)
         return is_from_vtk
 
     def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
@@ -137,7 +145,7 @@ class Materials:
             occlusion_strength=_factor(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
             emissive=finite_vector_or_default(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
             emissive_texture=read_texture(source.emissive_texture, f"{name}.emissiveTexture"),
-            alpha_mode=AlphaMode.BLEND if vtk and base_color[3] < 1.0 else _alpha_mode(source.alpha_mode, name),
+            alpha_mode=AlphaMode.BLEND if vtk and base_color[3] < 1.0 else self._alpha_mode(source.alpha_mode, name),
             alpha_cutoff=_finite_or_default(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
             double_sided=bool(source.double_sided) or vtk,
             vtk_export=vtk,
@@ -145,10 +153,27 @@ class Materials:
         )
         return self._with_extensions(material, source, name) if source.extensions else material
 
+    def _extension(self, source: schema.Material, extension: str, type_: type[_Extension], name: str) -> _Extension:
+        """Return a material's extension as a ``type_``; all of its fields are None if it is absent or invalid."""
+        raw = extension_json(source.extensions, extension)
+        if raw is None:
+            return type_()
+        try:
+            return msgspec.json.decode(raw, type=type_)
+        except msgspec.MsgspecError as error:
+            self._warnings.append(f"{name}.extensions.{extension}: {error}; it is ignored")
+            return type_()
+
+    def _alpha_mode(self, value: str | None, name: str) -> AlphaMode:
+        mode = _ALPHA_MODES.get(value)
+        if mode is None:
+            self._warnings.append(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND; OPAQUE is used")
+        return mode or AlphaMode.OPAQUE
+
     def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
-        strength = _parsed_extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
-        ior = _parsed_extension(source, "KHR_materials_ior", schema.Ior, name)
-        specular = _parsed_extension(source, "KHR_materials_specular", schema.Specular, name)
+        strength = self._extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
+        ior = self._extension(source, "KHR_materials_ior", schema.Ior, name)
+        specular = self._extension(source, "KHR_materials_specular", schema.Specular, name)
         material = replace(
             material,
             emissive_strength=max(0.0, _finite_or_default(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
@@ -163,7 +188,7 @@ class Materials:
         )
         if extension_json(source.extensions, _GLOSSINESS) is None:
             return material
-        glossiness = _parsed_extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
+        glossiness = self._extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
         return replace(self._with_glossiness(material, glossiness, name), fallback=material)
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
@@ -212,24 +237,6 @@ def _looks_written_by_vtk(source: schema.Material) -> bool:
         return False
     color, texture = pbr.base_color_factor, pbr.base_color_texture
     return pbr == schema.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)
-
-
-def _parsed_extension(source: schema.Material, extension_name: str, type_: type[_Extension], name: str) -> _Extension:
-    """Return a material's extension as a ``type_``; all of its fields are None if the extension is absent."""
-    raw = extension_json(source.extensions, extension_name)
-    if raw is None:
-        return type_()
-    try:
-        return msgspec.json.decode(raw, type=type_)
-    except msgspec.MsgspecError as error:
-        raise GltfError(f"{name}.extensions.{extension_name}: {error}") from error
-
-
-def _alpha_mode(value: str | None, name: str) -> AlphaMode:
-    mode = _ALPHA_MODES.get(value)
-    if mode is None:
-        raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND")
-    return mode
 
 
 def _finite_or_default(value: float | None, default: float, path: str) -> float:

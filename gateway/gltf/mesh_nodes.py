@@ -49,7 +49,7 @@ def expand_mesh_nodes(
         The nodes, and poses by position in them. Meshes without an entry have the morph weights of the document's mesh.
 
     Raises:
-        GltfError: A reference is out of range, an accessor has the wrong type, or a limit is exceeded.
+        GltfLimitError: A limit is exceeded. Nodes whose skin or instances cannot be read are drawn without them.
     """
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
@@ -60,22 +60,28 @@ def expand_mesh_nodes(
             continue
         check_stop()
         name = f"nodes[{nodes.indices[position]}]"
-        if source.weights is not None:
-            weights = tuple(source.weights)
-        else:
-            if source.mesh not in weights_of_mesh:
-                mesh = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh")
-                weights_of_mesh[source.mesh] = tuple(mesh.weights or ())
-            weights = weights_of_mesh[source.mesh]
-        positions, joint_matrices = range(position, position + 1), None
-        if source.skin is not None:
-            X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
-            positions = added.add(position, -1, X_world_mesh[None])
-            if INSTANCING in (source.extensions or {}):
-                warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
-        elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
-            matrices = _instance_matrices(raw, accessors, limits, f"{name}.extensions.{INSTANCING}")
-            positions = added.add(position, position, matrices)
+        try:
+            if source.weights is not None:
+                weights = tuple(source.weights)
+            else:
+                if source.mesh not in weights_of_mesh:
+                    mesh = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh")
+                    weights_of_mesh[source.mesh] = tuple(mesh.weights or ())
+                weights = weights_of_mesh[source.mesh]
+            positions, joint_matrices = range(position, position + 1), None
+            if source.skin is not None:
+                X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
+                positions = added.add(position, -1, X_world_mesh[None])
+                if INSTANCING in (source.extensions or {}):
+                    warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
+            elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
+                matrices = _instance_matrices(raw, accessors, limits, f"{name}.extensions.{INSTANCING}")
+                positions = added.add(position, position, matrices)
+        except GltfLimitError:
+            raise
+        except GltfError as error:
+            warnings.append(f"{error}; {name} is drawn at rest and once")
+            continue
         poses |= dict.fromkeys(positions, Pose(weights, joint_matrices))
     return added.nodes(), poses
 

@@ -139,7 +139,13 @@ def _read_content(
         if pose is not None and (mesh_index, pose) in parts_in_pose:
             posed_parts[position] = parts_in_pose[mesh_index, pose]
             continue
-        mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
+        try:
+            mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
+        except GltfError as error:
+            first_error = first_error or error
+            warnings.append(f"{error}; the node has no mesh")
+            parts[mesh_index] = ()
+            continue
         primitives = mesh.primitives or []
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
@@ -152,7 +158,7 @@ def _read_content(
             if primitive is None:
                 continue
             try:
-                smooth = materials.is_from_vtk(primitive, name)
+                smooth = materials.is_from_vtk(primitive)
                 if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
             except GltfLimitError:
@@ -184,7 +190,7 @@ def _read_content(
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
     """Return the scene of a document, given its content and its nodes."""
     warnings = [*content.warnings, *_deformation_warnings(content, nodes)]
-    cameras = read_cameras(content.cameras, nodes)
+    cameras = read_cameras(content.cameras, nodes, warnings)
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
     if len(warnings) > _MAX_WARNINGS:

@@ -29,7 +29,7 @@ MAX_READ: Final = 1024
 MAX_READ_BYTES: Final = 1024 * 1024
 """Maximum bytes read before the event loop continues: they take about 0.5 ms."""
 ADDRESS_SECONDS: Final = 1.0
-"""Time for which the list of this machine's addresses is used. Datagrams of any number of senders cost one list."""
+"""Seconds after which the list of this machine's addresses is made again, at the next datagram."""
 
 
 class UdpmTransport:
@@ -68,7 +68,7 @@ class UdpmTransport:
         """Number of datagrams of other machines that were dropped, because ``ttl`` is 0."""
         self._own_addresses: frozenset[str] = frozenset()
         self._listed_at = -ADDRESS_SECONDS
-        """Time at which the addresses were listed, in seconds of the monotonic clock."""
+        """Time of ``_own_addresses``, in seconds of the monotonic clock."""
 
     def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         self.queue.start(on_message)

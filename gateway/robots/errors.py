@@ -22,6 +22,11 @@ def joined_warnings(warnings: Sequence[str], most: int = 3) -> str:
     return "; ".join(warnings[:most]) + more
 
 
+def no_links(warnings: Sequence[str]) -> RobotFileError:
+    """Return the error of a robot without links, with the warnings about those that were left out."""
+    return RobotFileError(f"it has no links{': ' if warnings else ''}{joined_warnings(warnings)}")
+
+
 def name_hint(name: str, names: Iterable[str]) -> str:
     """Return the end of an error message about an unknown name: "; did you mean a, b?", or "; there are a, b, …".
 

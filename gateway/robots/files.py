@@ -122,10 +122,11 @@ class RobotFiles:
         """Yield the paths that a file may have, in order of preference."""
         if scheme == "file":
             yield Path("/" + path.lstrip("/"))
-        elif not scheme:
+        if not scheme or (scheme == "file" and not path.startswith("/")):  # some write file://meshes/a.stl
             yield from (folder / path for folder in (self._folder, *self._roots))
-        else:
+        elif scheme != "file":
             package, _, path_in_package = path.lstrip("/").partition("/")
+            path_in_package = path_in_package.lstrip("/")
             if package not in _NO_PACKAGES:
                 yield from (folder / path_in_package for folder in self._package_folders(package))
                 # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError, name_hint
+from gateway.robots.errors import RobotFileError, name_hint, no_links
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
@@ -119,7 +119,7 @@ class _SdfReader:
             for world in worlds or [root]:
                 self._add_content(world, scope)
         if not self._links:
-            raise RobotFileError("it has no links")
+            raise no_links(self._warnings)
         count = sum(len(element.findall(self._use)) for element, _ in self._links.values())
         check_count(count, self._limits.max_geometries, "geometries")
         links = tuple(self._link(link, *found) for link, found in self._links.items())

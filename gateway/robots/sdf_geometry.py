@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gateway.robots.link_model import LinkGeometry, LinkMaterial, LinkShape
 from gateway.robots.robot import GeometryUse
 from gateway.robots.sdf_frames import read_pose
+from gateway.robots.urdf_geometry import read_color
 from gateway.robots.urdf_shapes import read_shape
 from gateway.robots.xml_text import Element, InvalidAttributeError, numbers, with_attributes
 from gateway.scene.geometry import Box
@@ -42,6 +43,8 @@ def read_geometries(
     """
     geometries = []
     for element in link.findall(use):
+        if element.find("geometry/empty") is not None:
+            continue
         where = f"link {name!r}, {use}"
         X, relative_to = read_pose(element, where, warnings)
         if relative_to:
@@ -100,11 +103,9 @@ def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial
     texts = with_attributes(material)
     for name in ("diffuse", "ambient"):
         if name in texts.attrib:
-            default = (1.0, 1.0, 1.0, 1.0)
             if len(texts.attrib[name].split()) == 3:
                 texts.set(name, f"{texts.attrib[name]} 1")
-            r, g, b, a = np.clip(numbers(texts, name, default, where, warnings), 0.0, 1.0).tolist()
-            return LinkMaterial((r, g, b, a), texture)
+            return LinkMaterial(read_color(texts, name, where, warnings), texture)
     script = (material.findtext("script/name") or "").strip()
     if not script:
         return LinkMaterial(None, texture)

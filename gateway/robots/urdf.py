@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gateway.robots.errors import RobotFileError
+from gateway.robots.errors import RobotFileError, no_links
 from gateway.robots.limits import RobotLimits, check_count
 from gateway.robots.link_model import Link, LinkModel
 from gateway.robots.robot import GeometryUse
@@ -35,7 +35,7 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotLimits, warnings: l
     check_count(sum(len(link.findall(use)) for link in link_elements), limits.max_geometries, "geometries")
     links = tuple(_links(link_elements, UrdfGeometryReader(root, use, warnings), warnings))
     if not links:
-        raise RobotFileError("it has no links")
+        raise no_links(warnings)
     names = [link.name for link in links]
     _check_names(names)
     joints = UrdfJointReader(names, warnings).read(joint_elements)

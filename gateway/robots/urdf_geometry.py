@@ -76,24 +76,25 @@ class UrdfGeometryReader:
 
     def _material(self, element: Element, where: str) -> LinkMaterial:
         color, texture = element.find("color"), element.find("texture")
-        rgba = None if color is None else self._rgba(color, where)
+        rgba = None if color is None else read_color(color, "rgba", where, self._warnings)
         return LinkMaterial(rgba, attribute(texture, "filename") or None)
 
-    def _rgba(self, color: Element, where: str) -> tuple[float, float, float, float]:
-        """Return sRGB and opacity, 0 to 1. Without an opacity, it is 1."""
-        values: tuple[float, ...] = finite_numbers(color.get("rgba", ""))
-        if len(values) == 3:
-            self._warnings.append(f"{where}: rgba={color.get('rgba')!r} has no opacity, 1 is used")
-            values = (*values, 1.0)
-        else:
-            values = numbers(color, "rgba", (1.0, 1.0, 1.0, 1.0), where, self._warnings)
-        r, g, b, a = values
-        scaled = [*_unit_range((r, g, b)), *_unit_range((a,))]
-        if scaled != list(values):
-            how = "read as 0 to 255" if max(values) > _LARGEST_UNIT_COLOR else "clamped to 0 to 1"
-            self._warnings.append(f"{where}: rgba={color.get('rgba')!r} is {how}")
-        r, g, b, a = np.clip(scaled, 0.0, 1.0).tolist()
-        return r, g, b, a
+
+def read_color(element: Element, name: str, where: str, warnings: list[str]) -> tuple[float, float, float, float]:
+    """Return an attribute as sRGB and opacity, 0 to 1. Without an opacity, it is 1."""
+    values: tuple[float, ...] = finite_numbers(element.get(name, ""))
+    if len(values) == 3:
+        warnings.append(f"{where}: {name}={element.get(name)!r} has no opacity, 1 is used")
+        values = (*values, 1.0)
+    else:
+        values = numbers(element, name, (1.0, 1.0, 1.0, 1.0), where, warnings)
+    r, g, b, a = values
+    scaled = [*_unit_range((r, g, b)), *_unit_range((a,))]
+    if scaled != list(values):
+        how = "read as 0 to 255" if max(values) > _LARGEST_UNIT_COLOR else "clamped to 0 to 1"
+        warnings.append(f"{where}: {name}={element.get(name)!r} is {how}")
+    r, g, b, a = np.clip(scaled, 0.0, 1.0).tolist()
+    return r, g, b, a
 
 
 def _unit_range(values: tuple[float, ...]) -> list[float]:

@@ -32,13 +32,13 @@ def open_regular(path: str | os.PathLike[str], *, follow_links: bool = True) -> 
         OSError: it cannot be opened, or is not a regular file.
     """
     # Without O_NONBLOCK, opening a named pipe would block for ever.
-    file = io.FileIO(_open(path, follow_links), "rb")
+    descriptor = _open(path, follow_links)
     try:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", os.fspath(path))
-        return io.BufferedReader(file)
+        return os.fdopen(descriptor, "rb")
     except BaseException:
-        file.close()
+        os.close(descriptor)
         raise
 
 
@@ -75,7 +75,11 @@ def read_file_or_pipe(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES) 
     """
     from renderers.stop import check_stop  # here: clients that read datasets load nothing of the server
 
-    with io.FileIO(_open(path, follow_links=True), "rb") as file:
+    descriptor = _open(path, follow_links=True)
+    if stat.S_ISDIR(os.fstat(descriptor).st_mode):  # FileIO would leave it open, and name it by its number
+        os.close(descriptor)
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", os.fspath(path))
+    with io.FileIO(descriptor, "rb") as file:
         poller = select.poll()
         poller.register(file, select.POLLIN)
         data = bytearray()

@@ -8,7 +8,7 @@ from typing import Any, Final
 MAX_SUBJECTS: Final = 1000
 """Maximum number of subjects with warnings. A new one replaces the oldest."""
 MAX_LISTED: Final = 20
-"""Maximum number of warnings listed; the others are counted."""
+"""Maximum number of warnings listed; the others are counted. Of one subject, no more are kept."""
 
 
 class WarningList:
@@ -28,7 +28,7 @@ class WarningList:
             return
         if len(self._sentences) >= MAX_SUBJECTS:
             del self._sentences[next(iter(self._sentences))]
-        self._sentences[subject] = sentences
+        self._sentences[subject] = sentences[:MAX_LISTED]
 
     def remove(self, ended: Callable[[Any], bool]) -> None:
         """Remove the warnings about all subjects for which ``ended`` returns True."""

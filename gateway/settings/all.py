@@ -42,6 +42,12 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         return self
 
     @model_validator(mode="after")
+    def _no_mesh_folders(self) -> Self:
+        if Path("off") in self.mesh_root and len(self.mesh_root) > 1:
+            raise ValueError("--mesh-root off excludes folders and auto")
+        return self
+
+    @model_validator(mode="after")
     def _stateless_workers(self) -> Self:
         if self.workers == 1:
             return self

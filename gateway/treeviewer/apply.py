@@ -9,7 +9,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.quota import TreeQuota
-from gateway.treeviewer.requests import Finding, Request
+from gateway.treeviewer.requests import Finding, Request, Subject
 from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, CommandProblem, Response
 
 
@@ -31,8 +31,11 @@ class RequestApplier:
         self._properties = iter(enumerate(request.properties))
         self._failures = request.failures
         self._added: dict[Path, None] = {}
+        """Paths whose geometry was set, in order; the values have no meaning."""
         self._transformed: dict[Path, None] = {}
+        """Paths whose transform was set."""
         self._missing: dict[Path, None] = {}
+        """Paths whose transform or properties were set, but which have no geometry at or below them."""
 
     def step(self, max_commands: int) -> bool:
         """Execute up to ``max_commands`` commands; return True if commands remain."""
@@ -71,16 +74,18 @@ class RequestApplier:
         return response
 
     def _update_warnings(self) -> None:
-        """Replace the warnings about the paths that the request has deleted or set."""
-        deletes = self.request.deletes
-        if self._warnings and deletes:
-            self._warnings.remove(lambda subject: any(subject[1][: len(path)] == path for path in deletes))
-        if self._warnings:
-            for command, paths in (("setgeometry", self._added), ("settransform", self._transformed)):
-                for path in paths:
-                    self._warnings.set((command, path))
-        for finding in (*self.request.warnings, *self._failures):
-            self._warnings.set((finding.command, finding.path or ()), _valid_text(finding.text))
+        """Replace the warnings about what the request has deleted or set, and those about commands without a path."""
+        request, warnings = self.request, self._warnings
+        if warnings:
+            deleted = set(request.deletes)
+            warnings.remove(lambda subject: _is_below(subject[1], deleted))
+            for subject in request.subjects():
+                warnings.set(subject)
+        found: dict[Subject, list[str]] = {}
+        for finding in (*request.warnings, *self._failures):
+            found.setdefault((finding.command, finding.path), []).append(_valid_text(finding.text))
+        for subject, sentences in found.items():
+            warnings.set(subject, *sentences)
 
     def _delete(self, edit: TreeEdit, max_commands: int) -> int:
         """Execute up to ``max_commands`` deletes; return how many."""
@@ -136,6 +141,11 @@ class RequestApplier:
             if node is None or not node.nodes_with_parts:
                 self._missing[path] = None
         return count
+
+
+def _is_below(path: Path | None, deleted: set[Path]) -> bool:
+    """Return True if a path or one above it was deleted."""
+    return path is not None and any(path[:depth] in deleted for depth in range(len(path) + 1))
 
 
 def _valid_text(text: str) -> str:

@@ -6,6 +6,7 @@ Requests of one client are handled in order: later requests wait for a big one. 
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -33,6 +34,8 @@ PATH_BYTES: Final = 100
 IMAGE_WORDS: Final = (b"image", b"text")
 """Words in the types and fields of geometries whose images are decoded or drawn. Other requests with these words only
 take the longer way."""
+ESCAPED_LETTER: Final = re.compile(rb"\\u00[4-7]")
+"""Escape in JSON that may stand for a letter of these words."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
 SHUTTING_DOWN: Final = "the viewer is shutting down"
 MAX_LOGGED: Final = 10
@@ -197,7 +200,8 @@ class Dispatcher:
         if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
             return True
         data = bytes(message)
-        return any(word in data for word in IMAGE_WORDS) or (self._protocol.reads_files and b"mesh_file" in data)
+        words = (*IMAGE_WORDS, *((b"mesh_file",) if self._protocol.reads_files else ()))
+        return any(word in data for word in words) or ESCAPED_LETTER.search(data) is not None
 
     async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
         """Handle the requests in a client's queue, in order, until it is empty."""

@@ -78,7 +78,7 @@ class TreeViewerProtocol:
         self.page = page or LivePage()
         """State of the pages that show the tree."""
         self.warnings = WarningList()
-        """By command and path: what is wrong with the newest command for that path."""
+        """Warnings about the newest command of each name and path, by ``Subject``."""
         self._live = live
         self.readers = {
             wire.FORMAT: JsonReader(self.limits, strict=strict),

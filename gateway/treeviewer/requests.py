@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,9 @@ from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.fields import show
 
+Subject = tuple[str, Path | None]
+"""Command and path that a warning is about; no path if it could not be read, or for ``setview`` and ``setclicks``."""
+
 
 class RequestError(ValueError):
     """No command of a request is executed; the message is the reason."""
@@ -19,7 +23,7 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with a command."""
+    """A warning about a command, or the reason why it cannot be executed."""
 
     command: str
     """``delete``, ``setgeometry``, ``settransform``, or a name of ``newer_commands``."""
@@ -57,8 +61,24 @@ class Request(msgspec.Struct, gc=False):
 
     @property
     def commands(self) -> int:
-        """Number of commands that edit the tree, without ``failures``."""
+        """Number of commands that edit the tree. Those in ``failures`` are not among them."""
         return len(self.deletes) + len(self.geometries) + len(self.transforms) + len(self.properties)
+
+    def subjects(self) -> Iterator[Subject]:
+        """Yield the subjects of all commands that could be read, and their names without a path."""
+        for name, paths in (
+            ("delete", self.deletes),
+            ("setgeometry", [path for path, _ in self.geometries]),
+            ("settransform", [path for path, _ in self.transforms]),
+            ("setproperty", [path for path, _, _ in self.properties]),
+        ):
+            yield from ((name, path) for path in paths)
+            if paths:
+                yield name, None
+        if self.view is not None:
+            yield "setview", None
+        if self.click_paths is not None:
+            yield "setclicks", None
 
     def fail(self, failure: Finding, limits: Limits) -> None:
         """Add a command that cannot be executed.

@@ -73,6 +73,8 @@ def test_an_empty_file_has_no_light(tmp_path: Path) -> None:
     [
         ("exposure = -1", "exposure: input should be greater than or equal to 0, not -1"),
         ("exposure = inf", "exposure: input should be a finite number"),
+        ("exposure = 1e308", "exposure: input should be less than or equal to 1000000000, not 1e"),
+        ("[surroundings]\nimage = '.'", "cannot be read: it is not a regular file (the surroundings of"),
         ("fog = 1", "fog: extra inputs are not permitted"),
         ("shadow_size = 5", "shadow_size must be 0 or 64 .. 8192"),
         ("[[lights]]", "lights.0.kind: field required"),

@@ -14,7 +14,7 @@ from gateway.datasets.camera_file import CameraFile, read_camera_file
 from gateway.datasets.job import JobError, make_job
 from gateway.datasets.scenes import load_scene
 from gateway.datasets.sources import SourceError, find_sources
-from gateway.datasets.views import Intrinsics, View, camera_of, record_of
+from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
 from gateway.gltf import GltfCamera
 from gateway.scene.cameras import CameraError, OrbitCamera
 from gateway.scene.tree import Node
@@ -231,3 +231,15 @@ def test_different_views_have_different_descriptions() -> None:
         View("v", moved),
     ]
     assert len({view.description for view in views}) == len(views)
+
+
+@pytest.mark.parametrize(
+    "flaw", [{"yfov": None}, {"yfov": 0.0}, {"yfov": 9.0}, {"znear": -1.0}, {"yfov": None, "xmag": 0.0}]
+)
+def test_cameras_of_a_file_that_cannot_be_used_have_a_warning(flaw: dict[str, Any]) -> None:
+    good = GltfCamera(1, "good", np.eye(4), yfov=1.0, znear=0.5, zfar=None, aspect=None)
+    bad = replace(good, name="bad", **flaw)
+    camera, (warning,) = usable_camera([bad, good], DrawList())
+    assert camera is good
+    assert warning.startswith("the file's camera 'bad'")
+    assert usable_camera([bad], DrawList()) == (None, (warning,))

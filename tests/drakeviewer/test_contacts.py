@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.contacts import MAX_LENGTH, flame_colors
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.bounds import instance_bounds
@@ -109,9 +110,13 @@ def test_colors_between_those_of_the_scale() -> None:
 
 
 @pytest.mark.parametrize("polygons", [(4, 0, 1, 2), (3, 0, 1, 9), (3, 0, 1, -1), (-2,)])
-def test_damaged_surfaces(viewer: Viewer, polygons: tuple[int, ...]) -> None:
-    with pytest.raises(MessageError, match="a contact surface"):
-        viewer.handle(CHANNEL, contacts(surfaces=[surface_contact(polygons=polygons)]))
+def test_a_damaged_surface_leaves_the_arrows(viewer: Viewer, polygons: tuple[int, ...]) -> None:
+    message = contacts([point_contact("a", "b", (0, 0, 0), (0, 0, 1))], [surface_contact(polygons=polygons)])
+    assert "not shown: a contact surface" in viewer.handle(CHANNEL, message)
+    assert [part.kind for part in viewer.node("contacts", "hydroelastic", "body1+body2").parts or ()] == ["arrow"] * 2
+    assert viewer.node("contacts", "point", "a+b").parts
+    with pytest.raises(MessageError, match="refused: --strict"):
+        Viewer(config=DrakeViewerConfig(strict=True)).handle(CHANNEL, message)
 
 
 @pytest.mark.parametrize("x", [np.nan, np.inf, 1e39])

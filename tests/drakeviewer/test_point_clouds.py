@@ -69,6 +69,18 @@ def test_a_cloud_without_points(viewer: Viewer, width: int, height: int) -> None
     assert shown(viewer).points.shape == (0, 3)
 
 
+def test_colors_that_cannot_be_read_leave_the_points(viewer: Viewer) -> None:
+    problem = viewer.handle(CHANNEL, cloud(bytes(32), 2, [*XYZ, ("rgb", 12, 1, 1)], 16))
+    assert "rgb has the type 1 and 1 values instead of 4 bytes, so the points are white" in problem
+    assert (shown(viewer).points.shape, dict(shown(viewer).channels)) == ((2, 3), {})
+
+
+def test_a_cloud_without_fields_and_points_replaces_another(viewer: Viewer) -> None:
+    viewer.handle(CHANNEL, cloud(POINTS.tobytes(), 2, XYZ, 12))
+    assert viewer.handle(CHANNEL, cloud(b"", 0, [], 0)) == ""
+    assert shown(viewer).points.shape == (0, 3)
+
+
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
@@ -78,7 +90,6 @@ def test_a_cloud_without_points(viewer: Viewer, width: int, height: int) -> None
         (cloud(bytes(24), 2, [*XYZ[:2], ("z", -4, 7, 1)], 12), "z ends at byte 0"),
         (cloud(bytes(48), 2, XYZ, 12, 2, 12), "2 points of 12 bytes are 12 bytes apart"),
         (cloud(bytes(24), 2, [*XYZ[:2], ("z", 8, 99, 1)], 12), "z has the type 99"),
-        (cloud(bytes(32), 2, [*XYZ, ("rgb", 12, 1, 1)], 16), "rgb has the type 1"),
     ],
 )
 def test_damage(viewer: Viewer, message: bytes, reason: str) -> None:

@@ -30,7 +30,7 @@ def test_everything_is_shown(viewer: Viewer, events: list[Event]) -> None:
     for event in events:
         if viewer.is_shown(event.channel):
             problems.add(viewer.handle(event.channel, event.data).split(":")[0])
-    assert problems == {"", "some geometry is not shown"}, "the mesh files are not there"
+    assert problems == {"", "something is not shown"}, "the mesh files are not there"
     families = viewer.families()
     assert families["illustration"] == {"links": 25, "draws": 129, "stale": 0, "unloaded": 0}
     assert families["proximity"] == {"links": 14, "draws": 129, "stale": 0, "unloaded": 0}

@@ -84,6 +84,9 @@ def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
     [
         (geometry(9, []), "geometry type 9 is unknown"),
         (geometry(BOX, [1, 2]), "a box has 2 numbers instead of 3"),
+        (geometry(BOX, [1, float("nan"), 1]), "a box has the sizes [1.0, nan, 1.0]"),
+        (geometry(SPHERE, [-1]), "a sphere has the sizes [-1.0]"),
+        (geometry(SPHERE, [1], pose=(float("inf"), 0, 0, 1, 0, 0, 0)), "the pose of a geometry is not finite"),
         (geometry(MESH, [4.5, 1]), "which is not a number of vertices"),
         (geometry(MESH, [1, 1, 0, 0, 0, 0, 0, 5]), "has the vertices 0 to 5 of 1"),
         (geometry(MESH, [3, 1, 0]), "3 vertices and 1 triangles has 3 numbers"),

@@ -333,6 +333,18 @@ async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_wit
         assert found.live.snapshot.root.find(("drake",)) is None
 
 
+async def test_a_repeated_load_keeps_its_warning_and_a_new_one_ends_those_of_its_channels() -> None:
+    message = load(link("a", 1, geometry(99, [])))
+    async with running() as found:
+        found.service.receive(LOAD, message)
+        await until(lambda: found.service.viewer.counters.loads == 1)
+        found.service.receive("DRAKE_POINT_CLOUD_X", b"damaged")
+        found.service.receive(LOAD, message)
+        await until(lambda: found.service.viewer.counters.loads == 2)
+        (warning,) = found.service.status()["warnings"]
+        assert "geometry type 99 is unknown" in warning
+
+
 async def test_messages_are_valid_from_their_arrival_however_long_they_wait() -> None:
     async with running(DrakeViewerConfig(offload_bytes=1)) as found:
         live = found.live

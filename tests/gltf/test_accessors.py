@@ -201,7 +201,6 @@ def broken(change: Any) -> Builder:
             r"meshes\[0\]\.primitives\[0\]\.indices: 7 is out of range \(2 accessors\)",
         ),
         (lambda d: d["meshes"][0]["primitives"][0].update(mode=7), r"primitives\[0\]\.mode: 7 is not between 0 and 6"),
-        (lambda d: d["meshes"][0]["primitives"][0].update(material=1), r"material: 1 is out of range \(1 materials\)"),
         (lambda d: d["nodes"][0].update(mesh=-1), r"nodes\[0\]\.mesh: -1 is out of range \(1 meshes\)"),
         (lambda d: d["nodes"][0].update(mesh="a"), r"nodes\[0\]\.mesh: expected `int \| null`, got `str`"),
         (lambda d: d["accessors"][0].update(count=3.5), r"accessors\[0\]\.count: expected `int \| null`, got `float`"),

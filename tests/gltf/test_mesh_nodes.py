@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 from typing import Any
 
@@ -149,12 +150,26 @@ def test_far_from_the_origin_bends_are_exact() -> None:
             r"inverseBindMatrices: accessors\[0\]",
         ),
         (
-            lambda b: b.json["skins"][0].update(joints=[1, 2]),
-            r"\[0\]: a vertex follows joint 2 of a skin with 2",
-        ),
-        (
             lambda b: b.json["accessors"][5].update(count=2),
             r"skins\[0\]\.inverseBindMatrices: accessors\[5\] does not have 3 float matrices",
+        ),
+    ],
+)
+def test_a_skin_that_cannot_be_read_leaves_the_mesh_at_rest(change: Any, message: str) -> None:
+    b = skinned_with_matrices()
+    change(b)
+    scene = b.read()
+    assert scene.instance_count == 1
+    assert re.search(message, scene.warnings[0])
+    assert scene.warnings[0].endswith("; nodes[0] is drawn at rest and once")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda b: b.json["skins"][0].update(joints=[1, 2]),
+            r"\[0\]: a vertex follows joint 2 of a skin with 2",
         ),
         (
             lambda b: b.json["accessors"][3].update(componentType=5120),
@@ -162,14 +177,19 @@ def test_far_from_the_origin_bends_are_exact() -> None:
         ),
     ],
 )
-def test_errors_of_skins(change: Any, message: str) -> None:
+def test_errors_of_skinned_vertices(change: Any, message: str) -> None:
+    b = skinned_with_matrices()
+    change(b)
+    with pytest.raises(GltfError, match=message):
+        b.read()
+
+
+def skinned_with_matrices() -> Builder:
     b = skinned()
     b.json["accessors"][5], b.json["accessors"][6] = b.json["accessors"][6], b.json["accessors"][5]
     b.json["skins"][0]["inverseBindMatrices"] = 5
     b.json["meshes"][0]["primitives"][0]["indices"] = 6
-    change(b)
-    with pytest.raises(GltfError, match=message):
-        b.read()
+    return b
 
 
 def test_a_morphed_skin() -> None:
@@ -359,13 +379,14 @@ def test_an_instanced_file() -> None:
         ({"SCALE": "0"}, r"nodes\[0\]\.extensions\.EXT_mesh_gpu_instancing: Expected"),
     ],
 )
-def test_errors_of_instances(attributes: Any, message: str) -> None:
+def test_instances_that_cannot_be_read_are_one(attributes: Any, message: str) -> None:
     b = Builder()
     b.accessor(np.eye(3))
     b.accessor(np.ones((2, 3)))
     b.accessor([(1, np.inf, 1)])
-    with pytest.raises(GltfError, match=message):
-        instanced(attributes, b).read()
+    scene = instanced(attributes, b).read()
+    assert scene.instance_count == 1
+    assert re.search(message, scene.warnings[0])
 
 
 def test_instances_are_nodes() -> None:

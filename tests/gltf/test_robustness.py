@@ -210,7 +210,7 @@ def test_unpaired_surrogates_are_errors_that_quote_the_string(text: str) -> None
         (lambda b: b.json["buffers"][1].pop("uri"), "buffers[1]: there is neither a uri nor a binary chunk"),
         (lambda b: b.json["bufferViews"][1].update(byteLength=99), "bufferViews[1]: bytes 0 .. 99 are outside"),
         (lambda b: b.json["meshes"][1]["primitives"][0].update(mode=9), "mode: 9 is not between 0 and 6"),
-        (lambda b: b.json["meshes"][1]["primitives"][0].update(material=3), "material: 3 is out of range"),
+        (lambda b: b.json["nodes"][1].update(mesh=9), ".mesh: 9 is out of range"),
         (lambda b: b.json["accessors"][1].update(count=4), "accessors[1]"),
     ],
 )
@@ -224,10 +224,37 @@ def test_a_primitive_that_cannot_be_read_is_left_out(damage: Callable[[Builder],
     assert scene.instance_count == 1
     (warning,) = scene.warnings
     assert reason in warning
-    assert warning.endswith("; meshes[1].primitives[0] is left out")
+    assert warning.endswith(("; meshes[1].primitives[0] is left out", "; the node has no mesh"))
     del b.json["nodes"][0]
     with pytest.raises(GltfError, match=re.escape(reason)):
         b.read()
+
+
+@pytest.mark.parametrize(
+    ("index", "material", "warning"),
+    [
+        (3, {}, "meshes[0].primitives[0].material: 3 is out of range (1 materials)"),
+        (-1, {}, "meshes[0].primitives[0].material: -1 is out of range (1 materials)"),
+        (0, {"emissiveFactor": [1, 2]}, "materials[0].emissiveFactor: 2 numbers instead of 3"),
+    ],
+)
+def test_a_material_that_cannot_be_read_leaves_the_mesh(index: int, material: dict[str, Any], warning: str) -> None:
+    b = Builder()
+    b.node(mesh=b.triangle(material=index))
+    b.json["materials"] = [material]
+    scene = b.read()
+    assert scene.instance_count == 1
+    assert scene.warnings[0].startswith(warning)
+    assert scene.warnings[0].endswith("; meshes[0].primitives[0] has the default material")
+
+
+def test_a_camera_that_does_not_exist_leaves_the_scene() -> None:
+    b = Builder()
+    b.node(mesh=b.triangle())
+    b.node(camera=2)
+    scene = b.read()
+    assert (scene.instance_count, scene.cameras) == (1, ())
+    assert scene.warnings == ("nodes[1].camera: 2 is out of range (0 cameras); the node has no camera",)
 
 
 def test_an_attribute_that_cannot_be_read_is_ignored() -> None:

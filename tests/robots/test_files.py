@@ -35,6 +35,8 @@ def package(folder: Path, name: str) -> Path:
         ("package://pkg/meshes/m.obj", "meshes/m.obj"),
         ("package:///pkg/meshes/m.obj", "meshes/m.obj"),
         ("model://pkg/meshes/m.obj", "meshes/m.obj"),
+        ("package://pkg//meshes//m.obj", "meshes/m.obj"),
+        ("file://../meshes/m.obj", "meshes/m.obj"),
     ],
 )
 def test_files_around_the_robot_are_found(tmp_path: Path, name: str, mesh_file: str) -> None:

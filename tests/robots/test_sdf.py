@@ -273,3 +273,20 @@ def test_a_model_that_includes_itself_ends(tmp_path: Path) -> None:
     twice = "<include><uri>.</uri><name>x</name></include><include><uri>.</uri><name>y</name></include>"
     with pytest.raises(RobotFileError, match=r"nested more than 20 deep|includes more than 1000 models"):
         read_robot(write(tmp_path, model(f'<link name="a"/>{twice}'), "model.sdf"))
+
+
+def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:
+    """Three numbers have no warning, as the opacity is optional in SDF. Nor has geometry that is empty on purpose."""
+    visual = "<visual name='v'><material><diffuse>{}</diffuse></material><geometry>{}</geometry></visual>"
+    box = "<box><size>1 1 1</size></box>"
+    visuals = visual.format("255 0 0 255", box) + visual.format("0 1 0", box) + visual.format("1 1 1", "<empty/>")
+    sdf = f"<sdf version='1.9'><model name='m'><link name='l'>{visuals}</link></model></sdf>"
+    robot = read_robot(write(tmp_path, sdf, "m.sdf"))
+    assert [part.material.base_color for part in robot.parts[0]] == [(1, 0, 0, 1), (0, 1, 0, 1)]
+    assert robot.warnings == ("link 'l', visual: diffuse='255 0 0 255' is read as 0 to 255",)
+
+
+def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:
+    sdf = "<sdf version='1.9'><world name='w'><include><uri>model://none</uri></include></world></sdf>"
+    with pytest.raises(RobotFileError, match=r"it has no links: the included model model://none is not shown: "):
+        read_robot(write(tmp_path, sdf, "w.sdf"))

@@ -91,6 +91,7 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         ("<a>" * 10_001, "its XML has more than 10000 levels"),
         ("<a/>", "its first element is <a>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
+        ("<robot><link/></robot>", "it has no links: "),
         ('<robot><link name="a"/><link name="a"/></robot>', "two links are called 'a'"),
         (joint("fixed", ends='<parent link="a"/><child link="a"/>'), "the joints j form a circle"),
     ],

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,6 +68,16 @@ def test_other_files_are_refused_at_once(tmp_path: Path, pipe: Path) -> None:
         read_regular(tmp_path / "other", follow_links=False)
     with pytest.raises(FileNotFoundError):
         read_regular(tmp_path / "missing")
+
+
+@pytest.mark.parametrize("read", [read_regular, read_file_or_pipe])
+def test_a_folder_is_refused_by_its_name_and_closed(read: Callable[[Path], bytes], tmp_path: Path) -> None:
+    before = len([*Path("/proc/self/fd").iterdir()])
+    for _ in range(3):
+        with pytest.raises(OSError, match=re.escape(str(tmp_path))) as caught:
+            read(tmp_path)
+        assert caught.value.filename == str(tmp_path)
+    assert len([*Path("/proc/self/fd").iterdir()]) == before
 
 
 def test_a_pipe_is_read_to_its_end(pipe: Path) -> None:

@@ -24,3 +24,9 @@ def test_equal_sentences_are_listed_once_and_many_are_counted() -> None:
     assert len(listed) == MAX_LISTED + 1
     assert listed[:2] == [f"sentence {MAX_SUBJECTS}", f"sentence {MAX_SUBJECTS + 4}"]
     assert listed[-1] == f"and {MAX_SUBJECTS - 1 - MAX_LISTED} more"
+
+
+def test_one_subject_keeps_a_limited_number_of_sentences() -> None:
+    warnings = WarningList()
+    warnings.set("a", *(f"sentence {number}" for number in range(10_000)))
+    assert warnings.listed() == [f"sentence {number}" for number in range(MAX_LISTED)]

@@ -61,6 +61,7 @@ def test_lists_are_split_at_their_separator(monkeypatch: pytest.MonkeyPatch) -> 
     [
         ({"http_port": "x"}, {}, "", "--http-port: input should be a valid integer"),
         ({}, {"SCENEGATE_HTTP_PORT": "70000"}, "", "SCENEGATE_HTTP_PORT: input should be less than or equal to 65535"),
+        ({"mesh_root": "off:/a"}, {}, "", "--mesh-root off excludes folders and auto"),
         ({}, {}, "queue = -1", "queue in {file}: input should be greater than or equal to 0, got -1."),
         (
             {"look": "vtk"},

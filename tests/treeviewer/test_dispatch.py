@@ -122,6 +122,15 @@ async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offload
     assert world.dispatcher.status()["waiting"] == 0
 
 
+@pytest.mark.parametrize("geometry_type", ["image", "im\\u0061ge"], ids=["plain", "escaped"])
+async def test_requests_with_images_are_read_in_a_thread(geometry_type: str) -> None:
+    world = World()
+    text = json.dumps({"setgeometry": [{"path": ["it"], "geometry": {"type": "TYPE"}}]})
+    world.receive(message(text.replace("TYPE", geometry_type)))
+    await until(lambda: world.published)
+    assert world.pool.calls == 1
+
+
 async def test_requests_behind_a_big_one_keep_their_order() -> None:
     big = message({"setgeometry": [{"path": ["big"], "geometry": BOX}] * 20}, utime=1)
     world = World(offload_bytes=len(big) - 1, slice_commands=3)

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.treeviewer.conversation import BOX, Viewer
+from gateway.treeviewer.page_commands import ClickReceiver
+from tests.treeviewer.conversation import BOX, Viewer, message
 
 NEGATIVE = {"type": "sphere", "radius": -1}
 NOT_FINITE = {"settransform": [{"path": ["a", "b"], "transform": {"translation": [float("nan"), 0, 0]}}]}
@@ -51,3 +52,29 @@ def test_strict_refuses_what_would_have_a_warning() -> None:
     assert viewer.paths() == set()
     assert viewer.publish(BOX, path=("a", "b"))["status"] == 0
     assert viewer.tell(NOT_FINITE)["errors"][0]["reason"].endswith("(refused: --strict)")
+
+
+def test_every_warning_about_a_path_is_listed(viewer: Viewer) -> None:
+    viewer.publish(NEGATIVE, {"type": "box", "lengths": [-1, 1, 1]})
+    assert ["radius" in text or "lengths" in text for text in viewer.protocol.warnings.listed()] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [
+        ({"setproperty": [{"path": ["it"], "opacity": 3}]}, {"setproperty": [{"path": ["it"], "opacity": 1}]}),
+        ({"setview": {"background": [3, 0, 0]}}, {"setview": {"background": [1, 0, 0]}}),
+        ({"setclicks": 5}, {"setclicks": []}),
+        ({"delete": 5}, {"delete": [{"path": ["other"]}]}),
+        ({"setgeometry": [{"path": 3, "geometry": BOX}]}, {"setgeometry": [{"path": ["a"], "geometry": BOX}]}),
+    ],
+    ids=["property", "view", "clicks", "delete", "path"],
+)
+def test_the_next_valid_command_ends_a_warning(viewer: Viewer, wrong: Any, right: Any) -> None:
+    viewer.publish(BOX)
+    viewer.tell(wrong)
+    assert len(viewer.protocol.warnings.listed()) == 1
+    viewer.tell({"settransform": [{"path": ["it"], "transform": {}}]})
+    assert len(viewer.protocol.warnings.listed()) == 1
+    viewer.protocol.handle(message(right), ClickReceiver("client", lambda click: None))
+    assert viewer.protocol.warnings.listed() == []

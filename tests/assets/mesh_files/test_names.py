@@ -21,6 +21,7 @@ def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
         "sub dir/t.obj",
         str(root / "sub dir/t.obj"),
         f"file://{root}/sub%20dir/t.obj",
+        f"file://localhost{root}/sub%20dir/t.obj",
         "./sub dir/../sub dir/t.obj",
     ):
         assert files.load(name)
@@ -30,11 +31,17 @@ def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: Mes
     write(root / "ws" / "src" / "arm" / "package.xml", "<package format='2'>\n <name> my_arm </name></package>")
     write(root / "ws" / "src" / "arm" / "meshes" / "link.obj", TRIANGLE)
     assert files.load("package://my_arm/meshes/link.obj")
+    assert files.load("package://my_arm//meshes/link.obj")
     with pytest.raises(MeshFileError, match="no package 'arm'") as caught:
         files.load("package://arm/meshes/link.obj")
     assert caught.value.missing
     with pytest.raises(MeshFileError, match="outside"):
         files.load("package://my_arm/../../../../secret.obj")
+
+
+def test_relative_names_need_a_folder() -> None:
+    with pytest.raises(MeshFileError, match=r"'t\.obj' is relative to a folder of --mesh-root, and there is none"):
+        MeshFiles((), any_folder=True).load("t.obj")
 
 
 def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
