@@ -87,7 +87,8 @@ def parse_mesh(
     Args:
         data: The file.
         extension: One of ``FORMATS``.
-        resolve: Returns the files of materials and textures; those for which it raises an error are left out.
+        resolve: Returns the files of materials and textures. Those for which it raises OSError or ValueError are left
+            out, with a warning.
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
         warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
@@ -101,7 +102,7 @@ def parse_mesh(
     if extension in _GLTF_FORMATS:
         parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
     else:
-        content = _parse_in_child(data, extension, resolve, limits, collada_up_axis)
+        content = _parse_in_child(data, extension, _warning_resolve(resolve, warnings), limits, collada_up_axis)
         warnings += content.warnings
         parts = _parts_of_content(content, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels)
@@ -119,6 +120,22 @@ def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits, warnings: 
         parts.extend(Part(part.shape, part.material, X @ part.X_node_part) for part in node.parts or ())
         stack.extend((child, X) for child in reversed(node.children.values()))
     return tuple(parts)
+
+
+def _warning_resolve(resolve: Resolve, warnings: list[str]) -> Resolve:
+    """Return ``resolve`` with a warning about each file for which it raises an error."""
+
+    def resolve_or_warn(name: str) -> bytes:
+        try:
+            return resolve(name)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            text = f"{name[:120]!r} is left out: {reason}"
+            if text not in warnings:
+                warnings.append(text)
+            raise
+
+    return resolve_or_warn
 
 
 def _parse_in_child(

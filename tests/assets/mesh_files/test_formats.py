@@ -197,3 +197,13 @@ def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: Me
     assert len(mesh.elements) == 1
     assert mesh.positions[mesh.elements[0]].min() == np.float32(-1e13)
     assert np.isfinite(mesh.positions).all()
+
+
+@pytest.mark.parametrize("missing", ["t.mtl", "p.png"])
+def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: MeshFiles, missing: str) -> None:
+    if missing != "t.mtl":
+        write(root / "t.mtl", "newmtl m\nKd 0 0 1\nmap_Kd p.png\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
+    warnings: list[str] = []
+    assert len(files.load("t.obj", warnings=warnings)) == 1
+    assert warnings == [f"'t.obj': {missing!r} is left out: No such file or directory"]
