@@ -72,7 +72,8 @@ async def test_a_set_has_colour_and_depth_of_one_instant(start: Start) -> None:
     assert plain.timestamp == plain.color_camera.timestamp == plain.depth_mm.timestamp
     depth = pixels(plain.depth_mm)
     assert (depth > 0).mean() > 0.5
-    assert 800 < depth[depth > 0].min() < depth.max() < 4500
+    nearest, farthest = np.percentile(depth[depth > 0], (0.5, 99.5))  # single wrong pixels may be anywhere
+    assert 800 < nearest < farthest < 4500
 
 
 async def test_colour_of_an_rc_visard_is_the_left_image(start: Start) -> None:

@@ -204,7 +204,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
         dots = projected_dots(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2, np.full_like(z, np.inf))
         key = frame_key(1, 1, NoiseStream(number + 1))
         depths.append(z)
-        images.append(sensor_image(grey(90, z.shape), Exposure(), key, scene_light=SceneLight(dots, 2.0)).image)
+        images.append(sensor_image(grey(160, z.shape), Exposure(), key, scene_light=SceneLight(dots, 2.0)).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
     left, right = (fine_means(image, 1, *image.shape) for image in images)
     measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
