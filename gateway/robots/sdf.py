@@ -124,7 +124,7 @@ class _SdfReader:
         check_count(count, self._limits.max_geometries, "geometries")
         links = tuple(self._link(link, *found) for link, found in self._links.items())
         joints, X_robot_root = self._tree()
-        if any(joint.parent == WORLD for joint in joints):
+        if WORLD not in self._links and any(joint.parent == WORLD for joint in joints):
             links = (Link(WORLD, ()), *links)
         return LinkModel(name, links, joints, X_robot_root)
 

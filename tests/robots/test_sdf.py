@@ -215,6 +215,14 @@ def test_a_joint_may_move_in_the_world(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.link_poses({"slide": 3.0})[:, :3, 3], ((0, 0, 0), (3, 2, 0), (0, 0, 1)))
 
 
+def test_a_link_may_be_called_world(tmp_path: Path) -> None:
+    slide = '<joint name="j" type="prismatic"><parent>world</parent><child>cart</child></joint>'
+    links = '<link name="world"/><link name="cart"><pose>0 0 1 0 0 0</pose></link>'
+    robot = read(tmp_path, f'<sdf version="1.6"><world name="w"><model name="m">{links}{slide}</model></world></sdf>')
+    assert robot.links == ("world", "m::cart")
+    np.testing.assert_allclose(robot.link_poses({"m::j": 0.5})[:, :3, 3], ((0, 0, 0), (0, 0, 1.5)))
+
+
 LOOP = "".join(
     f'<joint name="{parent}{child}" type="fixed"><parent>{parent}</parent><child>{child}</child></joint>'
     for parent, child in ("ab", "bc", "ca")
