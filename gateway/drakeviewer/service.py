@@ -69,7 +69,7 @@ class DrakeViewerService:
         self._logged: set[tuple[str, str]] = set()
         """Channels and reasons that were logged."""
         self._warnings = WarningList()
-        """By channel: why its newest message is not shown, or shown only in part."""
+        """Reason, by channel, why its newest message is not shown completely."""
         self._superseded = 0
         """Messages that were replaced in the queue by a newer one of their channel."""
         self._dropped = 0
