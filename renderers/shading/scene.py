@@ -58,8 +58,9 @@ class ShadingScene:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of vertices and textures."""
-        return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, MeshBuffers)))
+        """Bytes of vertices and textures. Textures of one image share its arrays."""
+        arrays = {id(each): each for each in self.keep if isinstance(each, (np.ndarray, MeshBuffers))}
+        return sum(each.nbytes for each in arrays.values())
 
 
 def _is_transparent(material: Material, mesh: Mesh, look: LookName) -> bool:

@@ -16,6 +16,7 @@ from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, 
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads
+from renderers.shading.scene import prepare
 from renderers.shading.texture_table import TextureTable
 from renderers.shading.textures import texels_of
 from tests.renderers.shading.reference import image_of
@@ -256,3 +257,12 @@ def test_the_area_filter_averages_the_light_of_each_pixel(size: tuple[int, int])
     assert deviations[1] < 0.05
     assert deviations[1] < 0.5 * deviations[0]
     renderer.close()
+
+
+def test_an_image_of_several_textures_counts_once_for_the_cache() -> None:
+    """Else a scene whose materials share images evicts its own tables."""
+    image = image_of(np.full((64, 64, 4), 255, np.uint8))
+    mesh, _ = square(8, 8)
+    textures = [Texture(image, uv_transform=(1.0, 0.0, float(k), 0.0, 1.0, 0.0)) for k in range(8)]
+    instances = [Instance(mesh, Material(base_color_texture=texture), np.eye(4)) for texture in textures]
+    assert prepare(instances, "gltf").nbytes < 2 * prepare(instances[:1], "gltf").nbytes
