@@ -34,7 +34,7 @@ DISTANCE: Final = 1.5
 AMPLITUDE: Final = 0.3
 """Half the length of the path, metres."""
 ANGULAR_FREQUENCY: Final = 3.0
-"""Of the motion along the path, rad/s: up to 0.9 m/s, or 650 pixels/s."""
+"""Angular frequency of the motion along the path, rad/s: up to 0.9 m/s, or 650 pixels/s."""
 PUBLISH_SECONDS: Final = 0.005
 SPHERES: Final = 60
 """Number of dark spheres behind the body: a scene of medium size for the batch renders."""

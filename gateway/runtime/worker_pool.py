@@ -151,7 +151,7 @@ class WorkerPool:
         self._alive = 0
         """Threads that have not ended."""
         self._retired = 0
-        """Those that end with their call, because their niceness is too high."""
+        """Number of threads that end after their current call, because their niceness is too high."""
         self._all_ended = threading.Event()
         self._closing = False
         self._watching = False

@@ -122,8 +122,10 @@ class Imaging:
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
 
     def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """As ``render``, but depth and instances are of the surfaces that a matcher measures and dots fall on: those
-        behind surfaces that are mostly transparent."""
+        """Render the surfaces that a matcher measures and that dots fall on; the arguments are those of ``render``.
+
+        Depth and instances ignore surfaces that are mostly transparent.
+        """
         look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
         return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
 

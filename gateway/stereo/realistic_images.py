@@ -59,7 +59,7 @@ class RealisticImaging(Imaging):
             return light_factors(geometry.depth, geometry.normal, half, shadows.depth, light)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
-        """As in the base class, by averaging further renderings of these parts."""
+        """Blur what has moved since ``capture.earlier``: average further renderings of these parts into ``color``."""
         earlier = capture.earlier
         if "motion-blur" not in self.config.realism or earlier is None:
             return
