@@ -42,9 +42,8 @@ FULL_LIGHT: Final = 255
 """Value of full light."""
 _MAX_FADE: Final = 4.0
 """Maximum light at small depths, relative to that at ``REFERENCE_DEPTH``."""
-_NO_IDS: Final = np.zeros((1, 1), np.int32)
-"""Kernel argument for ``returned`` of None."""
-_ALL_RETURNED: Final = np.ones(1, np.float32)
+_ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
+"""Kernel arguments for ``returned`` of None."""
 
 
 @cache
@@ -100,7 +99,7 @@ def projected_dots(
     while cell_pixels < min_cell_pixels and level < len(levels) - 1:
         level, cell_pixels = level + 1, cell_pixels * 2
     light = np.empty(depth.shape, np.uint16)
-    ids, shares = returned or (_NO_IDS, _ALL_RETURNED)
+    ids, shares = returned or _ALL_RETURNED
     _project(
         depth, projector_depth, levels[level], 1.0 / cell_pixels, float(cx), float(cy), offset * focal_length, ids,
         shares, light,
@@ -138,45 +137,47 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
         cy: principal point, pixels from the top edge.
         focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
         ids: (H, W) int32, instance at every pixel, or (1, 1).
-        shares: (I,) float32, share of the light that each instance returns; with ids of (1, 1), that of all.
+        shares: (I,) float32, share of the light that each instance returns; not used with ids of (1, 1).
         light: (H, W) uint16, output.
     """
     height, width = depth.shape
+    period = pattern.shape[0]
     reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(_MAX_FADE), ids.shape[0] == height
-    period_mask = pattern.shape[0] - 1
     scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
     shadow_factor = np.float32(1.0 - _SHADOW_BIAS)
-    center = np.float32(pattern.shape[0] // 2)
+    center, cell_mask = np.float32(period // 2), np.uint32(period - 1)
     one, half = np.float32(1.0), np.float32(0.5)
+    # The pattern at one row of the image, its first cell repeated; and values of the row's pixels. The loops that read
+    # no tables compile to vector instructions.
+    pattern_row = np.empty(period + 1, np.float32)
+    cells, fractions = np.empty(width, np.uint32), np.empty(width, np.float32)
+    fades, projector_columns = np.empty(width, np.float32), np.empty(width, np.int32)
     for row in range(height):
         v = (np.float32(row + 0.5) - np.float32(cy)) * scale + center
         cell_v = int(np.floor(v))
         fraction_v = v - np.float32(cell_v)
-        upper_cell, lower_cell = cell_v & period_mask, (cell_v + 1) & period_mask
+        upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
+        for cell in range(period):
+            pattern_row[cell] = np.float32(upper[cell]) * (one - fraction_v) + np.float32(lower[cell]) * fraction_v
+        pattern_row[period] = pattern_row[0]
         for column in range(width):
-            z = depth[row, column]
-            value = np.float32(0.0)
-            if z < np.float32(np.inf):
+            z = depth[row, column]  # +inf on the background, where all light fades
+            disparity, fade = disparity_factor / z, reference / z
+            u = (np.float32(column) + half - np.float32(cx) + disparity) * scale + center
+            cell_u = np.floor(u)
+            cells[column], fractions[column] = np.uint32(np.int32(cell_u)) & cell_mask, u - cell_u
+            fades[column] = min(fade * fade, max_fade)
+            projector_columns[column] = np.int32(np.floor(np.float32(column) + half + disparity))
+        if has_ids:
+            for column in range(width):
+                fades[column] *= shares[max(ids[row, column], 0)]
+        for column in range(width):
+            cell, fraction = np.uint64(cells[column]), fractions[column]
+            value = pattern_row[cell] * (one - fraction) + pattern_row[cell + np.uint64(1)] * fraction
+            x = projector_columns[column]
+            if 1 <= x <= width - 2:
                 # The point is in shadow if all three pixels around it in the projector's image are nearer.
-                in_shadow = False
-                x = int(np.floor(np.float32(column) + half + disparity_factor / z))
-                if 1 <= x <= width - 2:
-                    farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
-                    in_shadow = farthest < z * shadow_factor
-                if not in_shadow:
-                    u = (np.float32(column + 0.5) - np.float32(cx) + disparity_factor / z) * scale + center
-                    cell_u = int(np.floor(u))
-                    fraction_u = u - np.float32(cell_u)
-                    left_cell, right_cell = cell_u & period_mask, (cell_u + 1) & period_mask
-                    upper = (
-                        pattern[upper_cell, left_cell] * (one - fraction_u)
-                        + pattern[upper_cell, right_cell] * fraction_u
-                    )
-                    lower = (
-                        pattern[lower_cell, left_cell] * (one - fraction_u)
-                        + pattern[lower_cell, right_cell] * fraction_u
-                    )
-                    fade = reference / z
-                    share = shares[max(ids[row, column], 0)] if has_ids else shares[0]
-                    value = (upper * (one - fraction_v) + lower * fraction_v) * min(fade * fade, max_fade) * share
-            light[row, column] = int(value + half)
+                farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
+                if farthest < depth[row, column] * shadow_factor:
+                    value = np.float32(0.0)
+            light[row, column] = np.uint16(np.int32(value * fades[column] + half))

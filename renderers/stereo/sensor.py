@@ -59,12 +59,13 @@ def image_from_light(
     steps = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1)
     response = np.stack(_response_at(steps**2 * exposure.saturation, exposure, noise_factor), axis=1)
     fixed = pattern or _NO_PATTERN
+    rows, channels = light.shape[0], light.shape[2]
     level_sum = kernels.expose_light(
-        light, (kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
+        light.reshape(rows, -1), channels, (kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
         fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
-        _NOISE_QUANTILES, np.uint64(key), image,
+        _NOISE_QUANTILES, np.uint64(key), image.reshape(rows, -1),
     )  # fmt: skip
-    return SensorImage(image if light.shape[2] == 3 else image[:, :, 0], level_sum / (255.0 * image.size))
+    return SensorImage(image if channels == 3 else image[:, :, 0], level_sum / (255.0 * image.size))
 
 
 def _response_at(
