@@ -141,8 +141,8 @@ class Imaging:
 
         The exposure is the manual one if a texture cannot be decoded.
         """
-        # Render depth even if Out1 is low: metering compares the images without and with the projector's light.
-        lit_capture = replace(capture, gpio=capture.gpio | 1)
+        # Metering may need the projector's light in images without it.
+        lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
         try:
             frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:

@@ -83,6 +83,11 @@ class StreamSettings:
         return self.out1_mode == "ExposureAlternateActive"
 
     @property
+    def meters_lit_images(self) -> bool:
+        """True if metering needs the projector's light even for images without it."""
+        return self.auto_exposure is not None and (self.alternate_exposure or self.auto_exposure_mode != "Normal")
+
+    @property
     def separate_depth(self) -> bool:
         """True if depth needs its own exposure, because an output is high for depth and low for camera images or vice
         versa."""

@@ -64,6 +64,8 @@ RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
 """Maximum of the error, in standard deviations: a right pixel is within 3."""
+SUMS: Final = 4
+"""Number of partial sums of each group."""
 _WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
 """Columns of the class table (``_class_table``)."""
 
@@ -141,11 +143,10 @@ def measured_images(
     outcome += np.float32(0.5) * noise
     _rank(outcome, classes)
     outcome[repeated_texture(levels, right_levels, true_disparity)] += np.float32(REPEATED)
-    noise = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5) * noise - _LOCKING_BY_PHASE[phases]
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
-        true_disparity, nearest, farthest, classes, noise, outcome, _class_table(model), statistics.wrong_spread(),
-        images.disparity, images.error, images.confidence,
+        true_disparity, nearest, farthest, classes, phases, noise, outcome, _LOCKING_BY_PHASE, _class_table(model),
+        statistics.wrong_spread(), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
@@ -195,20 +196,25 @@ def _standardise(values, groups):
         groups: (H, W) uint8, group of each value.
     """
     height, width = values.shape
-    sums, squares, counts = np.zeros(256), np.zeros(256), np.zeros(256)
+    # Neighbours are often in one group: with sums of their own, additions need not wait for each other.
+    sums, squares, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
     for row in range(height):
         for column in range(width):
-            group, value = groups[row, column], np.float64(values[row, column])
-            sums[group] += value
-            squares[group] += value * value
-            counts[group] += 1.0
-    counts = np.maximum(counts, 1.0)
-    variances = np.maximum(squares / counts - (sums / counts) ** 2, 1e-12)
-    means, factors = (sums / counts).astype(np.float32), (1.0 / np.sqrt(variances)).astype(np.float32)
+            part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
+            value = np.float64(values[row, column])
+            sums[part, group] += value
+            squares[part, group] += value * value
+            counts[part, group] += 1.0
+    means, factors = np.empty(256, np.float32), np.empty(256, np.float32)
+    for group in range(256):
+        count = max(counts[:, group].sum(), 1.0)
+        mean = sums[:, group].sum() / count
+        means[group] = mean
+        factors[group] = 1.0 / np.sqrt(max(squares[:, group].sum() / count - mean * mean, 1e-12))
     most = np.float32(MAX_NOISE)
     for row in range(height):
         for column in range(width):
-            group = groups[row, column]
+            group = np.uint64(groups[row, column])
             value = (values[row, column] - means[group]) * factors[group]
             values[row, column] = min(max(value, -most), most)
 
@@ -222,39 +228,45 @@ def _rank(values, groups):
         groups: (H, W) uint8, group of each value.
     """
     height, width = values.shape
-    sums, counts = np.zeros(256), np.zeros(256)
+    sums, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
     for row in range(height):
         for column in range(width):
-            sums[groups[row, column]] += np.float64(abs(values[row, column]))
-            counts[groups[row, column]] += 1.0
+            part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
+            sums[part, group] += np.float64(abs(values[row, column]))
+            counts[part, group] += 1.0
     # Values are mapped to positions in -1 to 1 so that many small and few large ones fill the bins alike.
-    spreads = (0.5 * sums / np.maximum(counts, 1.0) + 1e-6).astype(np.float32)
-    half = np.float32(RANK_BINS / 2)
-    histogram = np.zeros((256, RANK_BINS + 1))
+    spreads, totals = np.empty(256, np.float32), np.empty(256, np.float32)
+    for group in range(256):
+        totals[group] = max(counts[:, group].sum(), 1.0)
+        spreads[group] = 0.5 * sums[:, group].sum() / totals[group] + 1e-6
+    half, last = np.float32(RANK_BINS / 2), np.float32(RANK_BINS - 0.01)
+    histogram = np.zeros((256, RANK_BINS + 1), np.float32)
     for row in range(height):
         for column in range(width):
-            group, value = groups[row, column], values[row, column]
-            position = (np.float32(1.0) + value / (abs(value) + spreads[group])) * half
+            group, value = np.uint64(groups[row, column]), values[row, column]
+            position = min((np.float32(1.0) + value / (abs(value) + spreads[group])) * half, last)
             values[row, column] = position
-            histogram[group, min(int(position), RANK_BINS - 1) + 1] += 1.0
+            histogram[group, np.uint64(position) + np.uint64(1)] += np.float32(1.0)
     for group in range(256):
         for position_bin in range(RANK_BINS):
             histogram[group, position_bin + 1] += histogram[group, position_bin]
+        for position_bin in range(RANK_BINS + 1):
+            histogram[group, position_bin] /= totals[group]
     for row in range(height):
         for column in range(width):
-            group, position = groups[row, column], values[row, column]
-            position_bin = min(int(position), RANK_BINS - 1)
-            below, up_to = histogram[group, position_bin], histogram[group, position_bin + 1]
-            share = below + (up_to - below) * np.float64(position - np.float32(position_bin))
-            values[row, column] = np.float32(share / counts[group])
+            group, position = np.uint64(groups[row, column]), values[row, column]
+            position_bin = np.uint64(position)
+            below, up_to = histogram[group, position_bin], histogram[group, position_bin + np.uint64(1)]
+            values[row, column] = below + (up_to - below) * (position - np.float32(position_bin))
 
 
 @kernel(
-    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
-    "float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
+    "float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
 )
 def _write_measured(
-    true_disparity, nearest, farthest, classes, noise, outcome, class_table, wrong_spread, disparity, error, confidence,
+    true_disparity, nearest, farthest, classes, phases, noise, outcome, locking, class_table, wrong_spread,
+    disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
 
@@ -263,8 +275,10 @@ def _write_measured(
         nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
         farthest: (H, W) uint16, likewise.
         classes: (H, W) uint8, row of ``class_table``.
+        phases: (H, W) uint8, index of ``locking``.
         noise: (H, W) float32, error, of variance 1 in each class.
         outcome: (H, W) float32, rank in the class, 0 to 1: small ones are right, large ones holes.
+        locking: (17,) float32, ``_LOCKING_BY_PHASE``.
         class_table: (``CLASSES`` + 1, 7) float32, ``_class_table``.
         wrong_spread: spread of wrong pixels beyond 3 errors, units of 1/16 pixel.
         disparity: (H, W) uint16, output, units of 1/16 pixel.
@@ -273,10 +287,12 @@ def _write_measured(
     """
     height, width = true_disparity.shape
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    noise_share = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5)
     for row in range(height):
         for column in range(width):
-            entry = class_table[classes[row, column]]
-            pixel_outcome, pixel_noise = outcome[row, column], noise[row, column]
+            entry = class_table[np.uint64(classes[row, column])]
+            pixel_outcome = outcome[row, column]
+            pixel_noise = noise_share * noise[row, column] - locking[np.uint64(phases[row, column])]
             units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
             if pixel_outcome < entry[_HOLE_FROM]:
                 measured = true_disparity[row, column] * np.float32(16.0)

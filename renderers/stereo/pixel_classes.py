@@ -125,21 +125,22 @@ def _classify(
     variance = sigma * sigma
     zero, one = np.float32(0.0), np.float32(1.0)
     # Rings of the last five rows, and their sums down each column. Padding beyond the image is 0.
-    gradients = np.zeros((_WINDOW, padded), np.int32)
-    differences = np.zeros((_WINDOW, padded), np.int32)
-    counts = np.zeros((_WINDOW, padded), np.int32)
+    gradients = np.zeros((_WINDOW, padded), np.int16)
+    differences = np.zeros((_WINDOW, padded), np.int16)
+    counts = np.zeros((_WINDOW, padded), np.int16)
     gradient_sums = np.zeros(padded, np.int32)
     gradient_square_sums = np.zeros(padded, np.int32)
     difference_sums = np.zeros(padded, np.int32)
     count_sums = np.zeros(padded, np.int32)
     window_columns = np.empty(width, np.int32)
+    textures, disagreements = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
         window_columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
     for row in range(height + RADIUS):
         gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
         for x in range(padded):
             gradient_sums[x] -= gradient[x]
-            gradient_square_sums[x] -= gradient[x] * gradient[x]
+            gradient_square_sums[x] -= np.int32(gradient[x]) * np.int32(gradient[x])
             difference_sums[x] -= difference[x]
             count_sums[x] -= count[x]
             gradient[x], difference[x], count[x] = 0, 0, 0
@@ -147,7 +148,7 @@ def _classify(
             _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
             for x in range(padded):
                 gradient_sums[x] += gradient[x]
-                gradient_square_sums[x] += gradient[x] * gradient[x]
+                gradient_square_sums[x] += np.int32(gradient[x]) * np.int32(gradient[x])
                 difference_sums[x] += difference[x]
                 count_sums[x] += count[x]
         center = row - RADIUS
@@ -168,16 +169,19 @@ def _classify(
             gradient_variance = np.float32(scaled_variance) / np.float32(4 * pixels * pixels)
             texture = np.sqrt(max(gradient_variance - np.float32(0.5) * variance, zero))
             mean_difference = np.float32(difference_sum) / (np.float32(16.0) * max(np.float32(count_sum), one))
-            disagreement = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
-            texture_class, disagreement_class = 0, 0
+            textures[column] = texture
+            disagreements[column] = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
+        for column in range(width):
+            texture_class, disagreement_class = np.int32(0), np.int32(0)
             for step in range(TEXTURES - 1):
-                texture_class += 1 if texture >= texture_steps[step] * sigma else 0
+                texture_class += np.int32(textures[column] >= texture_steps[step] * sigma)
             for step in range(DISAGREEMENTS - 1):
-                disagreement_class += 1 if disagreement >= disagreement_steps[step] else 0
+                disagreement_class += np.int32(disagreements[column] >= disagreement_steps[step])
             units = np.int32(disparity[center, column])
-            in_front = units > 0 and units - np.int32(farthest[center, column]) >= EDGE_STEP
-            is_behind = units > 0 and np.int32(nearest[center, column]) - units >= EDGE_STEP
-            edge = 1 if in_front else (2 if is_behind else 0)
+            is_known = np.int32(units > 0)
+            in_front = is_known & np.int32(units - np.int32(farthest[center, column]) >= EDGE_STEP)
+            is_behind = is_known & np.int32(np.int32(nearest[center, column]) - units >= EDGE_STEP)
+            edge = in_front + (is_behind & (1 - in_front)) * 2
             classes[center, column] = (texture_class * DISAGREEMENTS + disagreement_class) * EDGES + edge
 
 
@@ -189,9 +193,9 @@ def _compare_rows(left, right, disparity, gradient, difference, count):
         left: (W,) uint8.
         right: (W,) uint8.
         disparity: (W,) uint16, units of 1/16 pixel.
-        gradient: (W + 2 ``RADIUS``,) int32, output, grey levels per two pixels.
-        difference: (W + 2 ``RADIUS``,) int32, output, units of 1/16 level; 0 where the disparity is unknown.
-        count: (W + 2 ``RADIUS``,) int32, output, 1 where the disparity is known.
+        gradient: (W + 2 ``RADIUS``,) int16, output, grey levels per two pixels.
+        difference: (W + 2 ``RADIUS``,) int16, output, units of 1/16 level; 0 where the disparity is unknown.
+        count: (W + 2 ``RADIUS``,) int16, output, 1 where the disparity is known.
     """
     width = len(left)
     for column in range(width):

@@ -38,14 +38,15 @@ def repeated_texture(
     small_left = cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
     small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
     half_pixels = [small_right, cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)]
-    exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST) * np.float32(1.0 / SCALE)
+    exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST)
+    exact_steps = cv2.multiply(exact, np.float64(HALF / SCALE), dtype=cv2.CV_32F)
     best = np.full((rows, columns), 255, np.uint8)
-    for candidate in range(min(int(exact.max()) + 2, columns) * HALF):
+    for candidate in range(min(int(exact_steps.max() / HALF) + 2, columns) * HALF):
         whole, half = divmod(candidate, HALF)
         difference = cv2.absdiff(small_left[:, whole:], half_pixels[half][:, : columns - whole])
         cost = cv2.blur(difference, (WINDOW, WINDOW))
-        is_other = np.abs(exact[:, whole:] - np.float32(candidate / HALF)) >= MIN_DISTANCE
-        np.minimum(best[:, whole:], cost, out=best[:, whole:], where=is_other)
+        is_same = cv2.inRange(exact_steps[:, whole:], candidate - MIN_DISTANCE * HALF, candidate + MIN_DISTANCE * HALF)
+        cv2.min(best[:, whole:], cv2.max(cost, is_same), dst=best[:, whole:])
     contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (WINDOW, 1))), (WINDOW, WINDOW))
     repeated = (best <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
     return cv2.resize(repeated.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
