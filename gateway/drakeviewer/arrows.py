@@ -25,7 +25,7 @@ def rotations_from_z(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns:
         (N, 3, 3) float64.
     """
-    x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    x, y, z = (directions / np.sqrt((directions * directions).sum(axis=1, keepdims=True))).T
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Final
 
 import numpy as np
@@ -133,8 +134,8 @@ class RobotChannels:
         if not is_shown:
             self._show(loaded, edit)
         poses, last = draw.poses, self._poses
-        moved = np.arange(len(poses)) if last is None else np.flatnonzero((poses != last).any(axis=1))
-        edit.set_poses([self._paths[index] for index in moved.tolist()], map(tuple, poses[moved].tolist()))
+        moved = np.ones(len(poses), np.bool_) if last is None else (poses != last).any(axis=1)
+        edit.set_poses(list(compress(self._paths, moved.tolist())), map(tuple, poses[moved].tolist()))
         self._poses = poses
         self.draws += 1
         return ""

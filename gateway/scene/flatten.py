@@ -192,7 +192,7 @@ class _TreeFlattener:
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 entry.meshes.append((mesh, material if entry.opacity == 1.0 else faded(material, entry.opacity), label))
-                matrices.append(X_part_mesh if part.X_node_part is IDENTITY else part.X_node_part @ X_part_mesh)
+                matrices.append(_product(part.X_node_part, X_part_mesh))
         entry.X_node_mesh = np.array(matrices) if matrices else None
 
     def _add_children(self, entry: _Entry, node: Node, changed: bool, level: list[_Outdated]) -> None:
@@ -264,6 +264,11 @@ class _TreeFlattener:
             else:
                 entry.subtree_instances = entry.instances
         return result
+
+
+def _product(X: Matrix, Y: Matrix) -> Matrix:
+    """Return X @ Y, which is one of the two if the other ``is IDENTITY``."""
+    return Y if X is IDENTITY else X if Y is IDENTITY else X @ Y
 
 
 def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:

@@ -213,8 +213,9 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
             return None
         values = np.repeat(intensity.reshape(count, 1), 3, axis=1)
     colors = np.ones((count, 4), dtype=np.float32)
-    colors[:, : values.shape[1]] = np.clip(np.nan_to_num(values), 0.0, 1.0)
-    return linear_colors_from_srgb(colors)
+    srgb = np.fmin(np.fmax(values, np.float32(0.0)), np.float32(1.0))  # NaN becomes 0
+    colors[:, : values.shape[1]] = linear_colors_from_srgb(srgb)
+    return colors
 
 
 def _line(line: Line) -> tuple[_ShapeMesh, ...]:

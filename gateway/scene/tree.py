@@ -153,15 +153,12 @@ class Node:
         """Return a shallow copy that ``owner`` may change."""
         node = Node.__new__(Node)
         node.parts = self.parts
-        node.children = self.children.copy()
+        node.children = self.children.copy() if self.children else {}
         node.visible = self.visible
         node.opacity = self.opacity
         node.nodes_with_parts = self.nodes_with_parts
         node.node_count = self.node_count
-        if self._pose is not None:
-            node.set_pose(self._pose)
-        else:
-            node.set_matrix(self.matrix)
+        node._matrix, node._pose = self._matrix, self._pose  # noqa: SLF001 - of its own class
         node.owner = owner
         return node
 
@@ -218,14 +215,15 @@ class TreeEdit:
         nodes: list[Node] = []
         owner, parent_path, siblings = self._owner, None, {}
         for path, pose in zip(paths, poses, strict=True):
+            name = path[-1]
             if path[:-1] != parent_path:
                 parent_path = path[:-1]
                 siblings = self._own(parent_path)[-1].children
-            node = siblings.get(path[-1])
+            node = siblings.get(name)
             if node is None:
                 node = self._own(path)[-1]
             elif node.owner is not owner:
-                node = siblings[path[-1]] = node.copy(owner)
+                node = siblings[name] = node.copy(owner)
             node.set_pose(pose)
             nodes.append(node)
         return nodes

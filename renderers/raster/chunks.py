@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
+
+from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.pointers import address, i32_at, u16_at
 from renderers.raster.layout import BINNED_BYTES, CHUNK, MAX_BINS, MAX_TINY_PIXELS
@@ -45,3 +50,19 @@ def tiny_pixels_of(frame, chunk):
 def primitives_of(frame, chunk):
     """Return the address of the chunk's CHUNK primitives of BINNED_BYTES."""
     return frame.binned + chunk * CHUNK * BINNED_BYTES
+
+
+_PREFETCHED_PRIMITIVES: Final = 6
+"""Number of binned primitives that are prefetched."""
+
+
+@inlined
+def prefetch_primitive(bins, k, end, primitives):
+    """Prefetch the primitive that follows a few after index ``k`` of a bin: a bin's primitives are scattered in memory.
+
+    Args:
+        end: end of the bin.
+        primitives: address of the chunk's primitives.
+    """
+    ahead = np.int64(bins[max(min(k + _PREFETCHED_PRIMITIVES, end - 1), 0)])
+    vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * ahead)

@@ -12,7 +12,15 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address, allocate, as_f32, as_i32, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
-from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
+from renderers.raster.chunks import (
+    bands_of,
+    bin_starts_of,
+    bins_of,
+    prefetch_primitive,
+    primitives_of,
+    tall_of,
+    tiny_pixels_of,
+)
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
@@ -197,10 +205,6 @@ def _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row):
             _draw_pixels(frame, target, pixels, k, k + 1)
 
 
-_PREFETCHED_PRIMITIVES: Final = 6
-"""Number of binned primitives that are prefetched."""
-
-
 @inlined
 def _next_primitive(bins, k, end, tall, tall_k, tall_end):
     """Merge a bin and its chunk's tall primitives: return the lowest index left and the new ``k`` and ``tall_k``.
@@ -275,8 +279,7 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
                 primitive_address, is_small, was_waiting = np.int64(0), False, is_waiting
                 if k < end or tall_k < tall_end:
                     index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
-                    ahead = np.int64(bins[max(min(k + _PREFETCHED_PRIMITIVES, end - 1), 0)])
-                    vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * ahead)
+                    prefetch_primitive(bins, k, end, primitives)
                     primitive_address = primitives + index * BINNED_BYTES
                     is_small = binned_at(primitive_address).kind == KIND_SMALL
                     if is_small:

@@ -228,6 +228,9 @@ def set_up_point(frame, draw, primitive, out):
     xy[2] = right if reach == 0 else x1
     xy[3] = bottom if reach == 0 else y1
     out.kind = KIND_POINT
+    out.inv_z_dx = 0.0
+    out.inv_z_dy = 0.0
+    out.inv_z_base = w
     out.inv_z_min = w
     out.inv_z_max = w
     return bin_range(top, bottom, 0)

@@ -223,7 +223,7 @@ class CpuRenderer:
         try:
             culled = address_of(cull_back, np.bool_)
             threads = self._threads.threads
-            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=samples)
+            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, opaque=True, samples=samples)
             memory = allocate_sample_bands(scratch, threads, camera, samples, job.stride)
             shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
             self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
@@ -307,7 +307,7 @@ class CpuRenderer:
                 )
                 job.outputs(call.frame, call.addresses[1:])
             else:
-                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
+                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, opaque=True, samples=look.samples)
             shading_job = HeadlightJob(
                 shading,
                 camera,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -247,19 +246,17 @@ def _build_structure(instances: Sequence[Instance]) -> _Structure:
     if first_ids[-1] > MAX_PRIMITIVES:
         raise ValueError(f"the scene has {first_ids[-1]} primitives, more than {MAX_PRIMITIVES} can be drawn")
     materials = tuple([instance.material for instance in instances])
-    sizes = [  # pixels
-        material.line_width if numbers[k, 2] == Topology.LINES else material.point_size
-        for k, material in enumerate(materials)
-    ]
-    table["size"][:-1] = [min(max(size, 1.0), MAX_POINT_SIZE) if math.isfinite(size) else 1.0 for size in sizes]
+    point_sizes, line_widths = [m.point_size for m in materials], [m.line_width for m in materials]
+    sizes = np.where(numbers[:, 2] == Topology.LINES, line_widths, point_sizes)  # pixels
+    table["size"][:-1] = np.where(np.isfinite(sizes), np.clip(sizes, 1.0, MAX_POINT_SIZE), 1.0)
     boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
     table["box_center"][:-1], table["box_half"][:-1] = boxes[:, :3], boxes[:, 3:]
-    modes = [material.alpha_mode for material in materials]
+    modes = np.array([material.alpha_mode for material in materials], np.object_)
     return _Structure(
         table,
         first_ids,
         materials,
-        masked=np.array([mode is AlphaMode.MASK for mode in modes], np.bool_),
-        blended=np.array([mode is AlphaMode.BLEND for mode in modes], np.bool_),
+        masked=np.asarray(modes == AlphaMode.MASK, np.bool_),
+        blended=np.asarray(modes == AlphaMode.BLEND, np.bool_),
         keep=tuple(by_mesh.values()),
     )

@@ -31,11 +31,10 @@ V_POSITION: Final = 0  # 3 values
 V_NORMAL: Final = 3  # 3 values
 V_UV0: Final = 6  # 2 values
 V_COLUMNS: Final = 8
-# Columns of ``extras`` in INSTANCE, the attributes that few meshes have: two vectors of float32 per vertex.
-E_COLOR: Final = 0  # 4 values
+# Columns of ``extras`` in INSTANCE, the attributes that few meshes have: one vector of float32 per vertex.
+E_TANGENT: Final = 0  # 4 values
 E_UV1: Final = 4  # 2 values
-E_TANGENT: Final = 8  # 4 values
-E_COLUMNS: Final = 16
+E_COLUMNS: Final = 8
 
 INSTANCE: Final = Struct(
     "ShadingInstance",
@@ -44,6 +43,7 @@ INSTANCE: Final = Struct(
         "material": I64,  # index of its MATERIAL
         "indices": pointer_to(U32),  # (M, topology)
         "vertices": pointer_to(F32),  # (N, V_COLUMNS)
+        "colors": pointer_to(F32),  # (N, 4); null if the mesh has none
         "extras": pointer_to(F32),  # (N, E_COLUMNS); null if the mesh has none of them
         "attributes": I64,  # HAS_ bits of the mesh
     },

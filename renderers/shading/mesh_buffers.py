@@ -13,7 +13,6 @@ from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
 from renderers.shading.layout import (
-    E_COLOR,
     E_COLUMNS,
     E_TANGENT,
     E_UV1,
@@ -39,24 +38,27 @@ class MeshBuffers:
     """(M, 1 | 2 | 3) indices into ``vertices``, whose order may differ from that of the mesh."""
     vertices: NDArray[np.float32]
     """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for attributes that the mesh lacks."""
+    colors: NDArray[np.float32] | None
+    """(N, 4); None if the mesh has none."""
     extras: NDArray[np.float32] | None
-    """(N, E_COLUMNS) colour, second texture coordinates and tangent; None if the mesh lacks all of them."""
+    """(N, E_COLUMNS) tangent and second texture coordinates; None if the mesh lacks both."""
     attributes: int
     """HAS_ bits of ``layout``."""
 
     @property
-    def fields(self) -> tuple[int, int, int, int]:
-        """The last four fields of INSTANCE, from ``indices`` on. Valid while this object is alive."""
+    def fields(self) -> tuple[int, int, int, int, int]:
+        """The last five fields of INSTANCE, from ``indices`` on. Valid while this object is alive."""
         return (
             address_of(self.indices, np.uint32),
             address_of(self.vertices, np.float32),
+            address_of(self.colors, np.float32),
             address_of(self.extras, np.float32),
             self.attributes,
         )
 
     @property
     def nbytes(self) -> int:
-        return self.indices.nbytes + self.vertices.nbytes + (0 if self.extras is None else self.extras.nbytes)
+        return sum(a.nbytes for a in (self.indices, self.vertices, self.colors, self.extras) if a is not None)
 
 
 _buffers: Cache[Mesh, dict[tuple[int, bool], MeshBuffers]] = Cache("vertices", weak=True)
@@ -120,14 +122,15 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
     vertices[:, V_POSITION : V_POSITION + 3] = mesh.positions[used]
     interleave(vertices, mesh.normals, V_NORMAL, HAS_NORMALS)
     interleave(vertices, mesh.uv0, V_UV0, HAS_UV0)
-    tangents = mesh.tangents if tangent_set >= 0 else None
-    if mesh.colors is None and mesh.uv1 is None and tangents is None:
-        return MeshBuffers(indices, vertices, None, attributes)
-    extras = np.zeros((count, E_COLUMNS), np.float32)
     colors = mesh.colors
-    if colors is not None and srgb_colors:
-        colors = srgb_colors_from_linear(colors)
-    interleave(extras, colors, E_COLOR, HAS_COLORS)
+    if colors is not None:
+        attributes |= HAS_COLORS
+        colors = np.ascontiguousarray(colors[used])
+        colors = srgb_colors_from_linear(colors) if srgb_colors else colors
+    tangents = mesh.tangents if tangent_set >= 0 else None
+    if mesh.uv1 is None and tangents is None:
+        return MeshBuffers(indices, vertices, colors, None, attributes)
+    extras = np.zeros((count, E_COLUMNS), np.float32)
     interleave(extras, mesh.uv1, E_UV1, HAS_UV1)
     interleave(extras, tangents, E_TANGENT, HAS_TANGENTS)
-    return MeshBuffers(indices, vertices, extras, attributes)
+    return MeshBuffers(indices, vertices, colors, extras, attributes)

@@ -102,13 +102,14 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     """
     textures = TextureTable()
     materials = MaterialTable(look, textures)
+    triangles = int(Topology.TRIANGLES)
     buffer_fields: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
-    table = np.zeros(max(len(instances), 1), INSTANCE.dtype)
-    for i, instance in enumerate(instances):
+    rows: list[tuple[int, ...]] = []
+    for instance in instances:
         check_stop()
         mesh, topology = instance.mesh, instance.mesh.elements.shape[1]
-        material = materials.index_of(instance.material, topology == Topology.TRIANGLES)
+        material = materials.index_of(instance.material, topology == triangles)
         # Set of texture coordinates from which missing tangents are generated.
         texture = instance.material.normal_texture
         tangent_set = texture.uv_set if texture is not None and materials.has_normal_map(material) else -1
@@ -118,8 +119,9 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             buffers = buffers_of(mesh, tangent_set, srgb_colors=srgb_colors)
             keep.append(buffers)
             fields = buffer_fields[id(mesh), tangent_set] = buffers.fields
-        table[i] = (topology, material, *fields)
+        rows.append((topology, material, *fields))
     check_stop()
+    table = np.array(rows, INSTANCE.dtype) if rows else np.zeros(1, INSTANCE.dtype)
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     drawn = [drawn_material(instance.material, look) for instance in instances]
     cull_back = np.array([not material.double_sided for material in drawn], np.bool_)

@@ -17,7 +17,6 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at
 from renderers.drawlist import Topology
 from renderers.shading.layout import (
-    E_COLOR,
     E_COLUMNS,
     E_TANGENT,
     E_UV1,
@@ -35,6 +34,8 @@ from renderers.shading.vec3 import cross, dot, minus, times, transform_direction
 
 _LINES: Final = int(Topology.LINES)
 _TRIANGLES: Final = int(Topology.TRIANGLES)
+_SIGN: Final = E_TANGENT + 3
+"""Column of the sign of the bitangent."""
 
 
 @inlined
@@ -243,28 +244,28 @@ def _set_up_eight(segment, span, count, at):
         vec.store(spans.weight_sum_gradient, SPAN_STRIDE + at, row_steps[0] + row_steps[1] + row_steps[2])
         if attributes & HAS_UV0:
             _store_weighted_sums(spans.uv_gradient, 0, 2, at, column_steps, row_steps, a, b, c, V_UV0)
-    if attributes & (HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
+    if attributes & HAS_COLORS:
+        colors, color_values = segment.instance.colors, vec.i32(4)
+        u = vec.load_quads(colors, i0 * color_values)
+        v = vec.load_quads(colors, i1 * color_values)
+        w = vec.load_quads(colors, i2 * color_values)
+        _store_weighted_sums(spans.color, 0, 4, at, weights, weight_steps, u, v, w, 0)
+    if attributes & (HAS_UV1 | HAS_TANGENTS):
         extras, extra_values = segment.instance.extras, vec.i32(E_COLUMNS)
         d = vec.load_octets(extras, i0 * extra_values)
         e = vec.load_octets(extras, i1 * extra_values)
         f = vec.load_octets(extras, i2 * extra_values)
-        if attributes & HAS_COLORS:
-            _store_weighted_sums(spans.color, 0, 4, at, weights, weight_steps, d, e, f, E_COLOR)
         if attributes & HAS_UV1:
             _store_weighted_sums(spans.uv, 4, 2, at, weights, weight_steps, d, e, f, E_UV1)
             if material.has_gradients != 0:
                 _store_weighted_sums(spans.uv_gradient, 4, 2, at, column_steps, row_steps, d, e, f, E_UV1)
         if attributes & HAS_TANGENTS:
-            first_tangent = vec.i32(E_TANGENT)
-            d = vec.load_octets(extras, i0 * extra_values + first_tangent)
-            e = vec.load_octets(extras, i1 * extra_values + first_tangent)
-            f = vec.load_octets(extras, i2 * extra_values + first_tangent)
-            tangent = transform_directions(matrices.tangent, _weighted_sum3(weights, d, e, f, 0))
-            tangent_step = transform_directions(matrices.tangent, _weighted_sum3(weight_steps, d, e, f, 0))
+            tangent = transform_directions(matrices.tangent, _weighted_sum3(weights, d, e, f, E_TANGENT))
+            tangent_step = transform_directions(matrices.tangent, _weighted_sum3(weight_steps, d, e, f, E_TANGENT))
             _store3(spans.tangent, 0, at, tangent)
-            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights, d[3], e[3], f[3]))
+            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights, d[_SIGN], e[_SIGN], f[_SIGN]))
             _store3(spans.tangent, 4, at, tangent_step)
-            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weight_steps, d[3], e[3], f[3]))
+            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weight_steps, d[_SIGN], e[_SIGN], f[_SIGN]))
     return is_constant
 
 

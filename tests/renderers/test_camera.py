@@ -80,6 +80,12 @@ def test_arrays_follow_the_scalar_functions() -> None:
     assert LINEAR_FROM_BYTE[188] == np.float32(linear_from_srgb(188 / 255))
 
 
+def test_many_colours_are_decoded_as_single_ones() -> None:
+    colors = np.random.default_rng(0).random((20_000, 4), np.float32)
+    expected = np.column_stack((linear_values_from_srgb(colors[:, :3].copy()), colors[:, 3]))
+    np.testing.assert_array_equal(linear_colors_from_srgb(colors), expected)
+
+
 @pytest.mark.parametrize("columns", [3, 4])
 def test_alpha_is_not_encoded(columns: int) -> None:
     colors = np.full((2, columns), 0.5, np.float32)

@@ -52,6 +52,18 @@ def test_unused_vertices_do_not_count() -> None:
     assert bd.mesh_bounds(Mesh(positions, np.zeros((0, 3), np.uint32))) is None
 
 
+@pytest.mark.parametrize("count", [5, bd.EXACT_VERTICES + 1])
+def test_vertices_that_are_not_finite_do_not_count(count: int) -> None:
+    positions = np.random.default_rng(2).random((count, 3)).astype(np.float32)
+    mesh = Mesh(positions.copy(), np.arange(count, dtype=np.uint32)[:, None])
+    mesh.positions[0, 0], mesh.positions[2, 1], mesh.positions[3, 2] = np.nan, np.inf, -np.inf
+    kept = positions[[1, *range(4, count)]]
+    np.testing.assert_array_equal(bd.mesh_bounds(mesh), (kept.min(axis=0), kept.max(axis=0)))
+    assert np.isfinite(transformed(mesh, tf.from_pose((5, 0, 0), (0.9, 0.3, 0.1, 0.2)))).all()
+    mesh.positions[:] = np.nan
+    assert bd.mesh_bounds(Mesh(mesh.positions, mesh.elements)) is None
+
+
 def test_large_meshes_are_bounded_from_outside_and_closely() -> None:
     random = np.random.default_rng(7)
     directions = random.normal(size=(bd.EXACT_VERTICES * 2, 3))

@@ -27,6 +27,7 @@ from renderers.shading.studio.lights import exposed, light_structs
 from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
 from renderers.shading.studio.shadows import (
     ShadowMap,
+    casters,
     metres_per_pixel,
     render_shadow_maps,
     shadow_map_structs,
@@ -73,6 +74,7 @@ def paint(
     lights = (scene.lights if has_scene_lights else rig.lights)[:MAX_LIGHTS]
     is_metered = has_scene_lights and rig.auto_exposure
     has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
+    has_shadows = has_shadows and bool(casters(scene.instances).any())
     with ExitStack() as stack:
         visible: Visibility | None = None
         if has_shadows or is_metered or opaque is not None or samples == 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from renderers import primitives
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance, Material, Mesh
-from renderers.interface import Look, Output
+from renderers.interface import Look, LookName, Output
+from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from renderers.raster import renderer as renderer_module
 from renderers.raster.convex_culling import cullable_mesh
@@ -111,10 +113,12 @@ def test_other_meshes_are_not_convex(name: str) -> None:
     assert cullable_mesh(mesh.positions, mesh.elements) is None
 
 
-def drawn_both_ways(scene: DrawList, view: Camera) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
+def drawn_both_ways(
+    scene: DrawList, view: Camera, look: Look = Look()
+) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
     """Colour, depth, label and instance images, with culling and with all back faces drawn."""
     pictures = []
-    with CpuRenderer(1).render(scene, view, ALL, Look()) as frame:
+    with CpuRenderer(1).render(scene, view, ALL, look) as frame:
         pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
 
     def everything(*arguments: Any, opaque: bool, **others: Any) -> FrameJob:
@@ -123,7 +127,7 @@ def drawn_both_ways(scene: DrawList, view: Camera) -> tuple[list[NDArray[Any]], 
 
     with (
         patch.object(renderer_module, "FrameJob", everything),
-        CpuRenderer(1).render(scene, view, ALL, Look()) as frame,
+        CpuRenderer(1).render(scene, view, ALL, look) as frame,
     ):
         pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
     return pictures[0], pictures[1]
@@ -159,6 +163,16 @@ def test_culling_changes_a_few_silhouette_pixels_only(seed: int, count: int) -> 
     assert (new[0] == old[0]).all()
     for a, b in ((new[2], old[2]), (new[3], old[3])):
         assert (a[~other] == b[~other]).all()
+
+
+@pytest.mark.parametrize("name", ["gltf", "studio"])
+def test_culling_with_several_samples_changes_a_few_silhouette_pixels_only(name: LookName) -> None:
+    scene = some_solids(np.random.default_rng(3), 8, 1.0)
+    X = np.eye(4)
+    X[2, 3] = -3.0
+    view = Camera(157, 120, 140.0, 150.0, 78.0, 60.0, 0.05, 50.0, X)
+    new, old = drawn_both_ways(scene, view, Look(name, samples=4, rig=replace(STUDIO, shadow_size=0)))
+    assert np.count_nonzero((new[0] != old[0]).any(axis=-1)) <= 20
 
 
 @pytest.mark.parametrize("z", [0.0, 0.4, 0.52])

@@ -63,6 +63,7 @@ def _scenes() -> dict[str, DrawList]:
                 for size, m in zip((1.0, 5.0, 2.5, 8.0), (*strokes, *strokes[::-1]), strict=True)
             )
         ),
+        "cloud": unlit(mesh(rng.uniform(low, high, (4000, 3)), np.arange(4000).reshape(-1, 1)), point_size=3.0),
         "surfaces": DrawList(
             (
                 Instance(sphere(24, 12), Material((0.9, 0.1, 0.3, 1.0), unlit=True), pose(rng, z=3.0)),

@@ -19,6 +19,14 @@ from tests.renderers.shading.reference import ball, image_of, placed, quad
 RENDERER = CpuRenderer(threads=1)
 
 
+def test_colours_of_a_mesh_are_read_where_they_are() -> None:
+    positions, colors = np.zeros((3, 3), np.float32), np.ones((3, 4), np.float32)
+    buffers = buffers_of(Mesh(positions, np.array(((0, 1, 2),), np.uint32), colors=colors), -1)
+    assert buffers.colors is not None
+    assert np.shares_memory(buffers.colors, colors)
+    assert buffers.extras is None
+
+
 def random_material(rng: np.random.Generator) -> Material:
     """Return a material with any factors, and each texture in half of the cases."""
 

@@ -92,6 +92,16 @@ def test_instances_that_cast_shadows() -> None:
     assert casters((*scene.instances, glass, dots)).tolist() == [True, True, False, False]
 
 
+def test_without_casters_the_scene_is_rasterized_once(renderer: CpuRenderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = slab_over_floor(LightKind.DIRECTIONAL)
+    dots = [replace(i, mesh=replace(i.mesh, elements=np.zeros((1, 1), np.uint32))) for i in scene.instances]
+    cloud, camera = replace(scene, instances=tuple(dots)), from_above()
+    rig = replace(RIG, auto_exposure=False)
+    expected = rendered(renderer, cloud, camera, replace(rig, shadow_size=0), samples=4)
+    monkeypatch.delattr(CpuRenderer, "visibility")
+    np.testing.assert_array_equal(rendered(renderer, cloud, camera, rig, samples=4), expected)
+
+
 def test_scenes_without_shadow_map() -> None:
     point = replace(slab_over_floor(LightKind.SPOT).lights[0], kind=LightKind.POINT)
     assert light_camera(point, np.ones((3, 3)), 64, 0.0) is None
