@@ -1,10 +1,16 @@
-"""The reader's exception, and checked access to the arrays of a document."""
+"""The reader's exceptions, how they become warnings, and checked access to the arrays of a document."""
 
 from __future__ import annotations
 
-from typing import TypeVar
+from types import TracebackType
+from typing import Final, TypeVar
+
+from renderers.drawlist import ImageError
 
 T = TypeVar("T")
+
+MAX_WARNINGS: Final = 10_000
+"""Maximum number of warnings that are kept: a document may have millions of flaws."""
 
 
 class GltfError(ValueError):
@@ -15,6 +21,34 @@ class GltfLimitError(GltfError):
     """A document beyond one of ``GltfLimits``."""
 
 
+class as_warning:  # noqa: N801  # a context manager, named as a function like those of contextlib
+    """Context in which a ``GltfError`` or an ``ImageError`` becomes a warning. A ``GltfLimitError`` stays an error."""
+
+    def __init__(self, warnings: list[str], consequence: str) -> None:
+        """
+        Args:
+            warnings: The warning is appended to this list.
+            consequence: What is done instead, for the end of the warning.
+        """
+        self._warnings = warnings
+        self._consequence = consequence
+        self.failure = ""
+        """Message of the error; empty if there was none."""
+
+    def __enter__(self) -> as_warning:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, GltfError | ImageError) or isinstance(error, GltfLimitError):
+            return False
+        self.failure = str(error)
+        if len(self._warnings) < MAX_WARNINGS:
+            self._warnings.append(f"{error}; {self._consequence}")
+        return True
+
+
 def checked_item(items: list[T | None] | None, index: object, array_name: str, path: str) -> T:
     """Return ``items[index]``, where ``index`` comes from the document.
 
@@ -23,11 +57,18 @@ def checked_item(items: list[T | None] | None, index: object, array_name: str, p
         path: Property that holds the index, such as ``accessors[3].bufferView``, for the message.
 
     Raises:
-        GltfError: The index is not an integer or out of range, or the item is null.
+        GltfError: The index is not an integer or out of range, or the item is null or invalid.
     """
     if type(index) is int and items is not None and 0 <= index < len(items):
         item = items[index]
         if item is not None:
-            return item
+            return valid(item)
         raise GltfError(f"{path}: {array_name}[{index}] is null")
     raise GltfError(f"{path}: {index} is out of range ({len(items) if items else 0} {array_name})")
+
+
+def valid(item: T) -> T:
+    """Return ``item``; raise the error that ``parser`` has put in the place of an invalid item."""
+    if isinstance(item, GltfError):
+        raise GltfError(str(item))
+    return item

@@ -1,6 +1,7 @@
 """The properties of a glTF document that the reader uses, as msgspec structs named as in the specification.
 
-Types are strict, but every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
+Every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays. What has another type is
+ignored (``parser``). A list of objects then has a ``GltfError`` in the place of such an object.
 """
 
 from __future__ import annotations
@@ -24,13 +25,17 @@ class _Object(msgspec.Struct, rename="camel", gc=False):
     fastest if the text has the order of the fields."""
 
 
+class StrictObject(_Object):
+    """An object that is not used at all if a property has another type. Of other objects, the property is ignored."""
+
+
 class Asset(_Object):
     generator: str | None = None
     min_version: str | None = None
     version: str | None = None
 
 
-class Scene(_Object):
+class Scene(StrictObject):
     nodes: list[int | None] | None = None
 
 
@@ -48,7 +53,7 @@ class Node(_Object):
     weights: list[float] | None = None
 
 
-class Primitive(_Object):
+class Primitive(StrictObject):
     attributes: dict[str, int | None] | None = None
     extensions: Extensions = None
     indices: int | None = None
@@ -63,24 +68,24 @@ class Mesh(_Object):
     weights: list[float] | None = None
 
 
-class SparseIndices(_Object):
+class SparseIndices(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
 
 
-class SparseValues(_Object):
+class SparseValues(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
 
 
-class Sparse(_Object):
+class Sparse(StrictObject):
     count: int | None = None
     indices: SparseIndices | None = None
     values: SparseValues | None = None
 
 
-class Accessor(_Object):
+class Accessor(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
@@ -90,7 +95,7 @@ class Accessor(_Object):
     type: str | None = None
 
 
-class BufferView(_Object):
+class BufferView(StrictObject):
     buffer: int | None = None
     byte_length: int | None = None
     byte_offset: int | None = None
@@ -103,7 +108,7 @@ class Buffer(_Object):
     uri: str | None = None
 
 
-class Image(_Object):
+class Image(StrictObject):
     buffer_view: int | None = None
     name: str | None = None
     uri: str | None = None
@@ -116,18 +121,18 @@ class Sampler(_Object):
     wrap_t: int | None = None
 
 
-class Skin(_Object):
+class Skin(StrictObject):
     inverse_bind_matrices: int | None = None
     joints: list[int] | None = None
 
 
-class Texture(_Object):
+class Texture(StrictObject):
     extensions: Extensions = None
     sampler: int | None = None
     source: int | None = None
 
 
-class TextureInfo(_Object):
+class TextureInfo(StrictObject):
     extensions: Extensions = None
     index: int | None = None
     scale: float | None = None
@@ -218,7 +223,7 @@ class Document(_Object):
     def from_old_drake(self) -> bool:
         """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
         first_mesh = self.meshes[0] if self.meshes else None
-        return self.from_drake and first_mesh is not None and first_mesh.name == "mesh0"
+        return self.from_drake and isinstance(first_mesh, Mesh) and first_mesh.name == "mesh0"
 
 
 class Variant(_Object):
@@ -257,7 +262,7 @@ class TextureTransform(_Object):
     tex_coord: int | None = None
 
 
-class ImageSource(_Object):
+class ImageSource(StrictObject):
     """EXT_texture_webp: another image for a texture."""
 
     source: int | None = None
@@ -299,7 +304,7 @@ class Spot(_Object):
     outer_cone_angle: float | None = None
 
 
-class Light(_Object):
+class Light(StrictObject):
     """A light of KHR_lights_punctual."""
 
     color: list[float] | None = None
@@ -316,13 +321,13 @@ class Lights(_Object):
     lights: list[Light | None] | None = None
 
 
-class LightReference(_Object):
+class LightReference(StrictObject):
     """KHR_lights_punctual in a node's extensions."""
 
     light: int | None = None
 
 
-class DracoCompression(_Object):
+class DracoCompression(StrictObject):
     """KHR_draco_mesh_compression in a primitive's extensions."""
 
     attributes: dict[str, int | None] | None = None
@@ -330,7 +335,7 @@ class DracoCompression(_Object):
     buffer_view: int | None = None
 
 
-class MeshoptCompression(_Object):
+class MeshoptCompression(StrictObject):
     """EXT_meshopt_compression in a buffer view's extensions."""
 
     buffer: int | None = None
@@ -342,7 +347,7 @@ class MeshoptCompression(_Object):
     mode: str | None = None
 
 
-class Instancing(_Object):
+class Instancing(StrictObject):
     """EXT_mesh_gpu_instancing in a node's extensions."""
 
     attributes: dict[str, int | None] | None = None

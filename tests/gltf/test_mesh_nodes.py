@@ -376,7 +376,10 @@ def test_an_instanced_file() -> None:
         ({"ROTATION": 0}, r"attributes\.ROTATION: accessors\[0\] has 3 components"),
         ({"SCALE": 2}, r"attributes: not finite"),
         ({"SCALE": 9}, r"attributes\.SCALE: 9 is out of range"),
-        ({"SCALE": "0"}, r"nodes\[0\]\.extensions\.EXT_mesh_gpu_instancing: Expected"),
+        (
+            {"SCALE": "0"},
+            r"nodes\[0\]\.extensions\.EXT_mesh_gpu_instancing\.attributes\.SCALE: expected an integer, got \"0\"",
+        ),
     ],
 )
 def test_instances_that_cannot_be_read_are_one(attributes: Any, message: str) -> None:
