@@ -14,7 +14,7 @@ from msgspec import inspect
 
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.schema import Document, Extensions, StrictObject
+from gateway.gltf.schema import Document, Extensions
 from renderers.stop import check_stop
 
 _MAX_FLOAT: Final = sys.float_info.max
@@ -71,7 +71,7 @@ def extension(
         warnings: A sentence about each property of another type is appended to this list.
 
     Raises:
-        GltfError: It is not an object, or ``type_`` is a ``StrictObject`` and a property has another type.
+        GltfError: It is not an object, or an essential property has another type.
     """
     raw = extension_json(extensions, name)
     return None if raw is None else _decode(raw, type_, _joined(path, f"extensions.{name}"), warnings)
@@ -89,7 +89,7 @@ def _decode(text: bytes | msgspec.Raw, type_: type[_Struct], path: str, warnings
         try:
             return msgspec.json.decode(text, type=type_)
         except (msgspec.MsgspecError, ValueError):  # also for NaN, and for whole numbers such as 3.0 as integers
-            value = json.loads(bytes(text), parse_float=_number, parse_int=_number)
+            value = json.loads(bytes(text), parse_float=_number)
         result: _Struct = _read(value, _type_info(type_), path, warnings)
         return result
     except GltfError:
@@ -110,24 +110,28 @@ def _number(text: str) -> float:
 def _read(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
     """Return a parsed JSON value as a type of the schema.
 
-    A property or an item of another type becomes None, with a warning; an object in a list becomes its error, which is
-    a warning where the object is used.
+    A property or an item of another type becomes None, with a warning, unless it is essential. An object in a list
+    becomes its error, which is raised where the object is used.
 
     Raises:
-        GltfError: The value has another type, or something in it that cannot become None.
+        GltfError: The value has another type, or something essential in it.
     """
     if isinstance(info, inspect.UnionType):
         if value is None:
             return None
         info = info.types[0]  # the other one is null
     if isinstance(info, inspect.StructType) and isinstance(value, dict):
-        read = _read if issubclass(info.cls, StrictObject) else _read_or_none
-        fields = [(field.name, field.encode_name, field.type) for field in info.fields if field.encode_name in value]
-        return info.cls(**{name: read(value[key], type_, _joined(path, key), warnings) for name, key, type_ in fields})
+        essential: tuple[str, ...] = info.cls.essential  # type: ignore[attr-defined]  # a class of the schema
+        properties: dict[str, Any] = {}
+        for field in info.fields:
+            if (part := value.get(field.encode_name)) is not None:
+                read = _read if field.name in essential else _read_or_none
+                properties[field.name] = read(part, field.type, _joined(path, field.encode_name), warnings)
+        return info.cls(**properties)
     if isinstance(info, inspect.ListType) and isinstance(value, list):
         return [_read_item(item, info.item_type, f"{path}[{i}]", warnings) for i, item in enumerate(value)]
     if isinstance(info, inspect.DictType) and isinstance(value, dict):
-        return {key: _read(item, info.value_type, _joined(path, key), warnings) for key, item in value.items()}
+        return {key: _read_item(item, info.value_type, _joined(path, key), warnings) for key, item in value.items()}
     if isinstance(info, inspect.RawType):
         return msgspec.Raw(json.dumps(value).encode())
     expected, is_valid = _TYPES[type(info)]
@@ -138,13 +142,18 @@ def _read(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any
 
 def _read_or_none(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
     """Return ``_read``, or None with a warning."""
-    with as_warning(warnings, "it is ignored"):
+    try:
         return _read(value, info, path, warnings)
+    except GltfError:
+        with as_warning(warnings, "it is ignored"):
+            raise
     return None
 
 
 def _read_item(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
-    """Return ``_read`` for an item of a list; for one of another type its error if it is an object, else None."""
+    """Return ``_read`` for an item of a list or dict; for another type the error if the schema has an object, else
+    None with a warning. Where items cannot be null, as in vectors, the error is raised.
+    """
     if not isinstance(info, inspect.UnionType):
         return _read(value, info, path, warnings)
     if not isinstance(info.types[0], inspect.StructType):

@@ -6,7 +6,7 @@ ignored (``parser``). A list of objects then has a ``GltfError`` in the place of
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import msgspec
 
@@ -24,9 +24,8 @@ class _Object(msgspec.Struct, rename="camel", gc=False):
     """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec is
     fastest if the text has the order of the fields."""
 
-
-class StrictObject(_Object):
-    """An object that is not used at all if a property has another type. Of other objects, the property is ignored."""
+    essential: ClassVar[tuple[str, ...]] = ()
+    """Properties without which the object has no meaning. If one has another type, the object is not used."""
 
 
 class Asset(_Object):
@@ -35,7 +34,9 @@ class Asset(_Object):
     version: str | None = None
 
 
-class Scene(StrictObject):
+class Scene(_Object):
+    essential = ("nodes",)
+
     nodes: list[int | None] | None = None
 
 
@@ -53,7 +54,9 @@ class Node(_Object):
     weights: list[float] | None = None
 
 
-class Primitive(StrictObject):
+class Primitive(_Object):
+    essential = ("indices",)
+
     attributes: dict[str, int | None] | None = None
     extensions: Extensions = None
     indices: int | None = None
@@ -68,24 +71,32 @@ class Mesh(_Object):
     weights: list[float] | None = None
 
 
-class SparseIndices(StrictObject):
+class SparseIndices(_Object):
+    essential = ("buffer_view", "byte_offset", "component_type")
+
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
 
 
-class SparseValues(StrictObject):
+class SparseValues(_Object):
+    essential = ("buffer_view", "byte_offset")
+
     buffer_view: int | None = None
     byte_offset: int | None = None
 
 
-class Sparse(StrictObject):
+class Sparse(_Object):
+    essential = ("count", "indices", "values")
+
     count: int | None = None
     indices: SparseIndices | None = None
     values: SparseValues | None = None
 
 
-class Accessor(StrictObject):
+class Accessor(_Object):
+    essential = ("buffer_view", "byte_offset", "component_type", "count", "sparse", "type")
+
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
@@ -95,7 +106,9 @@ class Accessor(StrictObject):
     type: str | None = None
 
 
-class BufferView(StrictObject):
+class BufferView(_Object):
+    essential = ("buffer", "byte_length", "byte_offset", "byte_stride")
+
     buffer: int | None = None
     byte_length: int | None = None
     byte_offset: int | None = None
@@ -108,7 +121,9 @@ class Buffer(_Object):
     uri: str | None = None
 
 
-class Image(StrictObject):
+class Image(_Object):
+    essential = ("buffer_view", "uri")
+
     buffer_view: int | None = None
     name: str | None = None
     uri: str | None = None
@@ -121,18 +136,24 @@ class Sampler(_Object):
     wrap_t: int | None = None
 
 
-class Skin(StrictObject):
+class Skin(_Object):
+    essential = ("inverse_bind_matrices", "joints")
+
     inverse_bind_matrices: int | None = None
     joints: list[int] | None = None
 
 
-class Texture(StrictObject):
+class Texture(_Object):
+    essential = ("source",)
+
     extensions: Extensions = None
     sampler: int | None = None
     source: int | None = None
 
 
-class TextureInfo(StrictObject):
+class TextureInfo(_Object):
+    essential = ("index",)
+
     extensions: Extensions = None
     index: int | None = None
     scale: float | None = None
@@ -262,8 +283,10 @@ class TextureTransform(_Object):
     tex_coord: int | None = None
 
 
-class ImageSource(StrictObject):
+class ImageSource(_Object):
     """EXT_texture_webp: another image for a texture."""
+
+    essential = ("source",)
 
     source: int | None = None
 
@@ -304,8 +327,10 @@ class Spot(_Object):
     outer_cone_angle: float | None = None
 
 
-class Light(StrictObject):
+class Light(_Object):
     """A light of KHR_lights_punctual."""
+
+    essential = ("type",)
 
     color: list[float] | None = None
     intensity: float | None = None
@@ -321,22 +346,28 @@ class Lights(_Object):
     lights: list[Light | None] | None = None
 
 
-class LightReference(StrictObject):
+class LightReference(_Object):
     """KHR_lights_punctual in a node's extensions."""
+
+    essential = ("light",)
 
     light: int | None = None
 
 
-class DracoCompression(StrictObject):
+class DracoCompression(_Object):
     """KHR_draco_mesh_compression in a primitive's extensions."""
+
+    essential = ("attributes", "buffer_view")
 
     attributes: dict[str, int | None] | None = None
     """Ids of the attributes in the compressed mesh."""
     buffer_view: int | None = None
 
 
-class MeshoptCompression(StrictObject):
+class MeshoptCompression(_Object):
     """EXT_meshopt_compression in a buffer view's extensions."""
+
+    essential = ("buffer", "byte_length", "byte_offset", "byte_stride", "count", "filter", "mode")
 
     buffer: int | None = None
     byte_length: int | None = None
@@ -347,7 +378,9 @@ class MeshoptCompression(StrictObject):
     mode: str | None = None
 
 
-class Instancing(StrictObject):
+class Instancing(_Object):
     """EXT_mesh_gpu_instancing in a node's extensions."""
+
+    essential = ("attributes",)
 
     attributes: dict[str, int | None] | None = None
