@@ -21,6 +21,8 @@ from renderers.drawlist import Light, LightKind
 EXTENSION: Final = "KHR_lights_punctual"
 MAX_INTENSITY: Final = 1e12
 """Maximum intensity times colour, lux or candela: sums of larger ones overflow in float32. The sun has 1e5 lux."""
+MAX_RANGE: Final = 1e9
+"""Maximum range, metres: the fourth power of a much larger one overflows, and it changes nothing in an image."""
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
@@ -89,6 +91,7 @@ def _light(source: schema.Light, name: str, X_world_node: Matrix, warnings: list
     color = vector_or_default(source.color, f"{name}.color", (1.0, 1.0, 1.0), warnings)
     if intensity * max(map(abs, color)) > MAX_INTENSITY:
         raise GltfError(f"{name}: intensity {intensity:g} times color {list(color)} is above {MAX_INTENSITY:g}")
+    range_ = None if source.range is None else min(source.range, MAX_RANGE)
     x, y, z = (float(v) for v in X_world_node[:3, 3])
     dx, dy, dz = (float(v) for v in axis / length)
-    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), source.range, inner_cone, outer_cone)
+    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), range_, inner_cone, outer_cone)

@@ -12,6 +12,7 @@ import pytest
 
 from gateway.assets.scene_file import read_scene_file
 from gateway.gltf import GltfLimits, read_gltf
+from gateway.gltf.lights import MAX_RANGE
 from renderers.drawlist import Light, LightKind
 
 HALF = math.sqrt(0.5)
@@ -70,6 +71,11 @@ def test_unusable_lights_are_left_out_with_a_warning(light: Any, message: str) -
     scene = read_gltf(document(light))
     assert scene.lights == ()
     assert any(message in warning for warning in scene.warnings)
+
+
+def test_the_largest_ranges_change_nothing() -> None:
+    (light,) = read_gltf(document({"type": "point", "range": 1e300})).lights
+    assert light.range == MAX_RANGE
 
 
 def test_unusable_references() -> None:
