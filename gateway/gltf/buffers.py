@@ -63,10 +63,6 @@ class Buffers:
         resolve: Resolver | None,
         warnings: list[str],
     ) -> None:
-        """
-        Args:
-            warnings: Warnings are appended to this list.
-        """
         self._sources = document.buffers
         self._views = document.buffer_views
         self._container = container

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import Final, TypeVar
 
 from renderers.drawlist import ImageError
@@ -21,7 +20,7 @@ class GltfLimitError(GltfError):
     """A document beyond one of ``GltfLimits``."""
 
 
-class as_warning:  # noqa: N801  # a context manager, named as a function like those of contextlib
+class as_warning:  # noqa: N801  # used like the functions of contextlib, which take twice as long
     """Context in which a ``GltfError`` or an ``ImageError`` becomes a warning. A ``GltfLimitError`` stays an error."""
 
     def __init__(self, warnings: list[str], consequence: str) -> None:
@@ -30,20 +29,14 @@ class as_warning:  # noqa: N801  # a context manager, named as a function like t
             warnings: The warning is appended to this list.
             consequence: What is done instead, for the end of the warning.
         """
-        self._warnings = warnings
-        self._consequence = consequence
-        self.failure = ""
-        """Message of the error; empty if there was none."""
+        self._warnings, self._consequence = warnings, consequence
 
-    def __enter__(self) -> as_warning:
-        return self
+    def __enter__(self) -> None:
+        pass
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> bool:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> bool:
         if not isinstance(error, GltfError | ImageError) or isinstance(error, GltfLimitError):
             return False
-        self.failure = str(error)
         if len(self._warnings) < MAX_WARNINGS:
             self._warnings.append(f"{error}; {self._consequence}")
         return True

@@ -26,11 +26,9 @@ MAX_RANGE: Final = 1e9
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
-    """Return the document's lights; none, with a warning, if the extension is not an object."""
-    with as_warning(warnings, "there are no lights"):
-        lights = extension(document.extensions, EXTENSION, schema.Lights, "", warnings)
-        return (lights and lights.lights) or []
-    return []
+    """Return the document's lights."""
+    found = extension(document.extensions, EXTENSION, schema.Lights, "", warnings)
+    return (found and found.lights) or []
 
 
 def place_lights(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Final, TypeVar
 
-import msgspec
-
 from gateway.gltf import schema
 from gateway.gltf.errors import as_warning, checked_item
-from gateway.gltf.parser import extension, extension_json, vector_or_default
+from gateway.gltf.parser import extension, vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
 from renderers.stop import check_stop
@@ -27,7 +25,7 @@ _DIELECTRIC_REFLECTANCE: Final = 0.04
 
 _VARIANTS: Final = "KHR_materials_variants"
 
-_Extension = TypeVar("_Extension", bound=msgspec.Struct)
+_Extension = TypeVar("_Extension", bound=schema.Object)
 
 
 def label_from_material(material: Material) -> int:
@@ -145,12 +143,6 @@ class Materials:
         )
         return self._with_extensions(material, source, name) if source.extensions else material
 
-    def _extension(self, source: schema.Material, key: str, type_: type[_Extension], name: str) -> _Extension:
-        """Return a material's extension as a ``type_``; all of its fields are None if it is absent or invalid."""
-        with as_warning(self._warnings, "it is ignored"):
-            return extension(source.extensions, key, type_, name, self._warnings) or type_()
-        return type_()
-
     def _vector(self, values: list[float] | None, path: str, default: tuple[float, ...]) -> tuple[Any, ...]:
         return vector_or_default(values, path, default, self._warnings)
 
@@ -161,23 +153,24 @@ class Materials:
         return mode or AlphaMode.OPAQUE
 
     def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
-        strength = self._extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
-        ior = self._extension(source, "KHR_materials_ior", schema.Ior, name)
-        specular = self._extension(source, "KHR_materials_specular", schema.Specular, name)
+        def read(key: str, type_: type[_Extension]) -> _Extension | None:
+            return extension(source.extensions, key, type_, name, self._warnings)
+
+        strength = read("KHR_materials_emissive_strength", schema.EmissiveStrength) or schema.EmissiveStrength()
+        ior = read("KHR_materials_ior", schema.Ior) or schema.Ior()
+        specular = read("KHR_materials_specular", schema.Specular) or schema.Specular()
         material = replace(
             material,
             emissive_strength=max(0.0, _or_default(strength.emissive_strength, 1.0)),
-            unlit=extension_json(source.extensions, "KHR_materials_unlit") is not None,
+            unlit=read("KHR_materials_unlit", schema.Object) is not None,
             ior=_ior(ior.ior),
             specular=_factor(specular.specular_factor),
             specular_texture=self._textures.get(specular.specular_texture, f"{name}.specularTexture"),
             specular_color=self._vector(specular.specular_color_factor, f"{name}.specularColorFactor", (1.0, 1.0, 1.0)),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
         )
-        if extension_json(source.extensions, _GLOSSINESS) is None:
-            return material
-        glossiness = self._extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
-        return replace(self._with_glossiness(material, glossiness, name), fallback=material)
+        glossiness = read(_GLOSSINESS, schema.SpecularGlossiness)
+        return replace(self._with_glossiness(material, glossiness, name), fallback=material) if glossiness else material
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.
@@ -202,11 +195,9 @@ class Materials:
 
 def _variant_index(document: schema.Document, name: str, warnings: list[str]) -> int | None:
     """Return the index of a variant; None and a warning if the document has none of this name."""
-    names: list[str | None] = []
-    with as_warning(warnings, "it is ignored"):
-        found = extension(document.extensions, _VARIANTS, schema.Variants, "", warnings)
-        variants = (found and found.variants) or ()
-        names += [variant.name if isinstance(variant, schema.Variant) else None for variant in variants]
+    found = extension(document.extensions, _VARIANTS, schema.Variants, "", warnings)
+    variants = (found and found.variants) or ()
+    names = [variant.name if isinstance(variant, schema.Variant) else None for variant in variants]
     if name in names:
         return names.index(name)
     listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"

@@ -155,11 +155,10 @@ def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: lis
     hidden: set[int] = set()
     for position, (source, parent) in enumerate(zip(sources, parents, strict=True)):
         if source.extensions and VISIBILITY in source.extensions:
-            with as_warning(warnings, "it is ignored"):
-                name = f"nodes[{indices[position]}]"
-                found = extension(source.extensions, VISIBILITY, schema.NodeVisibility, name, warnings)
-                if found is not None and found.visible is False:
-                    hidden.add(position)
+            name = f"nodes[{indices[position]}]"
+            found = extension(source.extensions, VISIBILITY, schema.NodeVisibility, name, warnings)
+            if found is not None and found.visible is False:
+                hidden.add(position)
         if parent in hidden:
             hidden.add(position)
         if position in hidden:

@@ -14,7 +14,7 @@ from msgspec import inspect
 
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.schema import Document, Extensions
+from gateway.gltf.schema import Document, Extensions, Object
 from renderers.stop import check_stop
 
 _MAX_FLOAT: Final = sys.float_info.max
@@ -33,7 +33,7 @@ _TYPES: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
 }
 """Names of types for messages, and whether a value without parts has that type."""
 
-_Struct = TypeVar("_Struct", bound=msgspec.Struct)
+_Object = TypeVar("_Object", bound=Object)
 _type_info: Final = functools.cache(inspect.type_info)
 
 
@@ -53,7 +53,8 @@ def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Docu
         raise GltfLimitError(
             f"the JSON text has about {value_count} values, more than max_json_values = {limits.max_json_values}"
         )
-    return _decode(text.removeprefix(b"\xef\xbb\xbf"), Document, "", warnings)
+    document: Document = _decode(text.removeprefix(b"\xef\xbb\xbf"), Document, "", warnings, _read)
+    return document
 
 
 def count_values(text: bytes) -> int:
@@ -62,36 +63,35 @@ def count_values(text: bytes) -> int:
 
 
 def extension(
-    extensions: Extensions, name: str, type_: type[_Struct], path: str, warnings: list[str]
-) -> _Struct | None:
-    """Return an extension as a ``type_``; None if it is absent or null.
+    extensions: Extensions, name: str, type_: type[_Object], path: str, warnings: list[str]
+) -> _Object | None:
+    """Return an extension as a ``type_``; None if it is absent, null or, with a warning, not an object.
 
     Args:
         path: The object with the extension, for messages; empty for the document.
         warnings: A sentence about each property of another type is appended to this list.
 
     Raises:
-        GltfError: It is not an object, or an essential property has another type.
+        GltfError: ``type_`` has essential properties, and one of them has another type, or it is not an object.
     """
-    raw = extension_json(extensions, name)
-    return None if raw is None else _decode(raw, type_, _joined(path, f"extensions.{name}"), warnings)
-
-
-def extension_json(extensions: Extensions, name: str) -> msgspec.Raw | None:
-    """Return the JSON text of an extension; None if it is absent or null."""
     raw = extensions.get(name) if extensions else None
-    return None if raw is None or bytes(raw) == b"null" else raw
+    if raw is None or bytes(raw) == b"null":
+        return None
+    read = _read if type_.essential != () else _read_or_none
+    found: _Object | None = _decode(raw, type_, _joined(path, f"extensions.{name}"), warnings, read)
+    return found
 
 
-def _decode(text: bytes | msgspec.Raw, type_: type[_Struct], path: str, warnings: list[str]) -> _Struct:
-    """Return JSON text as a ``type_``, or as much of it as has the right types."""
+def _decode(
+    text: bytes | msgspec.Raw, type_: type[Object], path: str, warnings: list[str], read: Callable[..., Any]
+) -> Any:
+    """Return JSON text as a ``type_``; if it has parts of other types, the result of ``read``."""
     try:
         try:
             return msgspec.json.decode(text, type=type_)
-        except (msgspec.MsgspecError, ValueError):  # also for NaN, and for whole numbers such as 3.0 as integers
+        except (msgspec.MsgspecError, ValueError):  # ValueError: text that is not UTF-8
             value = json.loads(bytes(text), parse_float=_number)
-        result: _Struct = _read(value, _type_info(type_), path, warnings)
-        return result
+        return read(value, _type_info(type_), path, warnings)
     except GltfError:
         raise
     except ValueError as error:
@@ -101,7 +101,7 @@ def _decode(text: bytes | msgspec.Raw, type_: type[_Struct], path: str, warnings
 
 
 def _number(text: str) -> float:
-    """Return an integer for a whole number, and infinity for an overflow such as 1e999."""
+    """Return an integer for a whole number, which some exporters write as 3.0; infinity for 1e999."""
     check_stop()
     value = float(text)
     return int(value) if value.is_integer() and abs(value) < 2**53 else value
@@ -121,11 +121,11 @@ def _read(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any
             return None
         info = info.types[0]  # the other one is null
     if isinstance(info, inspect.StructType) and isinstance(value, dict):
-        essential: tuple[str, ...] = info.cls.essential  # type: ignore[attr-defined]  # a class of the schema
+        essential = info.cls.essential  # type: ignore[attr-defined]  # a class of the schema
         properties: dict[str, Any] = {}
         for field in info.fields:
             if (part := value.get(field.encode_name)) is not None:
-                read = _read if field.name in essential else _read_or_none
+                read = _read if essential is None or field.name in essential else _read_or_none
                 properties[field.name] = read(part, field.type, _joined(path, field.encode_name), warnings)
         return info.cls(**properties)
     if isinstance(info, inspect.ListType) and isinstance(value, list):

@@ -34,6 +34,7 @@ from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
 from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh, Primitive
 from gateway.gltf.textures import Textures
+from gateway.runtime.warning_list import joined_warnings
 from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
@@ -132,7 +133,9 @@ def _read_content(
     posed_parts: dict[int, tuple[Part, ...]] = {}
     parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
     primitive_count = 0
-    first_failure, any_read = "", False
+    missing: list[str] = []
+    left_out: list[str] = []
+    any_read = False
     for position, mesh_index in enumerate(nodes.meshes):
         pose = poses.get(position)
         if mesh_index is None or (pose is None and mesh_index in parts):
@@ -141,12 +144,11 @@ def _read_content(
             posed_parts[position] = parts_in_pose[mesh_index, pose]
             continue
         primitives: list[Primitive | None] = []
-        with as_warning(nodes.warnings, "the node has no mesh") as found:
+        with as_warning(missing, "the node has no mesh"):
             mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
             primitives = mesh.primitives or []
             if pose is None:
                 pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
-        first_failure = first_failure or found.failure
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
             raise GltfLimitError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
@@ -155,18 +157,19 @@ def _read_content(
             name = f"meshes[{mesh_index}].primitives[{number}]"
             if primitive is None:
                 continue
-            with as_warning(warnings, f"{name} is left out") as read:
+            with as_warning(left_out, f"{name} is left out"):
                 smooth = materials.is_from_vtk(valid(primitive))
                 if (surface := meshes.read(primitive, name, pose or REST, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
                 any_read = True
-            first_failure = first_failure or read.failure
         if pose is not None and position in poses:
             posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
         else:
             parts[mesh_index] = tuple(mesh_parts)
-    if first_failure and not any_read:
-        raise GltfError(first_failure)
+    if not any_read and (missing or left_out):
+        raise GltfError(f"nothing can be drawn: {joined_warnings(missing + left_out)}")
+    nodes.warnings.extend(missing)
+    warnings += left_out
     return DocumentContent(
         generator=document.generator,
         cameras=document.cameras or [],

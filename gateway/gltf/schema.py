@@ -20,27 +20,29 @@ DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
 """``asset.generator`` of all documents from Drake's render client. Those without glTF meshes have ``VTK``."""
 
 
-class _Object(msgspec.Struct, rename="camel", gc=False):
+class Object(msgspec.Struct, rename="camel", gc=False):
     """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec is
     fastest if the text has the order of the fields."""
 
-    essential: ClassVar[tuple[str, ...]] = ()
-    """Properties without which the object has no meaning. If one has another type, the object is not used."""
+    essential: ClassVar[tuple[str, ...] | None] = ()
+    """Properties without which the object has no meaning: it is not used if one has another type. None: all are."""
 
 
-class Asset(_Object):
+class StrictObject(Object):
+    essential = None
+
+
+class Asset(Object):
     generator: str | None = None
     min_version: str | None = None
     version: str | None = None
 
 
-class Scene(_Object):
-    essential = ("nodes",)
-
+class Scene(StrictObject):
     nodes: list[int | None] | None = None
 
 
-class Node(_Object):
+class Node(Object):
     camera: int | None = None
     children: list[int | None] | None = None
     extensions: Extensions = None
@@ -54,7 +56,7 @@ class Node(_Object):
     weights: list[float] | None = None
 
 
-class Primitive(_Object):
+class Primitive(Object):
     essential = ("indices",)
 
     attributes: dict[str, int | None] | None = None
@@ -65,38 +67,30 @@ class Primitive(_Object):
     targets: list[dict[str, int | None] | None] | None = None
 
 
-class Mesh(_Object):
+class Mesh(Object):
     name: str | None = None
     primitives: list[Primitive | None] | None = None
     weights: list[float] | None = None
 
 
-class SparseIndices(_Object):
-    essential = ("buffer_view", "byte_offset", "component_type")
-
+class SparseIndices(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
 
 
-class SparseValues(_Object):
-    essential = ("buffer_view", "byte_offset")
-
+class SparseValues(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
 
 
-class Sparse(_Object):
-    essential = ("count", "indices", "values")
-
+class Sparse(StrictObject):
     count: int | None = None
     indices: SparseIndices | None = None
     values: SparseValues | None = None
 
 
-class Accessor(_Object):
-    essential = ("buffer_view", "byte_offset", "component_type", "count", "sparse", "type")
-
+class Accessor(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
@@ -106,9 +100,7 @@ class Accessor(_Object):
     type: str | None = None
 
 
-class BufferView(_Object):
-    essential = ("buffer", "byte_length", "byte_offset", "byte_stride")
-
+class BufferView(StrictObject):
     buffer: int | None = None
     byte_length: int | None = None
     byte_offset: int | None = None
@@ -116,12 +108,12 @@ class BufferView(_Object):
     extensions: Extensions = None
 
 
-class Buffer(_Object):
+class Buffer(Object):
     byte_length: int | None = None
     uri: str | None = None
 
 
-class Image(_Object):
+class Image(Object):
     essential = ("buffer_view", "uri")
 
     buffer_view: int | None = None
@@ -129,21 +121,19 @@ class Image(_Object):
     uri: str | None = None
 
 
-class Sampler(_Object):
+class Sampler(Object):
     mag_filter: int | None = None
     min_filter: int | None = None
     wrap_s: int | None = None
     wrap_t: int | None = None
 
 
-class Skin(_Object):
-    essential = ("inverse_bind_matrices", "joints")
-
+class Skin(StrictObject):
     inverse_bind_matrices: int | None = None
     joints: list[int] | None = None
 
 
-class Texture(_Object):
+class Texture(Object):
     essential = ("source",)
 
     extensions: Extensions = None
@@ -151,7 +141,7 @@ class Texture(_Object):
     source: int | None = None
 
 
-class TextureInfo(_Object):
+class TextureInfo(Object):
     essential = ("index",)
 
     extensions: Extensions = None
@@ -163,7 +153,7 @@ class TextureInfo(_Object):
     tex_coord: int | None = None
 
 
-class MetallicRoughness(_Object):
+class MetallicRoughness(Object):
     base_color_factor: list[float] | None = None
     base_color_texture: TextureInfo | None = None
     metallic_factor: float | None = None
@@ -171,7 +161,7 @@ class MetallicRoughness(_Object):
     roughness_factor: float | None = None
 
 
-class Material(_Object):
+class Material(Object):
     alpha_cutoff: float | None = None
     alpha_mode: str | None = None
     double_sided: bool | None = None
@@ -184,26 +174,26 @@ class Material(_Object):
     pbr_metallic_roughness: MetallicRoughness | None = None
 
 
-class Perspective(_Object):
+class Perspective(Object):
     aspect_ratio: float | None = None
     yfov: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
 
-class Orthographic(_Object):
+class Orthographic(Object):
     xmag: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
 
-class Camera(_Object):
+class Camera(Object):
     name: str | None = None
     orthographic: Orthographic | None = None
     perspective: Perspective | None = None
 
 
-class Document(_Object):
+class Document(Object):
     accessors: list[Accessor | None] | None = None
     asset: Asset | None = None
     buffer_views: list[BufferView | None] | None = None
@@ -247,34 +237,34 @@ class Document(_Object):
         return self.from_drake and isinstance(first_mesh, Mesh) and first_mesh.name == "mesh0"
 
 
-class Variant(_Object):
+class Variant(Object):
     name: str | None = None
 
 
-class Variants(_Object):
+class Variants(Object):
     """KHR_materials_variants in the document's extensions."""
 
     variants: list[Variant | None] | None = None
 
 
-class VariantMapping(_Object):
+class VariantMapping(Object):
     material: int | None = None
     variants: list[int] | None = None
 
 
-class VariantMappings(_Object):
+class VariantMappings(Object):
     """KHR_materials_variants in a primitive's extensions."""
 
     mappings: list[VariantMapping | None] | None = None
 
 
-class NodeVisibility(_Object):
+class NodeVisibility(Object):
     """KHR_node_visibility in a node's extensions."""
 
     visible: bool | None = None
 
 
-class TextureTransform(_Object):
+class TextureTransform(Object):
     """KHR_texture_transform."""
 
     offset: list[float] | None = None
@@ -283,27 +273,25 @@ class TextureTransform(_Object):
     tex_coord: int | None = None
 
 
-class ImageSource(_Object):
+class ImageSource(StrictObject):
     """EXT_texture_webp: another image for a texture."""
-
-    essential = ("source",)
 
     source: int | None = None
 
 
-class EmissiveStrength(_Object):
+class EmissiveStrength(Object):
     """KHR_materials_emissive_strength."""
 
     emissive_strength: float | None = None
 
 
-class Ior(_Object):
+class Ior(Object):
     """KHR_materials_ior."""
 
     ior: float | None = None
 
 
-class Specular(_Object):
+class Specular(Object):
     """KHR_materials_specular."""
 
     specular_color_factor: list[float] | None = None
@@ -312,7 +300,7 @@ class Specular(_Object):
     specular_texture: TextureInfo | None = None
 
 
-class SpecularGlossiness(_Object):
+class SpecularGlossiness(Object):
     """KHR_materials_pbrSpecularGlossiness (archived)."""
 
     diffuse_factor: list[float] | None = None
@@ -322,12 +310,12 @@ class SpecularGlossiness(_Object):
     specular_glossiness_texture: TextureInfo | None = None
 
 
-class Spot(_Object):
+class Spot(Object):
     inner_cone_angle: float | None = None
     outer_cone_angle: float | None = None
 
 
-class Light(_Object):
+class Light(Object):
     """A light of KHR_lights_punctual."""
 
     essential = ("type",)
@@ -340,34 +328,28 @@ class Light(_Object):
     type: str | None = None
 
 
-class Lights(_Object):
+class Lights(Object):
     """KHR_lights_punctual in the document's extensions."""
 
     lights: list[Light | None] | None = None
 
 
-class LightReference(_Object):
+class LightReference(StrictObject):
     """KHR_lights_punctual in a node's extensions."""
-
-    essential = ("light",)
 
     light: int | None = None
 
 
-class DracoCompression(_Object):
+class DracoCompression(StrictObject):
     """KHR_draco_mesh_compression in a primitive's extensions."""
-
-    essential = ("attributes", "buffer_view")
 
     attributes: dict[str, int | None] | None = None
     """Ids of the attributes in the compressed mesh."""
     buffer_view: int | None = None
 
 
-class MeshoptCompression(_Object):
+class MeshoptCompression(StrictObject):
     """EXT_meshopt_compression in a buffer view's extensions."""
-
-    essential = ("buffer", "byte_length", "byte_offset", "byte_stride", "count", "filter", "mode")
 
     buffer: int | None = None
     byte_length: int | None = None
@@ -378,9 +360,7 @@ class MeshoptCompression(_Object):
     mode: str | None = None
 
 
-class Instancing(_Object):
+class Instancing(StrictObject):
     """EXT_mesh_gpu_instancing in a node's extensions."""
-
-    essential = ("attributes",)
 
     attributes: dict[str, int | None] | None = None

@@ -127,18 +127,15 @@ class Textures:
             return Sampler()
         with as_warning(self._warnings, "the default sampler is used"):
             source = checked_item(self._document.samplers, index, "samplers", f"textures[{texture_index}].sampler")
-            return self._read_sampler(source, index)
+            return Sampler(
+                wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
+                wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
+                mag_linear=source.mag_filter != _NEAREST,
+                min_linear=source.min_filter not in _MIN_NEAREST,
+                mipmaps=source.min_filter is None or source.min_filter in _MIN_MIPMAPS,
+                mip_linear=source.min_filter not in _MIP_NEAREST,
+            )
         return Sampler()
-
-    def _read_sampler(self, source: schema.Sampler, index: int) -> Sampler:
-        return Sampler(
-            wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
-            wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
-            mag_linear=source.mag_filter != _NEAREST,
-            min_linear=source.min_filter not in _MIN_NEAREST,
-            mipmaps=source.min_filter is None or source.min_filter in _MIN_MIPMAPS,
-            mip_linear=source.min_filter not in _MIP_NEAREST,
-        )
 
     def _wrap(self, value: int | None, path: str) -> Wrap:
         wrap = _WRAPS.get(value)

@@ -401,11 +401,6 @@ def test_an_unknown_alpha_mode_is_opaque() -> None:
         ({"index": 3}, {}, "materials[0].normalTexture.index: 3 is out of range (1 textures)"),
         ({}, {}, "materials[0].normalTexture.index: missing"),
         (
-            {"index": 0, "extensions": {"KHR_texture_transform": 2}},
-            {},
-            "KHR_texture_transform: expected an object, got 2",
-        ),
-        (
             {"index": 0},
             {"source": None, "extensions": {"EXT_texture_webp": {"source": "x"}}},
             'textures[0].extensions.EXT_texture_webp.source: expected an integer, got "x"',
@@ -438,6 +433,14 @@ def test_textures_that_cannot_be_read_are_left_out(
     assert material.normal_texture is None
     (warning,) = scene.warnings
     assert re.match(f"{message}.*; textures\\[0\\] is left out$", warning)
+
+
+def test_a_transform_that_cannot_be_read_leaves_the_texture() -> None:
+    info = {"index": 0, "extensions": {"KHR_texture_transform": 2}}
+    material, scene = read_material({"normalTexture": info}, with_texture())
+    assert material.normal_texture is not None
+    reason = "materials[0].normalTexture.extensions.KHR_texture_transform: expected an object, got 2"
+    assert scene.warnings == (f"{reason}; it is ignored",)
 
 
 @pytest.mark.parametrize("sampler", [4, -1])
