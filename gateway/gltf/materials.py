@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from gateway.gltf import schema
-from gateway.gltf.errors import as_warning, checked_item
+from gateway.gltf.errors import GltfError, as_warning, checked_item
 from gateway.gltf.parser import extension, vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
@@ -71,8 +71,11 @@ class Materials:
         Raises:
             GltfLimitError: Images are beyond the limits.
         """
-        with as_warning(self._warnings, f"{name} has the default material"):
+        try:
             return self._find(primitive, name)
+        except GltfError:
+            with as_warning(self._warnings, f"{name} has the default material"):
+                raise
         return DEFAULT_MATERIAL
 
     def _find(self, primitive: schema.Primitive, name: str) -> Material:

@@ -157,7 +157,7 @@ class Meshes:
             if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
-            with as_warning(self._warnings, f"{path} is ignored"):
+            try:
                 accessor = self._accessors.get(index, path)
                 if accessor.components not in allowed:
                     raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
@@ -165,14 +165,18 @@ class Meshes:
                     counts = f"{accessor.count} values for {position.count} vertices"
                     raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
+            except GltfError:
+                with as_warning(self._warnings, f"{path} is ignored"):
+                    raise
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         # Where an exporter has also stored the primitive without compression, that is read.
-        extensions = primitive.extensions if position.buffer is None else None
-        draco = extension(extensions, DRACO, DracoCompression, name, self._warnings)
+        draco = None
+        if position.buffer is None:
+            draco = extension(primitive.extensions, DRACO, DracoCompression, name, self._warnings)
         if draco is not None:
             attributes, indices = self._draco_meshes.read(draco, attributes, indices, f"{name}.extensions.{DRACO}")
             mode = TRIANGLES

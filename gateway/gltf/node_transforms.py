@@ -55,14 +55,16 @@ def local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[
     if with_matrix:
         column_major = rows(with_matrix, "matrix", _DEFAULT_MATRIX)
         matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
-        for bad in np.flatnonzero((np.abs(matrices[:, 3] - IDENTITY[3]) > _AFFINE_TOLERANCE).any(axis=1)):
+        affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
+        for bad in () if affine.all() else np.flatnonzero(~affine):
             name = f"nodes[{indices[with_matrix[bad]]}].matrix"
             warnings.append(f"{name}: not affine, its last row {matrices[bad, 3].tolist()} is ignored")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
         translations = rows(with_trs, "translation", _DEFAULT_TRANSLATION)
         rotations = rows(with_trs, "rotation", _DEFAULT_ROTATION)
-        zeros = [indices[with_trs[i]] for i in np.flatnonzero(~rotations.any(axis=1))]
+        has_length = rotations.any(axis=1)
+        zeros = () if has_length.all() else [indices[with_trs[i]] for i in np.flatnonzero(~has_length)]
         warnings += [f"nodes[{index}].rotation: it has no length; the node is not rotated" for index in zeros]
         scales = rows(with_trs, "scale", _DEFAULT_SCALE)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))

@@ -34,6 +34,7 @@ _TYPES: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
 """Names of types for messages, and whether a value without parts has that type."""
 
 _Object = TypeVar("_Object", bound=Object)
+_decoder: Final = functools.cache(msgspec.json.Decoder)
 _type_info: Final = functools.cache(inspect.type_info)
 
 
@@ -88,7 +89,7 @@ def _decode(
     """Return JSON text as a ``type_``; if it has parts of other types, the result of ``read``."""
     try:
         try:
-            return msgspec.json.decode(text, type=type_)
+            return _decoder(type_).decode(text)
         except (msgspec.MsgspecError, ValueError):  # ValueError: text that is not UTF-8
             value = json.loads(bytes(text), parse_float=_number)
         return read(value, _type_info(type_), path, warnings)

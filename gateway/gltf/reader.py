@@ -21,7 +21,7 @@ from gateway.gltf.container import open_container
 from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item, valid
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
@@ -157,11 +157,15 @@ def _read_content(
             name = f"meshes[{mesh_index}].primitives[{number}]"
             if primitive is None:
                 continue
-            with as_warning(left_out, f"{name} is left out"):
-                smooth = materials.is_from_vtk(valid(primitive))
+            try:
+                primitive = checked_item(primitives, number, "primitives", name)
+                smooth = materials.is_from_vtk(primitive)
                 if (surface := meshes.read(primitive, name, pose or REST, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
                 any_read = True
+            except GltfError:
+                with as_warning(left_out, f"{name} is left out"):
+                    raise
         if pose is not None and position in poses:
             posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
         else:
