@@ -106,7 +106,8 @@ def read_gltf(
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    if hashed is not None and not posed and not has_wrong_types and not nodes.warnings:
+    is_cacheable = not posed and not has_wrong_types and not nodes.warnings and len(content.warnings) <= _MAX_WARNINGS
+    if hashed is not None and is_cacheable:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
 
