@@ -180,7 +180,7 @@ class Meshes:
         if draco is not None:
             attributes, indices = self._draco_meshes.read(draco, attributes, indices, f"{name}.extensions.{DRACO}")
             mode = TRIANGLES
-        deformation = deformation_of(primitive, pose, attributes, self._accessors, name)
+        deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
         return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation, smooth)
