@@ -122,6 +122,7 @@ def _read(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any
             return None
         info = info.types[0]  # the other one is null
     if isinstance(info, inspect.StructType) and isinstance(value, dict):
+        check_stop()
         essential = info.cls.essential  # type: ignore[attr-defined]  # a class of the schema
         properties: dict[str, Any] = {}
         for field in info.fields:
