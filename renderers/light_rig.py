@@ -77,6 +77,11 @@ class Rig:
     shadow_radius: int = 2
     """Radius of the shadow filter, texels."""
 
+    @property
+    def is_dark(self) -> bool:
+        """True if the rig has no light of its own."""
+        return not self.lights and self.surroundings is None
+
     def __post_init__(self) -> None:
         if len(self.lights) > MAX_LIGHTS:
             raise ValueError(f"a rig has at most {MAX_LIGHTS} lights, not {len(self.lights)}")

@@ -27,6 +27,7 @@ Z up; angles are in degrees. An example::
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 import reprlib
@@ -34,11 +35,14 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import structlog
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gateway.runtime.regular_files import read_regular, read_text
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
+
+_log = structlog.get_logger("gateway")
 
 MAX_INTENSITY: Final = 1e9
 """Maximum exposure, intensity and colour, about the radiance of the sun: products of these fit into float32."""
@@ -48,6 +52,7 @@ Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[Finite, Finite, Finite]
 
 
+NO_LIGHT: Final = "the rig has neither [[lights]] nor [surroundings]"
 _MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of a rig file; the image of its surroundings has its own."""
 
@@ -101,13 +106,17 @@ class _Rig(_Table):
     lights: tuple[_Light, ...] = ()
 
 
+@functools.cache
 def rig_of(path: Path | None) -> Rig:
-    """Return the rig of a file; the default rig for None.
+    """Return the rig of a file; the default rig for None. Log a warning if it has no light.
 
     Raises:
         RigFileError: See ``read_rig``.
     """
-    return STUDIO if path is None else read_rig(path)
+    rig = STUDIO if path is None else read_rig(path)
+    if rig.is_dark:
+        _log.warning("Scenes without lights of their own are black in the look studio", rig=str(path), reason=NO_LIGHT)
+    return rig
 
 
 def rig_digest(path: Path) -> str:

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 import msgspec
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
-from gateway.assets.ros_packages import Packages, folders_of_environment
+from gateway.assets.ros_packages import Packages, folders_of_environment, split_url
 from gateway.gltf import GltfError, GltfLimits
 from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
@@ -199,16 +199,16 @@ class MeshFiles:
         """Return the paths that a client's name may refer to, in any folder, with symbolic links resolved."""
         if "\0" in filename or not filename or len(filename) > 4096:
             raise MeshFileError(f"{quoted(filename)} is not a file name")
-        scheme, separator, rest = filename.partition("://")
-        if separator and scheme == "package":
+        scheme, rest = split_url(filename)
+        if scheme == "package":
             package, _, path_in_package = rest.partition("/")
             folder = self._packages.folder(package)
             if folder is None:
                 raise MeshFileError(f"{quoted(filename)}: there is no package {quoted(package)}", missing=True)
             paths = [folder / path_in_package.lstrip("/")]
-        elif separator and scheme == "file":
+        elif scheme == "file":
             paths = [Path("/" + unquote(rest.removeprefix("localhost/")).lstrip("/"))]
-        elif separator:
+        elif scheme:
             raise MeshFileError(f"{quoted(filename)}: only package:// and file:// can be read, nothing is fetched")
         elif filename.startswith("/"):
             paths = [Path(filename)]

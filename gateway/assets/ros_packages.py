@@ -26,6 +26,14 @@ _NAME: Final = re.compile(rb"<name>\s*([^<\s]{1,256})\s*</name>")
 _SKIPPED_FOLDERS: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__pycache__"})
 
 
+def split_url(name: str) -> tuple[str, str]:
+    """Return the scheme of a file's name in lower case, and the rest; no scheme for a path. ``file:/x`` has ``/x``."""
+    if name[:6].lower() == "file:/" and name[6:7] != "/":
+        return "file", name[5:]
+    scheme, separator, rest = name.partition("://")
+    return (scheme.lower(), rest) if scheme and separator else ("", name)
+
+
 class Packages:
     """Folders by package name, found by their ``package.xml``. Thread-safe.
 

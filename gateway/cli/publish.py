@@ -133,11 +133,12 @@ def _read_mesh(source: Path, textures: bool, strict: bool) -> Iterator[Geometry]
     from gateway.assets.mesh_files import MeshFiles
     from gateway.client.tree.part_images import PartImages
     from gateway.client.tree.parts import geometries_of
+    from gateway.runtime.warning_list import strict_refusal
 
     warnings: list[str] = []
     parts = MeshFiles([source.parent]).load(str(source.resolve()), warnings=warnings)
     if strict and warnings:
-        raise ValueError("; ".join(warnings))
+        raise ValueError(f"{source}: {strict_refusal(warnings)}")
     for warning in warnings:
         typer.echo(warning, err=True)
     images = PartImages() if textures else None

@@ -11,7 +11,7 @@ from operator import or_
 from pathlib import Path
 from typing import Final, Literal
 
-from gateway.assets.light_rig_file import read_rig
+from gateway.assets.light_rig_file import NO_LIGHT, read_rig
 from gateway.client.manifest import ImageType, Settings
 from gateway.datasets.scenes import LoadedScene
 from gateway.render.camera import camera_of
@@ -71,7 +71,7 @@ def style_of(settings: Settings) -> Style:
 
 
 def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
-    """Return a warning if a scene does not use the lights of ``--rig``.
+    """Return a warning if a scene does not use the lights of ``--rig``, or is black as neither of them has one.
 
     Returns None if the scene uses them, if there is no ``--rig``, or if ``--look`` excludes them for all scenes.
 
@@ -85,6 +85,8 @@ def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
     rig = _rig(settings.rig)
     if scene.draw_list.lights and rig.lights and rig.scene_lights:
         return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
+    if rig.is_dark and not (scene.draw_list.lights and rig.scene_lights):
+        return f"drawn black: {NO_LIGHT} (--rig)"
     return None
 
 

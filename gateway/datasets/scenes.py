@@ -22,9 +22,8 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
-from gateway.robots.errors import joined_warnings
 from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
-from gateway.runtime.warning_list import WarningList
+from gateway.runtime.warning_list import WarningList, strict_refusal
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -130,7 +129,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     if response.error:
         raise SceneError(response.error)
     if options.strict and response.warnings:
-        raise SceneError(joined_warnings(response.warnings))
+        raise SceneError(strict_refusal(response.warnings))
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))

@@ -20,7 +20,7 @@ from gateway.drakeviewer.wire import Message
 from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
-from gateway.runtime.warning_list import WarningList
+from gateway.runtime.warning_list import WarningList, joined_warnings
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from renderers.compiler.pending import is_pending
@@ -195,7 +195,7 @@ class DrakeViewerService:
 
     def _show(self, channel: str, message: Message) -> None:
         try:
-            self._report(channel, self.viewer.handle(channel, message))
+            self._report(channel, *self.viewer.handle(channel, message))
             self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
             self._report_error(channel, error)
@@ -203,7 +203,7 @@ class DrakeViewerService:
     async def _read_in_thread(self, channel: str, message: Message, files: MeshFiles) -> None:
         try:
             edit = await self._pool.run(self.viewer.read, channel, message, files)
-            self._report(channel, self.viewer.apply(edit))
+            self._report(channel, *self.viewer.apply(edit))
             self._add_shown(channel, len(message))
         except Exception as error:  # noqa: BLE001 - one message must not end the service
             self._report_error(channel, error)
@@ -224,9 +224,10 @@ class DrakeViewerService:
             _log.error("A message could not be shown", channel=channel, exc_info=error)
             self._report(channel, "internal error; the gateway's log says more")
 
-    def _report(self, channel: str, reason: str) -> None:
-        """Log a reason once for each channel, and keep it for ``/healthz`` until a message of the channel is shown."""
-        self._warnings.set(channel, *([f"{channel}: {reason}"] if reason else ()))
+    def _report(self, channel: str, *reasons: str) -> None:
+        """Log reasons once for each channel, and keep them for ``/healthz`` until a message of the channel is shown."""
+        self._warnings.set(channel, *(f"{channel}: {reason}" for reason in reasons))
+        reason = joined_warnings(reasons)
         if reason and (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
             self._logged.add((channel, reason))
             _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel, reason=reason)

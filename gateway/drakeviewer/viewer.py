@@ -22,6 +22,7 @@ from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
 from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
+from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 
@@ -54,8 +55,8 @@ FAMILIES: Final = {
 }
 """Family by the suffix of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
 
-Edit = Callable[[TreeEdit], str]
-"""Applies a message to the live tree. Returns an empty string, or why some or all of the message is not shown."""
+Edit = Callable[[TreeEdit], Sequence[str]]
+"""Applies a message to the live tree. Returns the reasons why some or all of the message is not shown."""
 
 
 @dataclass(slots=True)
@@ -132,7 +133,7 @@ class DrakeViewer:
         """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
         return channel.startswith(LOAD)
 
-    def handle(self, channel: str, message: wire.Message) -> str:
+    def handle(self, channel: str, message: wire.Message) -> Sequence[str]:
         """Read a message and apply it at once; see ``Edit`` for the result.
 
         Raises:
@@ -140,10 +141,10 @@ class DrakeViewer:
         """
         return self.apply(self.read(channel, message))
 
-    def apply(self, edit: Edit | None) -> str:
+    def apply(self, edit: Edit | None) -> Sequence[str]:
         """Apply an edit as one revision of the live tree; see ``Edit`` for the result."""
         if edit is None:
-            return ""
+            return ()
         with self._live.edit() as tree:
             return edit(tree)
 
@@ -191,34 +192,34 @@ class DrakeViewer:
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, files, limits)
-        problem = self._summary(loaded.problems)
+        problems = self._accepted(loaded.problems)
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
-        def apply(edit: TreeEdit) -> str:
+        def apply(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(family, loaded.paths.values())
             if not is_repeated:
                 self._clear_simulation(edit, shown_before)
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
-            loads[channel] = (data, has_files or bool(problem))
+            loads[channel] = (data, has_files or bool(problems))
             self.counters.loads += 1
-            return problem
+            return problems
 
         return apply
 
     def _read_draw(self, family: str, message: wire.Message) -> Edit:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
-        not_finite = self._summary(_not_finite(draw))
+        not_finite = self._accepted(_not_finite(draw))
 
-        def apply(edit: TreeEdit) -> str:
+        def apply(edit: TreeEdit) -> Sequence[str]:
             problem = robots.draw(draw, edit)
             if not problem:
                 if draw.seconds < robots.seconds - RESTART_SECONDS:
                     self._clear_simulation(edit, self._state.shown)
                 self._state.seconds = robots.seconds = draw.seconds
-            return problem or not_finite
+            return (problem,) if problem else not_finite
 
         return apply
 
@@ -226,15 +227,15 @@ class DrakeViewer:
         limits = self._config.limits
         problems: list[str] = []
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, problems)
-        problem = self._summary(problems)
+        self._accepted(problems)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
         if not bodies and not shown.shown:
             return None
 
-        def apply(edit: TreeEdit) -> str:
+        def apply(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(channel, bodies)
             shown.apply(bodies, edit)
-            return problem
+            return problems
 
         return apply
 
@@ -267,13 +268,13 @@ class DrakeViewer:
 
     def _of_simulation(self, channel: str, apply: Callable[[TreeEdit], object], problems: Sequence[str]) -> Edit:
         """Return the edit of a message of contacts, points or frames, which ``_clear_simulation`` deletes later."""
-        problem = self._summary(problems)
+        self._accepted(problems)
 
-        def edit_and_count(edit: TreeEdit) -> str:
+        def edit_and_count(edit: TreeEdit) -> Sequence[str]:
             apply(edit)
             self._state.shown += 1
             self._state.shown_at[channel] = self._state.shown
-            return problem
+            return problems
 
         return edit_and_count
 
@@ -308,18 +309,11 @@ class DrakeViewer:
             raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
         nodes[source] = count
 
-    def _summary(self, problems: Sequence[str]) -> str:
-        """Return the first reason why something is not shown, and the number of further ones; "" if there is none.
-
-        Raises:
-            MessageError: There is one, and ``config.strict`` is true.
-        """
-        if not problems:
-            return ""
-        if self._config.strict:
-            raise MessageError(f"{problems[0]} (refused: --strict)")
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        return f"something is not shown: {problems[0]}{more}"
+    def _accepted(self, problems: Sequence[str]) -> Sequence[str]:
+        """Return the reasons why something is not shown; raise MessageError if ``config.strict`` refuses them."""
+        if problems and self._config.strict:
+            raise MessageError(strict_refusal(problems))
+        return problems
 
     def _robots(self, family: str) -> RobotChannels:
         return self._state.robots.setdefault(family, RobotChannels(family))

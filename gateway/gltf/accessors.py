@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.buffers import Buffer, Buffers
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.schema import Document, Sparse
 
@@ -151,12 +151,11 @@ class Accessors:
         location = self._locate(name, source.buffer_view, source.byte_offset, dtype.itemsize * components, count)
         accessor = Accessor(name, dtype, components, bool(source.normalized), count, *location)
         if source.sparse is not None:
-            try:
+            if self._merged:
+                with as_warning(self._warnings, "ignored, as Drake's merge does not adapt sparse accessors"):
+                    accessor = self._with_sparse(accessor, source.sparse)
+            else:
                 accessor = self._with_sparse(accessor, source.sparse)
-            except GltfError as error:
-                if not self._merged:
-                    raise
-                self._warnings.append(f"{error} (Drake's merge does not adapt sparse accessors: ignored)")
         self._accessors[index] = accessor
         return accessor
 

@@ -15,7 +15,7 @@ from gateway.gltf import meshopt
 from gateway.gltf.container import Container
 from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.parser import extension_json
+from gateway.gltf.parser import extension
 from gateway.gltf.schema import Document, MeshoptCompression
 from renderers.stop import check_stop
 
@@ -55,12 +55,20 @@ class BufferView(msgspec.Struct, frozen=True, gc=False, eq=False):
 class Buffers:
     """The buffers of one document, loaded at their first use."""
 
-    def __init__(self, document: Document, container: Container, limits: GltfLimits, resolve: Resolver | None) -> None:
+    def __init__(
+        self,
+        document: Document,
+        container: Container,
+        limits: GltfLimits,
+        resolve: Resolver | None,
+        warnings: list[str],
+    ) -> None:
         self._sources = document.buffers
         self._views = document.buffer_views
         self._container = container
         self._limits = limits
         self._resolve = resolve
+        self._warnings = warnings
         self.merged_by_drake: Final = document.merged_by_drake
         self._buffers: dict[int, Buffer] = {}
         self._decompressed: dict[int, BufferView] = {}
@@ -78,12 +86,13 @@ class Buffers:
             return decompressed
         source = checked_item(self._views, index, "bufferViews", path)
         name = f"bufferViews[{index}]"
-        raw = extension_json(source.extensions, meshopt.EXTENSION)
         # Drake's merge does not adapt the index of the compressed buffer.
-        if raw is not None and not self.merged_by_drake:
-            view = self._decompress(raw, f"{name}.extensions.{meshopt.EXTENSION}")
-            self._decompressed[index] = view
-            return view
+        if source.extensions and not self.merged_by_drake:
+            compression = extension(source.extensions, meshopt.EXTENSION, MeshoptCompression, name, self._warnings)
+            if compression is not None:
+                view = self._decompress(compression, f"{name}.extensions.{meshopt.EXTENSION}")
+                self._decompressed[index] = view
+                return view
         return self._uncompressed(source.buffer, source.byte_offset, source.byte_length, source.byte_stride, name)
 
     def _uncompressed(
@@ -107,17 +116,13 @@ class Buffers:
             )
         return BufferView(buffer, offset, length, stride)
 
-    def _decompress(self, raw: msgspec.Raw, name: str) -> BufferView:
+    def _decompress(self, source: MeshoptCompression, name: str) -> BufferView:
         """Return the decompressed content of a buffer view.
 
         Args:
-            raw: JSON text of EXT_meshopt_compression.
+            source: The buffer view's extension.
             name: Name of the extension in the document, for messages.
         """
-        try:
-            source = msgspec.json.decode(raw, type=MeshoptCompression)
-        except msgspec.MsgspecError as error:
-            raise GltfError(f"{name}: {error}") from error
         count, stride = meshopt.checked_layout(source, name)
         self.count_bytes(count * stride, name)
         view = self._uncompressed(source.buffer, source.byte_offset, source.byte_length, None, name)
@@ -138,8 +143,9 @@ class Buffers:
         else:
             raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
         if source.byte_length is not None and source.byte_length > len(buffer.data):  # glTF 2.0, section 3.6.1.1
-            raise GltfError(
-                f"buffers[{index}].byteLength: {source.byte_length} is more than the {len(buffer.data)} bytes there"
+            self._warnings.append(
+                f"buffers[{index}].byteLength: {source.byte_length} is more than the {len(buffer.data)} bytes there; "
+                "these are used"
             )
         self._buffers[index] = buffer
         return buffer

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import as_warning, checked_item
 from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
@@ -47,24 +47,21 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warning
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        try:
+        with as_warning(warnings, "the node has no camera"):
             source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
-        except GltfError as error:
-            warnings.append(f"{error}; the node has no camera")
-            continue
-        perspective = source.perspective
-        projection = perspective or source.orthographic
-        camera = GltfCamera(
-            index=node.camera,
-            name=source.name or node.name or "",
-            X_world_camera=_optical_pose(X_world_node),
-            yfov=None if perspective is None else perspective.yfov,
-            xmag=None if perspective is not None or source.orthographic is None else source.orthographic.xmag,
-            znear=0.0 if projection is None or projection.znear is None else projection.znear,
-            zfar=None if projection is None else projection.zfar,
-            aspect=None if perspective is None else perspective.aspect_ratio,
-        )
-        cameras.append(camera)
+            perspective = source.perspective
+            projection = perspective or source.orthographic
+            camera = GltfCamera(
+                index=node.camera,
+                name=source.name or node.name or "",
+                X_world_camera=_optical_pose(X_world_node),
+                yfov=None if perspective is None else perspective.yfov,
+                xmag=None if perspective is not None or source.orthographic is None else source.orthographic.xmag,
+                znear=0.0 if projection is None or projection.znear is None else projection.znear,
+                zfar=None if projection is None else projection.zfar,
+                aspect=None if perspective is None else perspective.aspect_ratio,
+            )
+            cameras.append(camera)
     return tuple(cameras)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.accessors import Accessor, Accessors
-from gateway.gltf.errors import GltfError
+from gateway.gltf.errors import GltfError, as_warning
 from gateway.gltf.schema import Primitive
 from gateway.gltf.skinning import skin_vertices
 from gateway.gltf.vertex_attributes import Floats
@@ -98,16 +98,22 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 
 def deformation_of(
-    primitive: Primitive, pose: Pose, attributes: dict[str, Accessor], accessors: Accessors, name: str
+    primitive: Primitive,
+    pose: Pose,
+    attributes: dict[str, Accessor],
+    accessors: Accessors,
+    name: str,
+    warnings: list[str],
 ) -> Deformation | None:
     """Return the deformation of a primitive in a pose; None if the primitive is drawn as it is stored.
 
     Args:
         attributes: Accessors by attribute name, JOINTS_n and WEIGHTS_n among them.
         name: Name of the primitive, for messages.
+        warnings: A sentence about each attribute of a morph target that cannot be used is appended to this list.
 
     Raises:
-        GltfError: A reference is out of range, or an accessor has the wrong type or too few values.
+        GltfError: An accessor of joints has the wrong type.
     """
     count = attributes["POSITION"].count
     targets: list[tuple[float, dict[str, Accessor]]] = []
@@ -121,7 +127,8 @@ def deformation_of(
             path = f"{name}.targets[{k}].{attribute}"
             # The differences of tangents have no handedness.
             components = 3 if attribute == "TANGENT" else attributes[attribute].components
-            differences[attribute] = _checked_difference(accessors.get(index, path), components, count, path)
+            with as_warning(warnings, f"{path} is ignored"):
+                differences[attribute] = _checked_difference(accessors.get(index, path), components, count, path)
         targets.append((weight, differences))
     influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
     if not targets and pose.joint_matrices is None:

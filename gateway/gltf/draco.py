@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from gateway.gltf import schema
 from gateway.gltf.accessors import Accessor
 from gateway.gltf.buffers import Buffer, Buffers
-from gateway.gltf.errors import GltfError
+from gateway.gltf.errors import GltfError, as_warning
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.parser import extension_json
+from gateway.gltf.parser import extension
 from gateway.parsers.draco_data import DecodedMesh
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
@@ -37,12 +37,16 @@ class DracoMeshes:
         """Mesh, or the reason why there is none, by the index of the buffer view; None before the first ``read``."""
 
     def read(
-        self, raw: msgspec.Raw, attributes: Mapping[str, Accessor], indices: Accessor | None, name: str
+        self,
+        source: schema.DracoCompression,
+        attributes: Mapping[str, Accessor],
+        indices: Accessor | None,
+        name: str,
     ) -> tuple[dict[str, Accessor], Accessor]:
         """Return the attributes of a primitive, and its vertex indices: three for each triangle.
 
         Args:
-            raw: JSON text of the extension.
+            source: The extension.
             attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
             indices: The primitive's accessor of vertex indices. It is replaced.
             name: Name of the extension in the document, for messages.
@@ -50,10 +54,6 @@ class DracoMeshes:
         Raises:
             GltfError: The data cannot be decompressed, or does not have what the accessors say.
         """
-        try:
-            source = msgspec.json.decode(raw, type=schema.DracoCompression)
-        except msgspec.MsgspecError as error:
-            raise GltfError(f"{name}: {error}") from error
         if self._document.merged_by_drake:
             raise GltfError(f"{name}: Drake's merge does not adapt the index of the buffer view")
         if source.buffer_view is None:
@@ -83,17 +83,15 @@ class DracoMeshes:
         """Decompress all primitives of the document."""
         data_by_view: dict[int, bytes] = {}
         for mesh in self._document.meshes or ():
-            for primitive in (mesh.primitives or ()) if mesh is not None else ():
-                raw = None if primitive is None else extension_json(primitive.extensions, EXTENSION)
-                if raw is None:
+            for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.Mesh) else ():
+                if not isinstance(primitive, schema.Primitive):
                     continue
-                try:
-                    index = msgspec.json.decode(raw, type=schema.DracoCompression).buffer_view
+                with as_warning([], ""):  # the primitive is not used, or the error is raised when it is read
+                    source = extension(primitive.extensions, EXTENSION, schema.DracoCompression, "", [])
+                    index = source.buffer_view if source is not None else None
                     if index is not None and index not in data_by_view:
                         view = self._buffers.view(index, "")
                         data_by_view[index] = bytes(memoryview(view.buffer.data)[view.offset :][: view.length])
-                except (msgspec.MsgspecError, GltfError):
-                    continue  # the primitive is not used, or the error is raised when it is read
         results = decode_in_child(list(data_by_view.values()), self._limits)
         return dict(zip(data_by_view, results, strict=True))
 

@@ -1,10 +1,15 @@
-"""The reader's exception, and checked access to the arrays of a document."""
+"""The reader's exceptions, how they become warnings, and checked access to the arrays of a document."""
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Final, TypeVar
+
+from renderers.drawlist import ImageError
 
 T = TypeVar("T")
+
+MAX_WARNINGS: Final = 10_000
+"""Maximum number of warnings that are kept: a document may have millions of flaws."""
 
 
 class GltfError(ValueError):
@@ -15,6 +20,33 @@ class GltfLimitError(GltfError):
     """A document beyond one of ``GltfLimits``."""
 
 
+class as_warning:  # noqa: N801  # used like the functions of contextlib, which take twice as long
+    """Context in which a ``GltfError`` or an ``ImageError`` becomes a warning. A ``GltfLimitError`` stays an error.
+
+    Where each primitive passes, the context is entered only for an error: 3 % of the time of a document.
+    """
+
+    __slots__ = ("_consequence", "_warnings")
+
+    def __init__(self, warnings: list[str], consequence: str) -> None:
+        """
+        Args:
+            warnings: The warning is appended to this list.
+            consequence: What is done instead, for the end of the warning.
+        """
+        self._warnings, self._consequence = warnings, consequence
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> bool:
+        if not isinstance(error, GltfError | ImageError) or isinstance(error, GltfLimitError):
+            return False
+        if len(self._warnings) < MAX_WARNINGS:
+            self._warnings.append(f"{error}; {self._consequence}")
+        return True
+
+
 def checked_item(items: list[T | None] | None, index: object, array_name: str, path: str) -> T:
     """Return ``items[index]``, where ``index`` comes from the document.
 
@@ -23,10 +55,12 @@ def checked_item(items: list[T | None] | None, index: object, array_name: str, p
         path: Property that holds the index, such as ``accessors[3].bufferView``, for the message.
 
     Raises:
-        GltfError: The index is not an integer or out of range, or the item is null.
+        GltfError: The index is not an integer or out of range, or the item is null or invalid.
     """
     if type(index) is int and items is not None and 0 <= index < len(items):
         item = items[index]
+        if isinstance(item, GltfError):  # parser has put it in the place of an invalid item
+            raise GltfError(str(item))
         if item is not None:
             return item
         raise GltfError(f"{path}: {array_name}[{index}] is null")

@@ -1,11 +1,9 @@
-"""Extensions of glTF that the reader supports, and the rule for those that it does not."""
+"""Extensions of glTF that the reader supports, and the warning about those that it does not."""
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
-from gateway.gltf.errors import GltfError
 from gateway.gltf.schema import Document
 
 SUPPORTED: Final = frozenset(
@@ -30,26 +28,13 @@ SUPPORTED: Final = frozenset(
 _IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
 """Extensions that offer another image for a texture. The texture's own image (PNG or JPEG) is used instead; a texture
 without one gives a warning of its own."""
-_COLOR_ONLY: Final = re.compile(r"[A-Z]+_(materials|texture)_")
-"""Start of the names of extensions that change nothing but colours."""
-_NOT_DRAWN: Final = frozenset({"KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld"})
-"""Extensions that change nothing in an image."""
 _MAX_LISTED_CHARACTERS: Final = 500
 """Maximum number of characters of extension names in a message."""
 
 
 def check_extensions(document: Document, warnings: list[str]) -> None:
-    """Warn about extensions that are ignored.
-
-    Raises:
-        GltfError: The document requires an extension that is not supported, without which more than colours would be
-            wrong.
-    """
-    required = {name for name in document.extensions_required or () if name}
-    refused = sorted(name for name in required - SUPPORTED - _NOT_DRAWN if not _COLOR_ONLY.match(name))
-    if refused:
-        raise GltfError(f"extensionsRequired: {', '.join(refused)[:_MAX_LISTED_CHARACTERS]} cannot be read")
-    used = required | {name for name in document.extensions_used or () if name}
-    ignored = sorted(used - SUPPORTED - _IMAGE_FORMATS)
+    """Warn about extensions that are ignored, as other viewers do also with those that the document requires."""
+    names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
+    ignored = sorted(names - SUPPORTED - _IMAGE_FORMATS)
     if ignored:
         warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")

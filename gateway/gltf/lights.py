@@ -9,31 +9,26 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import msgspec
 import numpy as np
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, checked_item
+from gateway.gltf.errors import GltfError, as_warning, checked_item
 from gateway.gltf.nodes import SceneNodes
-from gateway.gltf.parser import extension_json, finite_vector_or_default
+from gateway.gltf.parser import extension, vector_or_default
 from gateway.scene.transforms import Matrix
 from renderers.drawlist import Light, LightKind
 
 EXTENSION: Final = "KHR_lights_punctual"
 MAX_INTENSITY: Final = 1e12
 """Maximum intensity times colour, lux or candela: sums of larger ones overflow in float32. The sun has 1e5 lux."""
+MAX_RANGE: Final = 1e9
+"""Maximum range, metres: the fourth power of a much larger one overflows, and it changes nothing in an image."""
 
 
 def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
-    """Return the document's lights; none, with a warning, if their JSON is invalid."""
-    raw = extension_json(document.extensions, EXTENSION)
-    if raw is None:
-        return []
-    try:
-        return msgspec.json.decode(raw, type=schema.Lights).lights or []
-    except msgspec.MsgspecError as error:
-        warnings.append(f"extensions.{EXTENSION}: {error}, no lights")
-        return []
+    """Return the document's lights."""
+    found = extension(document.extensions, EXTENSION, schema.Lights, "", warnings)
+    return (found and found.lights) or []
 
 
 def place_lights(
@@ -49,23 +44,20 @@ def place_lights(
     if not sources:
         return ()
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
-        raw = extension_json(node.extensions, EXTENSION)
-        if raw is None:
+        if not node.extensions or EXTENSION not in node.extensions:
             continue
         name = f"nodes[{index}]"
         if len(lights) == limit:
             warnings.append(f"{name}: more lights than max_lights = {limit}, further ones are left out")
             break
-        try:
-            light = msgspec.json.decode(raw, type=schema.LightReference).light
-            source = checked_item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
-            lights.append(_light(source, f"lights[{light}]", X_world_node))
-        except (msgspec.MsgspecError, GltfError) as error:
-            warnings.append(f"{error}: the light is left out")
+        with as_warning(warnings, f"{name} has no light"):
+            if reference := extension(node.extensions, EXTENSION, schema.LightReference, name, warnings):
+                source = checked_item(sources, reference.light, "lights", f"{name}.extensions.{EXTENSION}.light")
+                lights.append(_light(source, f"lights[{reference.light}]", X_world_node, warnings))
     return tuple(lights)
 
 
-def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
+def _light(source: schema.Light, name: str, X_world_node: Matrix, warnings: list[str]) -> Light:
     """Return a light at the pose of its node.
 
     Args:
@@ -94,9 +86,10 @@ def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
         raise GltfError(f"{name}.intensity: {intensity} is not a finite number from 0 on")
     if source.range is not None and not 0.0 < source.range < math.inf:
         raise GltfError(f"{name}.range: {source.range} is not a positive finite number")
-    color = finite_vector_or_default(source.color, (1.0, 1.0, 1.0), f"{name}.color")
+    color = vector_or_default(source.color, f"{name}.color", (1.0, 1.0, 1.0), warnings)
     if intensity * max(map(abs, color)) > MAX_INTENSITY:
         raise GltfError(f"{name}: intensity {intensity:g} times color {list(color)} is above {MAX_INTENSITY:g}")
+    range_ = None if source.range is None else min(source.range, MAX_RANGE)
     x, y, z = (float(v) for v in X_world_node[:3, 3])
     dx, dy, dz = (float(v) for v in axis / length)
-    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), source.range, inner_cone, outer_cone)
+    return Light(kind, color, float(intensity), (x, y, z), (dx, dy, dz), range_, inner_cone, outer_cone)

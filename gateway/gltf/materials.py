@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import Final, TypeVar
-
-import msgspec
+from typing import Any, Final, TypeVar
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
-from gateway.gltf.parser import extension_json, finite_vector_or_default
+from gateway.gltf.errors import GltfError, as_warning, checked_item
+from gateway.gltf.parser import extension, vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
 from renderers.stop import check_stop
@@ -28,7 +25,7 @@ _DIELECTRIC_REFLECTANCE: Final = 0.04
 
 _VARIANTS: Final = "KHR_materials_variants"
 
-_Extension = TypeVar("_Extension", bound=msgspec.Struct)
+_Extension = TypeVar("_Extension", bound=schema.Object)
 
 
 def label_from_material(material: Material) -> int:
@@ -76,11 +73,10 @@ class Materials:
         """
         try:
             return self._find(primitive, name)
-        except GltfLimitError:
-            raise
-        except GltfError as error:
-            self._warnings.append(f"{error}; {name} has the default material")
-            return DEFAULT_MATERIAL
+        except GltfError:
+            with as_warning(self._warnings, f"{name} has the default material"):
+                raise
+        return DEFAULT_MATERIAL
 
     def _find(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive, or ``DEFAULT_MATERIAL``. Raises GltfError."""
@@ -97,15 +93,13 @@ class Materials:
 
     def _index(self, primitive: schema.Primitive, name: str) -> int | None:
         """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""
-        raw = None if self._variant is None else extension_json(primitive.extensions, _VARIANTS)
-        if raw is None:
+        if self._variant is None:
             return primitive.material
-        try:
-            mappings = msgspec.json.decode(raw, type=schema.VariantMappings).mappings or []
-        except msgspec.MsgspecError as error:
-            raise GltfError(f"{name}.extensions.{_VARIANTS}: {error}") from error
-        chosen = [each.material for each in mappings if each is not None and self._variant in (each.variants or ())]
-        return chosen[0] if chosen else primitive.material
+        found = extension(primitive.extensions, _VARIANTS, schema.VariantMappings, name, self._warnings)
+        for mapping in (found and found.mappings) or ():
+            if isinstance(mapping, schema.VariantMapping) and self._variant in (mapping.variants or ()):
+                return mapping.material
+        return primitive.material
 
     def is_from_vtk(self, primitive: schema.Primitive) -> bool:
         """Return True for a primitive that VTK's exporter wrote for Drake's client.
@@ -118,7 +112,8 @@ class Materials:
         is_from_vtk = self._written_by_vtk.get(index)
         if is_from_vtk is None:
             source = sources[index] if 0 <= index < len(sources) else None
-            is_from_vtk = self._written_by_vtk[index] = source is not None and _looks_written_by_vtk(source)
+            is_from_vtk = isinstance(source, schema.Material) and _looks_written_by_vtk(source)
+            self._written_by_vtk[index] = is_from_vtk
         return is_from_vtk
 
     def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
@@ -129,40 +124,30 @@ class Materials:
             vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()
-        base_color = finite_vector_or_default(
-            pbr.base_color_factor, _WHITE, f"{name}.pbrMetallicRoughness.baseColorFactor"
-        )
+        base_color = self._vector(pbr.base_color_factor, f"{name}.pbrMetallicRoughness.baseColorFactor", _WHITE)
         normal, occlusion, read_texture = source.normal_texture, source.occlusion_texture, self._textures.get
         material = Material(
             base_color=base_color,
             base_color_texture=read_texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
-            metallic=_factor(pbr.metallic_factor, f"{name}.metallicFactor"),
-            roughness=_factor(pbr.roughness_factor, f"{name}.roughnessFactor"),
+            metallic=_factor(pbr.metallic_factor),
+            roughness=_factor(pbr.roughness_factor),
             metallic_roughness_texture=read_texture(pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"),
             normal_texture=read_texture(normal, f"{name}.normalTexture"),
-            normal_scale=_finite_or_default(normal.scale if normal else None, 1.0, f"{name}.normalTexture.scale"),
+            normal_scale=_or_default(normal.scale if normal else None, 1.0),
             occlusion_texture=read_texture(occlusion, f"{name}.occlusionTexture"),
-            occlusion_strength=_factor(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
-            emissive=finite_vector_or_default(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
+            occlusion_strength=_factor(occlusion.strength if occlusion else None),
+            emissive=self._vector(source.emissive_factor, f"{name}.emissiveFactor", (0.0, 0.0, 0.0)),
             emissive_texture=read_texture(source.emissive_texture, f"{name}.emissiveTexture"),
             alpha_mode=AlphaMode.BLEND if vtk and base_color[3] < 1.0 else self._alpha_mode(source.alpha_mode, name),
-            alpha_cutoff=_finite_or_default(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
+            alpha_cutoff=_or_default(source.alpha_cutoff, 0.5),
             double_sided=bool(source.double_sided) or vtk,
             vtk_export=vtk,
             decodes_vertex_colors=self._decodes_vertex_colors,
         )
         return self._with_extensions(material, source, name) if source.extensions else material
 
-    def _extension(self, source: schema.Material, extension: str, type_: type[_Extension], name: str) -> _Extension:
-        """Return a material's extension as a ``type_``; all of its fields are None if it is absent or invalid."""
-        raw = extension_json(source.extensions, extension)
-        if raw is None:
-            return type_()
-        try:
-            return msgspec.json.decode(raw, type=type_)
-        except msgspec.MsgspecError as error:
-            self._warnings.append(f"{name}.extensions.{extension}: {error}; it is ignored")
-            return type_()
+    def _vector(self, values: list[float] | None, path: str, default: tuple[float, ...]) -> tuple[Any, ...]:
+        return vector_or_default(values, path, default, self._warnings)
 
     def _alpha_mode(self, value: str | None, name: str) -> AlphaMode:
         mode = _ALPHA_MODES.get(value)
@@ -171,39 +156,38 @@ class Materials:
         return mode or AlphaMode.OPAQUE
 
     def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
-        strength = self._extension(source, "KHR_materials_emissive_strength", schema.EmissiveStrength, name)
-        ior = self._extension(source, "KHR_materials_ior", schema.Ior, name)
-        specular = self._extension(source, "KHR_materials_specular", schema.Specular, name)
+        def read(key: str, type_: type[_Extension]) -> _Extension | None:
+            return extension(source.extensions, key, type_, name, self._warnings)
+
+        strength = read("KHR_materials_emissive_strength", schema.EmissiveStrength) or schema.EmissiveStrength()
+        ior = read("KHR_materials_ior", schema.Ior) or schema.Ior()
+        specular = read("KHR_materials_specular", schema.Specular) or schema.Specular()
         material = replace(
             material,
-            emissive_strength=max(0.0, _finite_or_default(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
-            unlit=extension_json(source.extensions, "KHR_materials_unlit") is not None,
-            ior=_ior(ior.ior, f"{name}.ior"),
-            specular=_factor(specular.specular_factor, f"{name}.specularFactor"),
+            emissive_strength=max(0.0, _or_default(strength.emissive_strength, 1.0)),
+            unlit=read("KHR_materials_unlit", schema.Object) is not None,
+            ior=_ior(ior.ior),
+            specular=_factor(specular.specular_factor),
             specular_texture=self._textures.get(specular.specular_texture, f"{name}.specularTexture"),
-            specular_color=finite_vector_or_default(
-                specular.specular_color_factor, (1.0, 1.0, 1.0), f"{name}.specularColorFactor"
-            ),
+            specular_color=self._vector(specular.specular_color_factor, f"{name}.specularColorFactor", (1.0, 1.0, 1.0)),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
         )
-        if extension_json(source.extensions, _GLOSSINESS) is None:
-            return material
-        glossiness = self._extension(source, _GLOSSINESS, schema.SpecularGlossiness, name)
-        return replace(self._with_glossiness(material, glossiness, name), fallback=material)
+        glossiness = read(_GLOSSINESS, schema.SpecularGlossiness)
+        return replace(self._with_glossiness(material, glossiness, name), fallback=material) if glossiness else material
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.
 
         The alpha channel of the texture, which holds the glossiness of each texel, is not read.
         """
-        r, g, b = finite_vector_or_default(source.specular_factor, (1.0, 1.0, 1.0), f"{name}.specularFactor")
+        r, g, b = self._vector(source.specular_factor, f"{name}.specularFactor", (1.0, 1.0, 1.0))
         reflectance = _DIELECTRIC_REFLECTANCE
         return replace(
             material,
-            base_color=finite_vector_or_default(source.diffuse_factor, _WHITE, f"{name}.diffuseFactor"),
+            base_color=self._vector(source.diffuse_factor, f"{name}.diffuseFactor", _WHITE),
             base_color_texture=self._textures.get(source.diffuse_texture, f"{name}.diffuseTexture"),
             metallic=0.0,
-            roughness=1.0 - _factor(source.glossiness_factor, f"{name}.glossinessFactor"),
+            roughness=1.0 - _factor(source.glossiness_factor),
             metallic_roughness_texture=None,
             specular_color=(r / reflectance, g / reflectance, b / reflectance),
             specular_color_texture=self._textures.get(
@@ -214,12 +198,9 @@ class Materials:
 
 def _variant_index(document: schema.Document, name: str, warnings: list[str]) -> int | None:
     """Return the index of a variant; None and a warning if the document has none of this name."""
-    raw = extension_json(document.extensions, _VARIANTS)
-    try:
-        variants = [] if raw is None else msgspec.json.decode(raw, type=schema.Variants).variants or []
-    except msgspec.MsgspecError as error:
-        raise GltfError(f"extensions.{_VARIANTS}: {error}") from error
-    names = [variant.name if variant is not None else None for variant in variants]
+    found = extension(document.extensions, _VARIANTS, schema.Variants, "", warnings)
+    variants = (found and found.variants) or ()
+    names = [variant.name if isinstance(variant, schema.Variant) else None for variant in variants]
     if name in names:
         return names.index(name)
     listed = ", ".join(repr(each)[:60] for each in names[:20]) or "none"
@@ -239,21 +220,16 @@ def _looks_written_by_vtk(source: schema.Material) -> bool:
     return pbr == schema.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)
 
 
-def _finite_or_default(value: float | None, default: float, path: str) -> float:
-    """Return a number from the document, or ``default`` for null; GltfError if it is not finite."""
-    if value is None:
-        return default
-    if not math.isfinite(value):
-        raise GltfError(f"{path}: not finite")
-    return float(value)
+def _or_default(value: float | None, default: float) -> float:
+    return default if value is None else float(value)
 
 
-def _factor(value: float | None, path: str) -> float:
+def _factor(value: float | None) -> float:
     """Return a factor clamped to 0 .. 1; 1 if it is absent."""
-    return min(1.0, max(0.0, _finite_or_default(value, 1.0, path)))
+    return min(1.0, max(0.0, _or_default(value, 1.0)))
 
 
-def _ior(value: float | None, path: str) -> float:
+def _ior(value: float | None) -> float:
     """Return an index of refraction, at least 1. The value 0 is kept: KHR_materials_ior gives it a special meaning."""
-    ior = _finite_or_default(value, 1.5, path)
+    ior = _or_default(value, 1.5)
     return ior if ior == 0.0 else max(1.0, ior)

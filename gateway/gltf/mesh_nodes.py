@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
 from gateway.gltf.accessors import Accessors
 from gateway.gltf.deformation import Pose
-from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.nodes import SceneNodes
-from gateway.gltf.parser import extension_json
+from gateway.gltf.parser import extension
 from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 from renderers.stop import check_stop
 
@@ -60,7 +59,7 @@ def expand_mesh_nodes(
             continue
         check_stop()
         name = f"nodes[{nodes.indices[position]}]"
-        try:
+        with as_warning(warnings, f"{name} is drawn at rest and once"):
             if source.weights is not None:
                 weights = tuple(source.weights)
             else:
@@ -74,15 +73,10 @@ def expand_mesh_nodes(
                 positions = added.add(position, -1, X_world_mesh[None])
                 if INSTANCING in (source.extensions or {}):
                     warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
-            elif (raw := extension_json(source.extensions, INSTANCING)) is not None:
-                matrices = _instance_matrices(raw, accessors, limits, f"{name}.extensions.{INSTANCING}")
+            elif instancing := extension(source.extensions, INSTANCING, schema.Instancing, name, warnings):
+                matrices = _instance_matrices(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
                 positions = added.add(position, position, matrices)
-        except GltfLimitError:
-            raise
-        except GltfError as error:
-            warnings.append(f"{error}; {name} is drawn at rest and once")
-            continue
-        poses |= dict.fromkeys(positions, Pose(weights, joint_matrices))
+            poses |= dict.fromkeys(positions, Pose(weights, joint_matrices))
     return added.nodes(), poses
 
 
@@ -141,6 +135,7 @@ class _AddedNodes:
             self._meshes,
             np.concatenate(self._X_parent_node),
             np.concatenate(self._X_world_node),
+            self._nodes.warnings,
         )
 
 
@@ -197,17 +192,16 @@ class _Skins:
             return X_world_mesh, joint_matrices.astype(np.float32)
 
 
-def _instance_matrices(raw: msgspec.Raw, accessors: Accessors, limits: GltfLimits, path: str) -> NDArray[np.float64]:
+def _instance_matrices(
+    source: schema.Instancing, accessors: Accessors, limits: GltfLimits, path: str
+) -> NDArray[np.float64]:
     """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4).
 
     Args:
-        raw: JSON text of EXT_mesh_gpu_instancing.
+        source: EXT_mesh_gpu_instancing.
         path: Name of the extension, for messages.
     """
-    try:
-        attributes = msgspec.json.decode(raw, type=schema.Instancing).attributes or {}
-    except msgspec.MsgspecError as error:
-        raise GltfError(f"{path}: {error}") from error
+    attributes = source.attributes or {}
     columns: dict[str, NDArray[np.float64]] = {}
     for attribute, default in _INSTANCE_ATTRIBUTES.items():
         if (index := attributes.get(attribute)) is not None:

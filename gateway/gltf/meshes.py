@@ -13,11 +13,11 @@ from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, Pose, deformation_of
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, GltfLimitError
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.parser import extension_json
-from gateway.gltf.schema import Primitive
+from gateway.gltf.parser import extension
+from gateway.gltf.schema import DracoCompression, Primitive
 from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, elements_of
 from gateway.gltf.vertex_attributes import (
     Floats,
@@ -102,10 +102,6 @@ class Meshes:
         """Upper limit of ``nbytes``, as if all vertices had all attributes. Known before the meshes are read."""
         self.nbytes = 0
         """Bytes of all meshes, each counted once."""
-        self.first_without_positions = ""
-        """Name of the first primitive without POSITION; empty if there is none."""
-        self.any_positions = False
-        """True if any primitive so far has a POSITION."""
 
     def read(self, primitive: Primitive, name: str, pose: Pose = REST, *, smooth: bool = False) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
@@ -120,8 +116,6 @@ class Meshes:
         """
         check_stop()
         checked = self._check(primitive, name, pose, smooth)
-        if checked is None:
-            return None
         key = checked.key
         if key not in self._meshes:
             self._meshes[key] = self._cached_or_new(key, checked)
@@ -143,18 +137,15 @@ class Meshes:
             self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str, pose: Pose, smooth: bool) -> _CheckedPrimitive | None:
-        """Check a primitive's references to accessors; return None if it has no positions."""
+    def _check(self, primitive: Primitive, name: str, pose: Pose, smooth: bool) -> _CheckedPrimitive:
+        """Check a primitive's references to accessors."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
             raise GltfError(f"{name}.mode: {mode} is not between 0 and {MODE_COUNT - 1}")
         references = primitive.attributes or {}
         position_index = references.get("POSITION")
         if position_index is None:
-            self.first_without_positions = self.first_without_positions or name
-            self._warnings.append(f"{name}: no POSITION, nothing to draw")
-            return None
-        self.any_positions = True
+            raise GltfError(f"{name}.attributes: there is no POSITION")
         position = self._accessors.get(position_index, f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
@@ -168,28 +159,28 @@ class Meshes:
             path = f"{name}.attributes.{attribute}"
             try:
                 accessor = self._accessors.get(index, path)
-            except GltfLimitError:
-                raise
-            except GltfError as error:
-                self._warnings.append(f"{error}; {path} is ignored")
-                continue
-            if accessor.components not in allowed:
-                self._warnings.append(f"{path}: {accessor.components} components, ignored")
-            elif accessor.count < position.count:
-                self._warnings.append(f"{path}: {accessor.count} values for {position.count} vertices, ignored")
-            else:
+                if accessor.components not in allowed:
+                    raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
+                if accessor.count < position.count:
+                    counts = f"{accessor.count} values for {position.count} vertices"
+                    raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
+            except GltfError:
+                with as_warning(self._warnings, f"{path} is ignored"):
+                    raise
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         # Where an exporter has also stored the primitive without compression, that is read.
-        raw = extension_json(primitive.extensions, DRACO) if position.buffer is None else None
-        if raw is not None:
-            attributes, indices = self._draco_meshes.read(raw, attributes, indices, f"{name}.extensions.{DRACO}")
+        draco = None
+        if position.buffer is None:
+            draco = extension(primitive.extensions, DRACO, DracoCompression, name, self._warnings)
+        if draco is not None:
+            attributes, indices = self._draco_meshes.read(draco, attributes, indices, f"{name}.extensions.{DRACO}")
             mode = TRIANGLES
-        deformation = deformation_of(primitive, pose, attributes, self._accessors, name)
+        deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
         return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation, smooth)

@@ -8,30 +8,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError
-from gateway.gltf.parser import finite_vector_or_default
+from gateway.gltf.parser import vector_or_default
 from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 
 _AFFINE_TOLERANCE: Final = 1e-6
 """Maximum deviation of a matrix's last row from (0, 0, 0, 1)."""
+_DEFAULT_MATRIX: Final = tuple(IDENTITY.ravel().tolist())
 _DEFAULT_TRANSLATION: Final = (0.0, 0.0, 0.0)
 _DEFAULT_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
 """Quaternion (x, y, z, w), as in glTF."""
 _DEFAULT_SCALE: Final = (1.0, 1.0, 1.0)
 
 
-def local_matrices(nodes: list[schema.Node], indices: list[int]) -> NDArray[np.float64]:
-    """Return X_parent_node of each node.
+def local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[str]) -> NDArray[np.float64]:
+    """Return X_parent_node of each node. A property with the wrong number of numbers is ignored.
 
     Args:
         indices: Indices of the nodes in the document, for messages.
+        warnings: Warnings are appended to this list.
 
     Returns:
         (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).
-
-    Raises:
-        GltfError: A property has the wrong length or is not finite, or a matrix is not affine.
     """
+
+    def rows(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+        """Return a property of the nodes at the positions ``selected``, (len(selected), len(default)) float64."""
+        values: list[Any] = [getattr(nodes[i], name) for i in selected]
+        values = [default if value is None else value for value in values]
+        try:
+            result = np.array(values, np.float64)
+        except ValueError:  # lists of different lengths
+            result = np.empty(0)
+        if result.shape != (len(selected), len(default)):
+            paths = [f"nodes[{indices[i]}].{name}" for i in selected]
+            result = np.array([vector_or_default(*each, default, warnings) for each in zip(values, paths, strict=True)])
+        return result
+
     X = np.empty((len(nodes), 4, 4))
     X[:] = IDENTITY
     with_matrix = [i for i, node in enumerate(nodes) if node.matrix is not None]
@@ -41,45 +53,24 @@ def local_matrices(nodes: list[schema.Node], indices: list[int]) -> NDArray[np.f
         if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
     ]
     if with_matrix:
-        column_major = _property_rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
+        column_major = rows(with_matrix, "matrix", _DEFAULT_MATRIX)
         matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
         affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
-        if not affine.all():
-            bad = int(np.argmin(affine))
+        for bad in () if affine.all() else np.flatnonzero(~affine):
             name = f"nodes[{indices[with_matrix[bad]]}].matrix"
-            raise GltfError(f"{name}: not affine, its last row is {matrices[bad, 3].tolist()}")
+            warnings.append(f"{name}: not affine, its last row {matrices[bad, 3].tolist()} is ignored")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
-        translations = _property_rows(nodes, indices, with_trs, "translation", _DEFAULT_TRANSLATION)
-        rotations = _property_rows(nodes, indices, with_trs, "rotation", _DEFAULT_ROTATION)
-        scales = _property_rows(nodes, indices, with_trs, "scale", _DEFAULT_SCALE)
+        translations = rows(with_trs, "translation", _DEFAULT_TRANSLATION)
+        rotations = rows(with_trs, "rotation", _DEFAULT_ROTATION)
+        has_length = rotations.any(axis=1)
+        zeros = () if has_length.all() else [indices[with_trs[i]] for i in np.flatnonzero(~has_length)]
+        warnings += [f"nodes[{index}].rotation: it has no length; the node is not rotated" for index in zeros]
+        scales = rows(with_trs, "scale", _DEFAULT_SCALE)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
         poses[:, :3, :3] *= scales[:, None, :]
         X[with_trs] = poses
     return X
-
-
-def _property_rows(
-    nodes: list[schema.Node], indices: list[int], selected: list[int], name: str, default: tuple[float, ...]
-) -> NDArray[np.float64]:
-    """Return a property of the selected nodes as (len(selected), len(default)) float64.
-
-    Args:
-        indices: Indices of the nodes in the document, for messages.
-        selected: Positions of the selected nodes in ``nodes``.
-        name: Name of the property, for instance ``translation``.
-        default: Value of nodes without the property.
-    """
-    values: list[Any] = [getattr(nodes[i], name) for i in selected]
-    values = [default if value is None else value for value in values]
-    try:
-        rows = np.array(values, np.float64)
-    except ValueError:  # lists of different lengths
-        rows = np.empty(0)
-    if rows.shape != (len(selected), len(default)) or not np.isfinite(rows).all():
-        for i in selected:  # find the node for the message
-            finite_vector_or_default(getattr(nodes[i], name), default, f"nodes[{indices[i]}].{name}")
-    return rows
 
 
 def world_matrices(

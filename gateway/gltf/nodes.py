@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final, TypeAlias
 
 import msgspec
@@ -11,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.node_transforms import local_matrices, world_matrices
-from gateway.gltf.parser import extension_json
+from gateway.gltf.parser import extension
 from gateway.scene import tree
 from gateway.scene.geometry import Part
 from gateway.scene.transforms import IDENTITY, affine_product
@@ -44,6 +45,8 @@ class SceneNodes:
     """(N, 4, 4), poses in the frame of the parent."""
     X_world_node: NDArray[np.float64]
     """(N, 4, 4), poses in the document's world frame."""
+    warnings: list[str]
+    """Sentences about properties of nodes and scenes that were ignored or repaired."""
 
     def first_node_by_mesh(self) -> dict[int, int]:
         """Return the first node of each mesh in use: node indices by mesh index, in the order of the nodes."""
@@ -81,18 +84,20 @@ class SceneNodes:
 def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
     """Return the nodes of the document's default scene.
 
+    A node that several nodes have as a child is that of the first of them, so that circles end.
+
     Raises:
-        GltfError: A node has several parents or is part of a cycle, a reference is out of range, a matrix is not
-            affine, or a limit is exceeded.
+        GltfLimitError: A limit is exceeded.
     """
     nodes = document.nodes or []
-    roots, roots_path = _roots(document)
+    warnings: list[str] = []
     indices: list[int] = []
     sources: list[schema.Node] = []
     parents: list[int] = []
     levels: list[list[int]] = []  # positions of the nodes of each depth
     visited: set[int] = set()
-    stack: list[tuple[Iterator[int | None], int]] = [(iter(roots), -1)]  # remaining children, position of their parent
+    roots, roots_path = _roots(document, visited, warnings)
+    stack: list[tuple[Iterator[int | None], int]] = [(roots, -1)]  # remaining children, position of their parent
     while stack:
         check_stop()
         children, parent = stack[-1]
@@ -101,10 +106,12 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
         for index in children:
             if index is None:
                 continue
-            if not 0 <= index < len(nodes) or (source := nodes[index]) is None or index in visited:
+            if not 0 <= index < len(nodes) or type(source := nodes[index]) is not schema.Node or index in visited:
                 path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
-                checked_item(document.nodes, index, "nodes", path)
-                raise GltfError(f"{path}: nodes[{index}] has several parents or is part of a cycle")
+                with as_warning(warnings, "it is left out"):
+                    checked_item(document.nodes, index, "nodes", path)
+                    raise GltfError(f"{path}: nodes[{index}] is already in the scene")
+                continue
             position = len(indices)
             if position == limits.max_nodes:
                 raise GltfLimitError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
@@ -118,13 +125,13 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
                 break
         else:
             stack.pop()
-    X_parent_node = local_matrices(sources, indices)
+    X_parent_node = local_matrices(sources, indices, warnings)
     X_world_node = world_matrices(X_parent_node, parents, levels)
     if len(levels) > limits.max_node_depth:
         _flatten_deep_nodes(parents, X_parent_node, limits.max_node_depth)
-    _hide_invisible(sources, parents, indices)
+    _hide_invisible(sources, parents, indices, warnings)
     meshes = [source.mesh for source in sources]
-    return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node)
+    return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node, warnings)
 
 
 def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], max_depth: int) -> None:
@@ -141,23 +148,16 @@ def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], 
             depths.append(depths[parent] + 1 if parent >= 0 else 1)
 
 
-def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: list[int]) -> None:
-    """Take mesh and light from nodes that KHR_node_visibility hides, and from the nodes below them.
-
-    Raises:
-        GltfError: The extension's value is invalid.
-    """
+def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: list[int], warnings: list[str]) -> None:
+    """Take mesh and light from nodes that KHR_node_visibility hides, and from the nodes below them."""
     if not any(source.extensions for source in sources):
         return
     hidden: set[int] = set()
     for position, (source, parent) in enumerate(zip(sources, parents, strict=True)):
-        raw = extension_json(source.extensions, VISIBILITY) if source.extensions else None
-        if raw is not None:
-            try:
-                visible = msgspec.json.decode(raw, type=schema.NodeVisibility).visible
-            except msgspec.MsgspecError as error:
-                raise GltfError(f"nodes[{indices[position]}].extensions.{VISIBILITY}: {error}") from error
-            if visible is False:
+        if source.extensions and VISIBILITY in source.extensions:
+            name = f"nodes[{indices[position]}]"
+            found = extension(source.extensions, VISIBILITY, schema.NodeVisibility, name, warnings)
+            if found is not None and found.visible is False:
                 hidden.add(position)
         if parent in hidden:
             hidden.add(position)
@@ -165,22 +165,24 @@ def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: lis
             sources[position] = msgspec.structs.replace(source, mesh=None, extensions=None)
 
 
-def _roots(document: schema.Document) -> tuple[list[int | None], str]:
+def _roots(document: schema.Document, visited: set[int], warnings: list[str]) -> tuple[Iterator[int | None], str]:
     """Return the indices of the root nodes, and the name of the property that lists them, for messages.
 
     The roots are those of the default scene, or else of the first one. In a document without scenes, all nodes without
-    a parent are roots.
+    a parent are roots, and then one node of each circle.
+
+    Args:
+        visited: Indices of the nodes in the scene so far, while the roots are iterated.
     """
     if document.scenes:
-        index = document.scene or 0
-        scene = checked_item(document.scenes, index, "scenes", "scene")
-        return scene.nodes or [], f"scenes[{index}].nodes"
+        with as_warning(warnings, "all nodes without a parent are drawn"):
+            index = document.scene or 0
+            scene = checked_item(document.scenes, index, "scenes", "scene")
+            return iter(scene.nodes or ()), f"scenes[{index}].nodes"
     nodes = document.nodes or []
-    children = {child for node in nodes if node is not None for child in node.children or ()}
-    roots: list[int | None] = [i for i, node in enumerate(nodes) if node is not None and i not in children]
-    if nodes and not roots:
-        raise GltfError("nodes: every node is another one's child, so they form a cycle")
-    return roots, "nodes"
+    children = {child for node in nodes if isinstance(node, schema.Node) for child in node.children or ()}
+    indices = [i for i, node in enumerate(nodes) if node is not None]
+    return chain((i for i in indices if i not in children), (i for i in indices if i not in visited)), "nodes"
 
 
 def _unique(name: str, last_numbers: dict[str, int]) -> str:

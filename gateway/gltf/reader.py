@@ -21,7 +21,7 @@ from gateway.gltf.container import open_container
 from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
@@ -32,8 +32,9 @@ from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import DRAKE_MERGER, Document
+from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh, Primitive
 from gateway.gltf.textures import Textures
+from gateway.runtime.warning_list import joined_warnings
 from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
@@ -85,15 +86,16 @@ def read_gltf(
             return _combine(content, nodes, limits)
     check_stop()
     container = open_container(data)
-    document = parse_document(container.json, limits)
+    warnings: list[str] = []
+    document = parse_document(container.json, limits, warnings)
+    has_wrong_types = bool(warnings)
     check_stop()
     nodes = read_nodes(document, limits)
     posed = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
-    warnings: list[str] = []
     check_version(document, warnings)
     check_extensions(document, warnings)
-    buffers = Buffers(document, container, limits, resolve)
+    buffers = Buffers(document, container, limits, resolve, warnings)
     accessors = Accessors(document, buffers, limits, warnings)
     if posed:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
@@ -104,7 +106,8 @@ def read_gltf(
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    if hashed is not None and not posed and len(content.warnings) <= _MAX_WARNINGS:
+    is_cacheable = not posed and not has_wrong_types and not nodes.warnings and len(content.warnings) <= _MAX_WARNINGS
+    if hashed is not None and is_cacheable:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
 
@@ -131,7 +134,9 @@ def _read_content(
     posed_parts: dict[int, tuple[Part, ...]] = {}
     parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
     primitive_count = 0
-    first_error: GltfError | None = None
+    missing: list[str] = []
+    left_out: list[str] = []
+    any_read = False
     for position, mesh_index in enumerate(nodes.meshes):
         pose = poses.get(position)
         if mesh_index is None or (pose is None and mesh_index in parts):
@@ -139,41 +144,37 @@ def _read_content(
         if pose is not None and (mesh_index, pose) in parts_in_pose:
             posed_parts[position] = parts_in_pose[mesh_index, pose]
             continue
-        try:
+        primitives: list[Primitive | None] = []
+        with as_warning(missing, "the node has no mesh"):
             mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
-        except GltfError as error:
-            first_error = first_error or error
-            warnings.append(f"{error}; the node has no mesh")
-            parts[mesh_index] = ()
-            continue
-        primitives = mesh.primitives or []
+            primitives = mesh.primitives or []
+            if pose is None:
+                pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
             raise GltfLimitError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
-        if pose is None:
-            pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
         mesh_parts: list[Part] = []
         for number, primitive in enumerate(primitives):
             name = f"meshes[{mesh_index}].primitives[{number}]"
             if primitive is None:
                 continue
             try:
+                primitive = checked_item(primitives, number, "primitives", name)
                 smooth = materials.is_from_vtk(primitive)
-                if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
+                if (surface := meshes.read(primitive, name, pose or REST, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
-            except GltfLimitError:
-                raise
-            except GltfError as error:
-                first_error = first_error or error
-                warnings.append(f"{error}; {name} is left out")
-        if position in poses:
+                any_read = True
+            except GltfError:
+                with as_warning(left_out, f"{name} is left out"):
+                    raise
+        if pose is not None and position in poses:
             posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
         else:
             parts[mesh_index] = tuple(mesh_parts)
-    if meshes.first_without_positions and not meshes.any_positions:
-        raise GltfError(f"{meshes.first_without_positions}: no POSITION, and no other primitive has one")
-    if first_error is not None and not any((*parts.values(), *posed_parts.values())):
-        raise first_error
+    if not any_read and (missing or left_out):
+        raise GltfError(f"nothing can be drawn: {joined_warnings(missing + left_out)}")
+    nodes.warnings.extend(missing)
+    warnings += left_out
     return DocumentContent(
         generator=document.generator,
         cameras=document.cameras or [],
@@ -181,7 +182,7 @@ def _read_content(
         parts=parts,
         posed_parts=posed_parts,
         element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=sum(1 for mesh in document.meshes or () if mesh is not None and any(mesh.weights or ())),
+        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )
@@ -189,10 +190,11 @@ def _read_content(
 
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
     """Return the scene of a document, given its content and its nodes."""
-    warnings = [*content.warnings, *_deformation_warnings(content, nodes)]
+    warnings = [*content.warnings, *nodes.warnings, *_deformation_warnings(content, nodes)]
     cameras = read_cameras(content.cameras, nodes, warnings)
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
+    warnings = list(dict.fromkeys(warnings))  # an object may be used several times
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
     return GltfScene(content, nodes, parts, cameras, lights, instance_count, element_count, tuple(warnings))

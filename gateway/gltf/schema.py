@@ -1,11 +1,12 @@
 """The properties of a glTF document that the reader uses, as msgspec structs named as in the specification.
 
-Types are strict, but every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
+Every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays. What has another type is
+ignored (``parser``). A list of objects then has a ``GltfError`` in the place of such an object.
 """
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import msgspec
 
@@ -19,22 +20,29 @@ DRAKE_GENERATORS: Final = frozenset({"VTK", DRAKE_MERGER})
 """``asset.generator`` of all documents from Drake's render client. Those without glTF meshes have ``VTK``."""
 
 
-class _Object(msgspec.Struct, rename="camel", gc=False):
+class Object(msgspec.Struct, rename="camel", gc=False):
     """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec is
     fastest if the text has the order of the fields."""
 
+    essential: ClassVar[tuple[str, ...] | None] = ()
+    """Properties without which the object has no meaning: it is not used if one has another type. None: all are."""
 
-class Asset(_Object):
+
+class StrictObject(Object):
+    essential = None
+
+
+class Asset(Object):
     generator: str | None = None
     min_version: str | None = None
     version: str | None = None
 
 
-class Scene(_Object):
+class Scene(StrictObject):
     nodes: list[int | None] | None = None
 
 
-class Node(_Object):
+class Node(Object):
     camera: int | None = None
     children: list[int | None] | None = None
     extensions: Extensions = None
@@ -48,7 +56,9 @@ class Node(_Object):
     weights: list[float] | None = None
 
 
-class Primitive(_Object):
+class Primitive(Object):
+    essential = ("indices",)
+
     attributes: dict[str, int | None] | None = None
     extensions: Extensions = None
     indices: int | None = None
@@ -57,30 +67,30 @@ class Primitive(_Object):
     targets: list[dict[str, int | None] | None] | None = None
 
 
-class Mesh(_Object):
+class Mesh(Object):
     name: str | None = None
     primitives: list[Primitive | None] | None = None
     weights: list[float] | None = None
 
 
-class SparseIndices(_Object):
+class SparseIndices(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
 
 
-class SparseValues(_Object):
+class SparseValues(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
 
 
-class Sparse(_Object):
+class Sparse(StrictObject):
     count: int | None = None
     indices: SparseIndices | None = None
     values: SparseValues | None = None
 
 
-class Accessor(_Object):
+class Accessor(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
@@ -90,7 +100,7 @@ class Accessor(_Object):
     type: str | None = None
 
 
-class BufferView(_Object):
+class BufferView(StrictObject):
     buffer: int | None = None
     byte_length: int | None = None
     byte_offset: int | None = None
@@ -98,36 +108,42 @@ class BufferView(_Object):
     extensions: Extensions = None
 
 
-class Buffer(_Object):
+class Buffer(Object):
     byte_length: int | None = None
     uri: str | None = None
 
 
-class Image(_Object):
+class Image(Object):
+    essential = ("buffer_view", "uri")
+
     buffer_view: int | None = None
     name: str | None = None
     uri: str | None = None
 
 
-class Sampler(_Object):
+class Sampler(Object):
     mag_filter: int | None = None
     min_filter: int | None = None
     wrap_s: int | None = None
     wrap_t: int | None = None
 
 
-class Skin(_Object):
+class Skin(StrictObject):
     inverse_bind_matrices: int | None = None
     joints: list[int] | None = None
 
 
-class Texture(_Object):
+class Texture(Object):
+    essential = ("source",)
+
     extensions: Extensions = None
     sampler: int | None = None
     source: int | None = None
 
 
-class TextureInfo(_Object):
+class TextureInfo(Object):
+    essential = ("index",)
+
     extensions: Extensions = None
     index: int | None = None
     scale: float | None = None
@@ -137,7 +153,7 @@ class TextureInfo(_Object):
     tex_coord: int | None = None
 
 
-class MetallicRoughness(_Object):
+class MetallicRoughness(Object):
     base_color_factor: list[float] | None = None
     base_color_texture: TextureInfo | None = None
     metallic_factor: float | None = None
@@ -145,7 +161,7 @@ class MetallicRoughness(_Object):
     roughness_factor: float | None = None
 
 
-class Material(_Object):
+class Material(Object):
     alpha_cutoff: float | None = None
     alpha_mode: str | None = None
     double_sided: bool | None = None
@@ -158,26 +174,26 @@ class Material(_Object):
     pbr_metallic_roughness: MetallicRoughness | None = None
 
 
-class Perspective(_Object):
+class Perspective(Object):
     aspect_ratio: float | None = None
     yfov: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
 
-class Orthographic(_Object):
+class Orthographic(Object):
     xmag: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
 
-class Camera(_Object):
+class Camera(Object):
     name: str | None = None
     orthographic: Orthographic | None = None
     perspective: Perspective | None = None
 
 
-class Document(_Object):
+class Document(Object):
     accessors: list[Accessor | None] | None = None
     asset: Asset | None = None
     buffer_views: list[BufferView | None] | None = None
@@ -218,37 +234,37 @@ class Document(_Object):
     def from_old_drake(self) -> bool:
         """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
         first_mesh = self.meshes[0] if self.meshes else None
-        return self.from_drake and first_mesh is not None and first_mesh.name == "mesh0"
+        return self.from_drake and isinstance(first_mesh, Mesh) and first_mesh.name == "mesh0"
 
 
-class Variant(_Object):
+class Variant(Object):
     name: str | None = None
 
 
-class Variants(_Object):
+class Variants(Object):
     """KHR_materials_variants in the document's extensions."""
 
     variants: list[Variant | None] | None = None
 
 
-class VariantMapping(_Object):
+class VariantMapping(Object):
     material: int | None = None
     variants: list[int] | None = None
 
 
-class VariantMappings(_Object):
+class VariantMappings(Object):
     """KHR_materials_variants in a primitive's extensions."""
 
     mappings: list[VariantMapping | None] | None = None
 
 
-class NodeVisibility(_Object):
+class NodeVisibility(Object):
     """KHR_node_visibility in a node's extensions."""
 
     visible: bool | None = None
 
 
-class TextureTransform(_Object):
+class TextureTransform(Object):
     """KHR_texture_transform."""
 
     offset: list[float] | None = None
@@ -257,25 +273,25 @@ class TextureTransform(_Object):
     tex_coord: int | None = None
 
 
-class ImageSource(_Object):
+class ImageSource(StrictObject):
     """EXT_texture_webp: another image for a texture."""
 
     source: int | None = None
 
 
-class EmissiveStrength(_Object):
+class EmissiveStrength(Object):
     """KHR_materials_emissive_strength."""
 
     emissive_strength: float | None = None
 
 
-class Ior(_Object):
+class Ior(Object):
     """KHR_materials_ior."""
 
     ior: float | None = None
 
 
-class Specular(_Object):
+class Specular(Object):
     """KHR_materials_specular."""
 
     specular_color_factor: list[float] | None = None
@@ -284,7 +300,7 @@ class Specular(_Object):
     specular_texture: TextureInfo | None = None
 
 
-class SpecularGlossiness(_Object):
+class SpecularGlossiness(Object):
     """KHR_materials_pbrSpecularGlossiness (archived)."""
 
     diffuse_factor: list[float] | None = None
@@ -294,13 +310,15 @@ class SpecularGlossiness(_Object):
     specular_glossiness_texture: TextureInfo | None = None
 
 
-class Spot(_Object):
+class Spot(Object):
     inner_cone_angle: float | None = None
     outer_cone_angle: float | None = None
 
 
-class Light(_Object):
+class Light(Object):
     """A light of KHR_lights_punctual."""
+
+    essential = ("type",)
 
     color: list[float] | None = None
     intensity: float | None = None
@@ -310,19 +328,19 @@ class Light(_Object):
     type: str | None = None
 
 
-class Lights(_Object):
+class Lights(Object):
     """KHR_lights_punctual in the document's extensions."""
 
     lights: list[Light | None] | None = None
 
 
-class LightReference(_Object):
+class LightReference(StrictObject):
     """KHR_lights_punctual in a node's extensions."""
 
     light: int | None = None
 
 
-class DracoCompression(_Object):
+class DracoCompression(StrictObject):
     """KHR_draco_mesh_compression in a primitive's extensions."""
 
     attributes: dict[str, int | None] | None = None
@@ -330,7 +348,7 @@ class DracoCompression(_Object):
     buffer_view: int | None = None
 
 
-class MeshoptCompression(_Object):
+class MeshoptCompression(StrictObject):
     """EXT_meshopt_compression in a buffer view's extensions."""
 
     buffer: int | None = None
@@ -342,7 +360,7 @@ class MeshoptCompression(_Object):
     mode: str | None = None
 
 
-class Instancing(_Object):
+class Instancing(StrictObject):
     """EXT_mesh_gpu_instancing in a node's extensions."""
 
     attributes: dict[str, int | None] | None = None

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import msgspec
-
 from gateway.gltf import schema
 from gateway.gltf.buffers import Buffers
-from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey, ImageKey
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.parser import extension_json, finite_vector_or_default
+from gateway.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
-from renderers.drawlist import Image, ImageError, Mesh, Sampler, Texture, Wrap, name_image_errors
+from renderers.drawlist import Image, Mesh, Sampler, Texture, Wrap, name_image_errors
 from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
@@ -26,6 +24,7 @@ _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
 """Values of ``minFilter`` with mipmaps: *_MIPMAP_*."""
 _MIP_NEAREST: Final = frozenset({9984, 9985})
 """Values of ``minFilter`` without interpolation between mipmap levels: *_MIPMAP_NEAREST."""
+_TRANSFORM: Final = "KHR_texture_transform"
 _WRAPS: Final[dict[int | None, Wrap]] = {None: Wrap.REPEAT} | {wrap.value: wrap for wrap in Wrap}
 
 
@@ -75,7 +74,7 @@ class Textures:
         """
         if info is None or not self._enabled:
             return None
-        try:
+        with as_warning(self._warnings, "the texture is left out"):
             if info.index is None:
                 raise GltfError(f"{path}.index: missing")
             if info.index not in self._textures:
@@ -85,24 +84,15 @@ class Textures:
             if texture is None or (not info.tex_coord and not info.extensions):
                 return texture
             return self._with_coordinates(texture, info, path)
-        except GltfLimitError:
-            raise
-        except GltfError as error:
-            self._warnings.append(f"{error}; the texture is left out")
-            return None
+        return None
 
     def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, path: str) -> Texture:
         """Return the texture with ``texCoord`` and KHR_texture_transform of its use in a material."""
         uv_set = info.tex_coord or 0
         uv_transform = None
-        raw = extension_json(info.extensions, "KHR_texture_transform")
-        if raw is not None:
-            name = f"{path}.extensions.KHR_texture_transform"
-            try:
-                transform = msgspec.json.decode(raw, type=schema.TextureTransform)
-            except msgspec.MsgspecError as error:
-                raise GltfError(f"{name}: {error}") from error
-            uv_transform = _uv_transform(transform, name)
+        transform = extension(info.extensions, _TRANSFORM, schema.TextureTransform, path, self._warnings)
+        if transform is not None:
+            uv_transform = _uv_transform(transform, f"{path}.extensions.{_TRANSFORM}", self._warnings)
             uv_set = uv_set if transform.tex_coord is None else transform.tex_coord
         if uv_set not in (0, 1):
             self._warnings.append(f"{path}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
@@ -116,26 +106,18 @@ class Textures:
             source, name = self._webp_source(texture, index), f"textures[{index}].extensions.EXT_texture_webp.source"
         if source is None:
             return None
-        try:
+        with as_warning(self._warnings, f"textures[{index}] is left out"):
             image, image_name = self._image(source, name)
             return Texture(image, self._sampler(texture.sampler, index), name=image_name)
-        except GltfLimitError:
-            raise
-        except (GltfError, ImageError) as error:
-            self._warnings.append(f"{error}; textures[{index}] is left out")
-            return None
+        return None
 
     def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
-        raw = extension_json(texture.extensions, "EXT_texture_webp")
         # When Drake's client merges several files, it does not adapt the indices in extensions.
-        if raw is not None and not self._document.from_drake:
-            try:
-                webp = msgspec.json.decode(raw, type=schema.ImageSource)
-            except msgspec.MsgspecError as error:
-                raise GltfError(f"textures[{index}].extensions.EXT_texture_webp: {error}") from error
-            if webp.source is not None:
-                return webp.source
+        webp = None if self._document.from_drake else texture.extensions
+        image = extension(webp, "EXT_texture_webp", schema.ImageSource, f"textures[{index}]", self._warnings)
+        if image is not None and image.source is not None:
+            return image.source
         extensions = ", ".join(texture.extensions or ()) or "no extension"
         self._warnings.append(f"textures[{index}]: no source ({extensions}), so there is no texture")
         return None
@@ -143,15 +125,17 @@ class Textures:
     def _sampler(self, index: int | None, texture_index: int) -> Sampler:
         if index is None:
             return Sampler()
-        source = checked_item(self._document.samplers, index, "samplers", f"textures[{texture_index}].sampler")
-        return Sampler(
-            wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
-            wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
-            mag_linear=source.mag_filter != _NEAREST,
-            min_linear=source.min_filter not in _MIN_NEAREST,
-            mipmaps=source.min_filter is None or source.min_filter in _MIN_MIPMAPS,
-            mip_linear=source.min_filter not in _MIP_NEAREST,
-        )
+        with as_warning(self._warnings, "the default sampler is used"):
+            source = checked_item(self._document.samplers, index, "samplers", f"textures[{texture_index}].sampler")
+            return Sampler(
+                wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
+                wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
+                mag_linear=source.mag_filter != _NEAREST,
+                min_linear=source.min_filter not in _MIN_NEAREST,
+                mipmaps=source.min_filter is None or source.min_filter in _MIN_MIPMAPS,
+                mip_linear=source.min_filter not in _MIP_NEAREST,
+            )
+        return Sampler()
 
     def _wrap(self, value: int | None, path: str) -> Wrap:
         wrap = _WRAPS.get(value)
@@ -212,12 +196,12 @@ class Textures:
             raise GltfLimitError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
 
 
-def _uv_transform(source: schema.TextureTransform, path: str) -> tuple[float, float, float, float, float, float]:
+def _uv_transform(
+    source: schema.TextureTransform, path: str, warnings: list[str]
+) -> tuple[float, float, float, float, float, float]:
     """Return the first two rows of the matrix offset * rotation * scale of KHR_texture_transform, row by row."""
-    offset_u, offset_v = finite_vector_or_default(source.offset, (0.0, 0.0), f"{path}.offset")
-    scale_u, scale_v = finite_vector_or_default(source.scale, (1.0, 1.0), f"{path}.scale")
+    offset_u, offset_v = vector_or_default(source.offset, f"{path}.offset", (0.0, 0.0), warnings)
+    scale_u, scale_v = vector_or_default(source.scale, f"{path}.scale", (1.0, 1.0), warnings)
     angle = 0.0 if source.rotation is None else source.rotation
-    if not math.isfinite(angle):
-        raise GltfError(f"{path}.rotation: not finite")
     cos, sin = math.cos(angle), math.sin(angle)
     return (cos * scale_u, sin * scale_v, offset_u, -sin * scale_u, cos * scale_v, offset_v)

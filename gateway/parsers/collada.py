@@ -183,7 +183,8 @@ class _SceneReader:
                 colors = np.full((len(values), 4), 255, np.uint8)
                 colors[:, : values.shape[1]] = np.round(values * 255.0)
         triangles = checked_triangles(np.arange(len(positions), dtype=np.int64).reshape(-1, 3), len(positions))
-        return shape_of(positions, triangles, normals=normals, uv=uv, colors=colors, color=color, image=image)
+        warnings = self.result.warnings
+        return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
 
     def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:
         """Return the diffuse colour and the texture of an effect."""

@@ -43,7 +43,7 @@ def read_mesh(
         reason = " ".join(str(error).split())[:200] if isinstance(error, ValueError) else ""
         return MeshFault(f"it cannot be read as {extension.upper()}: {reason or 'it is damaged'}")
     if not result.instances:
-        return MeshFault("the file holds no triangles or points", is_empty=True)
+        return MeshFault("; ".join(("the file holds no triangles or points", *result.warnings)), is_empty=True)
     _make_visible(result)
     return result
 
@@ -61,7 +61,7 @@ def _make_visible(content: MeshData) -> None:
 def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool) -> MeshData:
     if extension == "vtk":
         positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
-        return _single(shape_of(positions, triangles))
+        return _single(positions, triangles)
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis)
     scene = trimesh.load_scene(
@@ -70,8 +70,11 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
     return _content(scene, Images(read_file), limits)
 
 
-def _single(shape: Shape | None) -> MeshData:
-    return MeshData() if shape is None else MeshData([shape], instances=[(0, _IDENTITY)])
+def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:
+    result = MeshData()
+    if (shape := shape_of(positions, triangles, result.warnings)) is not None:
+        result.shapes, result.instances = [shape], [(0, _IDENTITY)]
+    return result
 
 
 class _Resolver(trimesh.resolvers.Resolver):
@@ -103,28 +106,28 @@ def _content(scene: Any, images: Images, limits: MeshLimits) -> MeshData:
     if vertices > limits.max_vertices or triangles > limits.max_elements:
         raise MeshFaultError(f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles")
     for geometry in scene.geometry.values():
-        shape = _shape(geometry, images)
+        shape = _shape(geometry, images, result.warnings)
         if shape is not None:
             result.instances.append((len(result.shapes), _IDENTITY))
             result.shapes.append(shape)
     return result
 
 
-def _shape(geometry: Any, images: Images) -> Shape | None:
+def _shape(geometry: Any, images: Images, warnings: list[str]) -> Shape | None:
     """Convert a trimesh geometry; None for one that draws nothing."""
     positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
         return None
     colors = _vertex_colors(geometry, len(positions))
     if not hasattr(geometry, "faces"):
-        return shape_of(positions, None, colors=colors)
+        return shape_of(positions, None, warnings, colors=colors)
     triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions))
     uv, color, image = _material(geometry, images)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
         normals = None
-    return shape_of(positions, triangles, normals=normals, uv=uv, colors=colors, color=color, image=image)
+    return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
 
 
 def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None:

@@ -47,6 +47,7 @@ def checked_triangles(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np
 def shape_of(
     positions: ArrayLike,
     triangles: NDArray[np.int64] | None,
+    warnings: list[str],
     *,
     normals: ArrayLike | None = None,
     uv: ArrayLike | None = None,
@@ -54,20 +55,26 @@ def shape_of(
     color: tuple[float, float, float, float] | None = None,
     image: int | None = None,
 ) -> Shape | None:
-    """Return a shape; None if it draws nothing. Triangles with vertices that are not finite are left out.
+    """Return a shape; None if it draws nothing.
 
     Args:
+        warnings: A sentence is appended if triangles are left out, as their vertices are not finite in float32.
         uv: Texture coordinates; (0, 0) is the image's bottom left corner. They are kept without an image, too.
     """
-    points = np.ascontiguousarray(positions, np.float32)
+    with np.errstate(over="ignore"):
+        points = np.ascontiguousarray(positions, np.float32)
     if triangles is None:
         return Shape(points.tobytes(), None, colors=None if colors is None else colors.tobytes())
-    if not len(triangles):
-        return None
     finite = np.asarray(np.isfinite(points).all(axis=1))
     if not finite.all():
-        triangles = triangles[finite[triangles].all(axis=1)]
+        is_drawn = finite[triangles].all(axis=1)
+        if not is_drawn.all():
+            count = len(triangles) - np.count_nonzero(is_drawn)
+            warnings.append(f"{count} of {len(triangles)} triangles with vertices that are not finite are left out")
+        triangles = triangles[is_drawn]
         points[~finite] = 0.0
+    if not len(triangles):
+        return None
     shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color)
     if normals is not None:
         shape.normals = _unit_rows(np.asarray(normals, np.float64)).tobytes()

@@ -14,6 +14,7 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
 from gateway.render.scenes import PreparedScene, SceneStore
+from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
 from renderers.depth_range import depth_in_millimetres, limit_depth
@@ -80,7 +81,7 @@ class Pipeline:
 
     def _render_scene(self, request: RenderRequest, scene: PreparedScene, start_time: float) -> EncodedImage:
         if self._config.strict and scene.warnings:
-            raise RequestError(400, f"scene: {scene.warnings[0]} (refused: --strict)")
+            raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
         camera = camera_of(request, scene)
         draw_list = self._with_backdrop(scene.draw_list)
         parsed_time = time.perf_counter()

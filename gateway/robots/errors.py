@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from gateway.runtime.warning_list import joined_warnings
+
 MAX_COMPARED_NAMES: Final = 1000
 """Maximum number of names that are compared: each may take 0.1 ms."""
 MAX_COMPARED_CHARS: Final = 100
@@ -14,12 +16,6 @@ MAX_COMPARED_CHARS: Final = 100
 
 class RobotFileError(ValueError):
     """A robot file cannot be used. The message names the link or joint; ``read_robot`` adds the robot file's name."""
-
-
-def joined_warnings(warnings: Sequence[str], most: int = 3) -> str:
-    """Return the first warnings as one sentence for an error."""
-    more = f"; and {len(warnings) - most} more" if len(warnings) > most else ""
-    return "; ".join(warnings[:most]) + more
 
 
 def no_links(warnings: Sequence[str]) -> RobotFileError:

@@ -14,7 +14,14 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
 
-from gateway.assets.ros_packages import PATH_VARIABLES, Packages, folders_of, folders_of_environment, package_name
+from gateway.assets.ros_packages import (
+    PATH_VARIABLES,
+    Packages,
+    folders_of,
+    folders_of_environment,
+    package_name,
+    split_url,
+)
 from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.regular_files import read_file_or_pipe, read_regular
@@ -72,16 +79,16 @@ class RobotFiles:
         """
         if not name or "\0" in name or len(name) > 4096:
             raise RobotFileError(f"{name[:100]!r} is not a file name")
-        scheme, separator, rest = name.partition("://")
-        if separator and scheme not in (*_PACKAGE_SCHEMES, "file"):
+        scheme, rest = split_url(name)
+        if scheme not in ("", "file", *_PACKAGE_SCHEMES):
             raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
         missing: list[Path] = []
-        for spelling in _spellings(rest if separator else name):
-            for candidate in self._candidates(scheme if separator else "", spelling):
+        for spelling in _spellings(rest):
+            for candidate in self._candidates(scheme, spelling):
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
                 missing.append(candidate)
-        raise RobotFileError(self._not_found(name, scheme if separator else "", missing))
+        raise RobotFileError(self._not_found(name, scheme, missing))
 
     def find_model(self, uri: str, folder: Path) -> Path:
         """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
@@ -90,15 +97,15 @@ class RobotFiles:
             uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
             folder: Folder of the file that includes it.
         """
-        scheme, separator, rest = uri.partition("://")
-        for candidate in self._candidates(scheme, rest) if separator else (folder / uri,):
+        scheme, rest = split_url(uri)
+        for candidate in self._candidates(scheme, rest) if scheme else (folder / uri,):
             if candidate.is_file():
                 return candidate
             if candidate.is_dir():
                 for name in (*_files_of_config(candidate / "model.config"), "model.sdf"):
                     if (candidate / name).is_file():
                         return candidate / name
-        raise RobotFileError(self._not_found(uri, scheme if separator else "", []))
+        raise RobotFileError(self._not_found(uri, scheme, []))
 
     def find_package(self, name: str) -> Path | None:
         """Return the folder of a package; None if there is none."""

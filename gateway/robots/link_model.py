@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.robot import Joint
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
 from gateway.scene.transforms import IDENTITY
 
-LinkShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | MeshReference"
+LinkShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | Surface | MeshReference"
 
 
 @dataclass(frozen=True, slots=True)

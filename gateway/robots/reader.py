@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.errors import RobotFileError, joined_warnings
+from gateway.robots.errors import RobotFileError
 from gateway.robots.files import RobotFiles
 from gateway.robots.gltf_up import RobotGltfUp, nearer_up
 from gateway.robots.limits import RobotLimits
@@ -19,6 +19,7 @@ from gateway.robots.sdf import parse_sdf
 from gateway.robots.urdf import parse_urdf
 from gateway.robots.xacro_files import expand_xacro
 from gateway.robots.xml_text import parse_xml, uses_xacro
+from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.geometry import Part
 
 SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
@@ -55,7 +56,7 @@ def read_robot(
         reader = _Reader(Path(path), tuple(Path(root) for root in roots), limits or RobotLimits())
         robot = reader.read(geometry, keyframe, gltf_up)
         if strict and robot.warnings:
-            raise RobotFileError(joined_warnings(robot.warnings))
+            raise RobotFileError(strict_refusal(robot.warnings))
         return robot
     except RobotFileError as error:
         raise RobotFileError(f"{os.fspath(path)}: {error}") from None

@@ -9,10 +9,11 @@ from typing import Final
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
 from gateway.gltf import GltfError
-from gateway.robots.errors import RobotFileError, joined_warnings
+from gateway.robots.errors import RobotFileError
 from gateway.robots.gltf_up import RobotGltfUp
 from gateway.robots.joint_text import parse_joints
 from gateway.robots.reader import SUFFIXES, read_robot
+from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.tree import Node
 
 _GLTF_SUFFIXES: Final = (".gltf", ".glb")
@@ -52,7 +53,7 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
     """
     scene = _read(path, options)
     if options.strict and scene.warnings:
-        raise SceneFileError(f"{path}: {joined_warnings(scene.warnings)}")
+        raise SceneFileError(f"{path}: {strict_refusal(scene.warnings)}")
     return scene
 
 

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.assets.ros_packages import split_url
 from gateway.robots.errors import RobotFileError, name_hint, no_links
 from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits, check_count
@@ -332,7 +333,7 @@ def _resolve(scope: _Scope, name: str) -> str:
 def _in_folder(geometry: LinkGeometry, folder: Path) -> LinkGeometry:
     """Return a geometry with the relative file name of its mesh, if it has one, joined to a folder."""
     shape = geometry.shape
-    if not isinstance(shape, MeshReference) or "://" in shape.filename:
+    if not isinstance(shape, MeshReference) or split_url(shape.filename)[0]:
         return geometry
     return replace(geometry, shape=replace(shape, filename=str(folder / shape.filename)))
 

@@ -12,10 +12,11 @@ from gateway.robots.link_model import LinkGeometry, LinkMaterial, LinkShape
 from gateway.robots.robot import GeometryUse
 from gateway.robots.sdf_frames import read_pose
 from gateway.robots.urdf_geometry import read_color
-from gateway.robots.urdf_shapes import read_shape
+from gateway.robots.urdf_shapes import read_shape, sizes
 from gateway.robots.xml_text import Element, InvalidAttributeError, numbers, with_attributes
-from gateway.scene.geometry import Box
-from gateway.scene.transforms import IDENTITY
+from gateway.scene.geometry import Box, Surface
+from gateway.scene.transforms import IDENTITY, scaling, translation
+from renderers import primitives
 
 _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
     "Black": (0.0, 0.0, 0.0),
@@ -65,6 +66,9 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
     plane = geometry.find("plane")
     if plane is not None:
         return _plane(plane, where, warnings)
+    cone = geometry.find("cone")
+    if cone is not None:
+        return _cone(cone, where, warnings)
     if geometry.find("mesh/submesh") is not None:
         warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
     as_urdf = Element("geometry")
@@ -93,6 +97,12 @@ def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArra
     X = np.eye(4)
     X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
     return Box((width, height, 0.0)), X
+
+
+def _cone(cone: Element, where: str, warnings: list[str]) -> tuple[Surface, NDArray[np.float64]]:
+    """Return a cone and its pose: its tip is at length / 2, its base at -length / 2, as in FCL."""
+    radius, length = sizes(with_attributes(cone), where, warnings, "radius", "length")
+    return Surface(primitives.cone()), translation(0.0, 0.0, 0.5 * length) @ scaling(radius, radius, length)
 
 
 def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial | None:

@@ -18,7 +18,7 @@ def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> Lin
     if not shapes:
         raise InvalidAttributeError("it has no shape")
     if not known:
-        raise InvalidAttributeError(f"the shape <{shapes[0].tag[:60]}> is unknown")
+        raise InvalidAttributeError(f"the shape <{shapes[0].tag[:60]}> is not supported")
     if len(known) > 1:
         warnings.append(f"{where}: it has {len(known)} shapes, only the first, <{known[0].tag}>, is shown")
     element = known[0]
@@ -26,16 +26,16 @@ def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> Lin
         case "box":
             return _box(element, where, warnings)
         case "sphere":
-            (radius,) = _sizes(element, where, warnings, "radius")
+            (radius,) = sizes(element, where, warnings, "radius")
             return Sphere(radius)
         case "cylinder":
-            radius, length = _sizes(element, where, warnings, "radius", "length")
+            radius, length = sizes(element, where, warnings, "radius", "length")
             return Cylinder(radius, length)
         case "capsule" | "drake:capsule":
-            radius, length = _sizes(element, where, warnings, "radius", "length")
+            radius, length = sizes(element, where, warnings, "radius", "length")
             return Capsule(radius, length)
         case "drake:ellipsoid":
-            a, b, c = _sizes(element, where, warnings, "a", "b", "c")
+            a, b, c = sizes(element, where, warnings, "a", "b", "c")
             return Ellipsoid((a, b, c))
         case "ellipsoid":
             x, y, z = _positive(element, "radii", *required_numbers(element, "radii", 3, where, warnings))
@@ -44,8 +44,8 @@ def read_shape(geometry: Element | None, where: str, warnings: list[str]) -> Lin
             return _mesh(element, where, warnings)
 
 
-def _sizes(element: Element, where: str, warnings: list[str], *names: str) -> list[float]:
-    """Return the named attributes, one positive number each."""
+def sizes(element: Element, where: str, warnings: list[str], *names: str) -> list[float]:
+    """Return the named attributes, one positive number each; raises InvalidAttributeError."""
     return [
         value
         for name in names

@@ -1,14 +1,27 @@
-"""Warnings of an interface that still hold: ``/healthz`` lists them, and the page shows the interface in yellow."""
+"""Warnings of an interface that still hold: ``/healthz`` lists them, and the page shows the interface in yellow. Errors
+that are made of warnings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 MAX_SUBJECTS: Final = 1000
 """Maximum number of subjects with warnings. A new one replaces the oldest."""
 MAX_LISTED: Final = 20
 """Maximum number of warnings listed; the others are counted. Of one subject, no more are kept."""
+
+
+def joined_warnings(warnings: Sequence[str], most: int = 3) -> str:
+    """Return the first warnings as one sentence for an error."""
+    more = f"; and {len(warnings) - most} more" if len(warnings) > most else ""
+    return "; ".join(warnings[:most]) + more
+
+
+def strict_refusal(warnings: Sequence[str]) -> str:
+    """Return the sentence of the error for warnings that ``--strict`` refuses."""
+    return f"{joined_warnings(warnings)} (refused: --strict)"
 
 
 class WarningList:
@@ -28,7 +41,9 @@ class WarningList:
             return
         if len(self._sentences) >= MAX_SUBJECTS:
             del self._sentences[next(iter(self._sentences))]
-        self._sentences[subject] = sentences[:MAX_LISTED]
+        if len(sentences) > MAX_LISTED:
+            sentences = (*sentences[: MAX_LISTED - 1], f"and {len(sentences) - MAX_LISTED + 1} more")
+        self._sentences[subject] = sentences
 
     def remove(self, ended: Callable[[Any], bool]) -> None:
         """Remove the warnings about all subjects for which ``ended`` returns True."""

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import msgspec
 
+from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.tree import Path
 from gateway.treeviewer import fast_schema, fields
 from gateway.treeviewer.command_lists import commands
@@ -142,7 +143,7 @@ class RequestReader:
 def _refuse_warnings(context: ReadContext) -> None:
     """Raise CommandError if the current command has a warning and ``context.strict`` is true."""
     if context.strict and context.warnings:
-        raise CommandError(f"{context.warnings[0]} (refused: --strict)")
+        raise CommandError(strict_refusal(context.warnings))
 
 
 def _take_warnings(command: str, index: int, path: Path | None, request: Request, context: ReadContext) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
 from gateway.assets.light_rig_file import RigFileError, read_rig, rig_digest, rig_of
 from renderers.drawlist import Light, LightKind
@@ -181,4 +182,8 @@ def test_without_a_path_the_default_rig_is_used(tmp_path: Path) -> None:
     assert rig_of(None) is STUDIO
     path = tmp_path / "rig.toml"
     path.write_text("shadow_radius = 3")
-    assert rig_of(path) == Rig(surroundings=None, shadow_radius=3)
+    with capture_logs() as log:
+        assert rig_of(path) == Rig(surroundings=None, shadow_radius=3)
+        assert rig_of(path).is_dark
+    (entry,) = log
+    assert entry["reason"] == "the rig has neither [[lights]] nor [surroundings]"

@@ -410,7 +410,9 @@ def test_warns_about_an_ignored_rig(scenes: Path, tmp_path: Path, draw: Draw) ->
     assert warned(light) == {"drake.gltf": drake, "depth.multipart": drake, "lit.gltf": replaced}
     assert warned(light, look="studio") == {"lit.gltf": replaced}
     assert warned(f"scene_lights = false\n{light}") == {"drake.gltf": drake, "depth.multipart": drake}
-    assert warned("exposure = 2.0\n", look="studio") == {}
+    dark = warned("exposure = 2.0\n", look="studio")
+    assert "lit.gltf" not in dark
+    assert set(dark.values()) == {"drawn black: the rig has neither [[lights]] nor [surroundings] (--rig)"}
     assert warned(light, ("depth",)) == {}
     assert warned(light, look="pbr") == {}
 

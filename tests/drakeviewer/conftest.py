@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer import wire
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.scene.live import LiveTree
@@ -17,6 +18,10 @@ class Viewer(DrakeViewer):
     def __init__(self, files: MeshFiles | None = None, config: DrakeViewerConfig | None = None) -> None:
         self.live = LiveTree()
         super().__init__(self.live, files or MeshFiles(()), config)
+
+    def problem(self, channel: str, message: wire.Message) -> str:
+        """Handle a message; return the reasons why something is not shown, an empty string for none."""
+        return "; ".join(self.handle(channel, message))
 
     def node(self, *path: str) -> Node:
         """Return the node below ``drake``."""

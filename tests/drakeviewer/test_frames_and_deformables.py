@@ -80,10 +80,10 @@ def test_empty_messages_change_nothing(viewer: Viewer) -> None:
 def test_damaged_bodies(viewer: Viewer) -> None:
     """The others are shown."""
     message = deformables(geometry(MESH, [9, 9, 9], string="a"), geometry(MESH, TETRAHEDRON, string="b"))
-    assert "not shown: a mesh of 9 vertices" in viewer.handle(DEFORMABLE, message)
+    assert "a mesh of 9 vertices" in viewer.problem(DEFORMABLE, message)
     assert [path[-1] for path, node in viewer.live.snapshot.root.walk() if node.parts] == ["b"]
 
 
 def test_poses_that_are_not_finite(viewer: Viewer) -> None:
     message = draw({(0, "a"): (float("nan"),) * 7, (0, "b"): IDENTITY})
-    assert viewer.handle(FRAMES, message) == "something is not shown: 1 of 2 poses are not finite"
+    assert viewer.problem(FRAMES, message) == "1 of 2 poses are not finite"

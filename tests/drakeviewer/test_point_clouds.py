@@ -70,14 +70,14 @@ def test_a_cloud_without_points(viewer: Viewer, width: int, height: int) -> None
 
 
 def test_colors_that_cannot_be_read_leave_the_points(viewer: Viewer) -> None:
-    problem = viewer.handle(CHANNEL, cloud(bytes(32), 2, [*XYZ, ("rgb", 12, 1, 1)], 16))
+    problem = viewer.problem(CHANNEL, cloud(bytes(32), 2, [*XYZ, ("rgb", 12, 1, 1)], 16))
     assert "rgb has the type 1 and 1 values instead of 4 bytes, so the points are white" in problem
     assert (shown(viewer).points.shape, dict(shown(viewer).channels)) == ((2, 3), {})
 
 
 def test_a_cloud_without_fields_and_points_replaces_another(viewer: Viewer) -> None:
     viewer.handle(CHANNEL, cloud(POINTS.tobytes(), 2, XYZ, 12))
-    assert viewer.handle(CHANNEL, cloud(b"", 0, [], 0)) == ""
+    assert viewer.problem(CHANNEL, cloud(b"", 0, [], 0)) == ""
     assert shown(viewer).points.shape == (0, 3)
 
 

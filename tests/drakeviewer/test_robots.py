@@ -46,7 +46,7 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 def test_links_are_named_by_source_model_and_link(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("world", 0, BALL), link("plant::arm::hand", 2, BALL)))
     assert viewer.paths() == [], "shown with the first poses"
-    assert viewer.handle(DRAW, draw({(2, "plant::arm::hand"): POSE})) == ""
+    assert viewer.problem(DRAW, draw({(2, "plant::arm::hand"): POSE})) == ""
     root = ("drake", "illustration")
     assert viewer.paths() == [(*root, "world"), (*root, "plant", "arm", "hand")]
     world = viewer.live.snapshot.root.world_matrix((*root, "plant", "arm", "hand"))
@@ -96,7 +96,7 @@ def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
     ],
 )
 def test_what_cannot_be_shown_is_left_out(viewer: Viewer, shape: bytes, reason: str) -> None:
-    assert reason in viewer.handle(LOAD, load(link("world", 0, shape, BALL)))
+    assert reason in viewer.problem(LOAD, load(link("world", 0, shape, BALL)))
     viewer.handle(DRAW, draw({}))
     assert len(viewer.node("illustration", "world").parts or ()) == 1
 
@@ -141,23 +141,23 @@ def test_a_new_load_replaces_and_stale_draws_are_counted(viewer: Viewer) -> None
     viewer.handle(DRAW, two)
     viewer.handle(LOAD, load(link("a", 1, BALL)))
     assert viewer.paths() == [], "the earlier links are gone at once"
-    assert viewer.handle(DRAW, two) == "its 2 links are not the 1 that are loaded"
+    assert viewer.problem(DRAW, two) == "its 2 links are not the 1 that are loaded"
     assert viewer.families()["illustration"]["stale"] == 1
-    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == ""
+    assert viewer.problem(DRAW, draw({(1, "a"): POSE})) == ""
     assert viewer.paths() == [("drake", "illustration", "a")]
 
 
 def test_a_first_draw_must_have_all_links(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 1, BALL), link("b", 1, BALL)))
     assert "stale" in viewer.families()["illustration"]
-    assert viewer.handle(DRAW, draw({(1, "a"): POSE})) == "its 1 links are not the 2 that are loaded"
+    assert viewer.problem(DRAW, draw({(1, "a"): POSE})) == "its 1 links are not the 2 that are loaded"
     viewer.handle(DRAW, draw({(1, "a"): POSE, (1, "b"): POSE}))
-    assert viewer.handle(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
+    assert viewer.problem(DRAW, draw({(1, "a"): IDENTITY})) == "", "later ones may move some"
     assert viewer.node("illustration", "b").pose == POSE
 
 
 def test_draws_without_load_are_counted(viewer: Viewer) -> None:
-    assert "no load message was received" in viewer.handle(DRAW, draw({(1, "a"): POSE}))
+    assert "no load message was received" in viewer.problem(DRAW, draw({(1, "a"): POSE}))
     assert viewer.families()["illustration"]["unloaded"] == 1
 
 
@@ -236,7 +236,7 @@ def test_links_that_a_client_deleted_come_back_with_the_next_draw(viewer: Viewer
     with viewer.live.edit() as edit:
         assert edit.delete(deleted)
     viewer.handle(LOAD, message)  # a repeated load message changes nothing by itself
-    assert viewer.handle(DRAW, draw(poses)) == ""
+    assert viewer.problem(DRAW, draw(poses)) == ""
     assert viewer.paths() == before
     assert viewer.node("illustration", "plant", "a").pose == POSE
     assert viewer.node("illustration").visible
@@ -280,7 +280,7 @@ def test_unusual_poses(viewer: Viewer) -> None:
 def test_mesh_in_memory(viewer: Viewer) -> None:
     file = {"contents": base64.b64encode(OBJ.encode()).decode(), "extension": ".obj", "filename_hint": "t.obj"}
     text = json.dumps({"in_memory_mesh": {"mesh_file": file, "supporting_files": {}}})
-    assert viewer.handle(LOAD, load(link("world", 0, geometry(MESH, [2, 3, 4], string=text)))) == ""
+    assert viewer.problem(LOAD, load(link("world", 0, geometry(MESH, [2, 3, 4], string=text)))) == ""
     viewer.handle(DRAW, draw({}))
     (part,) = viewer.node("illustration", "world").parts or ()
     assert part.source == "t.obj"
@@ -331,7 +331,7 @@ def test_files_below_the_mesh_root(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(OBJ)
     viewer = Viewer(MeshFiles((tmp_path,)))
     message = load(link("world", 0, geometry(MESH, [1, 1, 2], string=str(tmp_path / "t.obj"))))
-    assert viewer.handle(LOAD, message) == ""
+    assert viewer.problem(LOAD, message) == ""
     viewer.handle(DRAW, draw({}))
     (part,) = viewer.node("illustration", "world").parts or ()
     assert (part.kind, part.X_node_part[2, 2]) == ("mesh_file", 2.0)
@@ -342,7 +342,7 @@ def test_files_below_the_mesh_root(tmp_path: Path) -> None:
     assert isinstance(part.shape, Surface)
     assert part.shape.mesh.positions.max() == 5.0, "a changed file is loaded again"
     outside = load(link("world", 0, geometry(MESH, [1, 1, 1], string="/etc/passwd")))
-    assert "lies outside" in viewer.handle(LOAD, outside)
+    assert "lies outside" in viewer.problem(LOAD, outside)
 
 
 @pytest.mark.parametrize(
@@ -353,9 +353,9 @@ def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...] | N
     viewer = Viewer(MeshFiles((tmp_path,)))
     message = load(link("world", 0, geometry(MESH, numbers, string=str(tmp_path / "t.obj"))))
     if scale is None:
-        assert f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3" in viewer.handle(LOAD, message)
+        assert f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3" in viewer.problem(LOAD, message)
         return
-    assert viewer.handle(LOAD, message) == ""
+    assert viewer.problem(LOAD, message) == ""
     viewer.handle(DRAW, draw({}))
     (part,) = viewer.node("illustration", "world").parts or ()
     assert part.X_node_part.diagonal().tolist() == [*scale, 1]
@@ -365,7 +365,7 @@ def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
     viewer = Viewer(MeshFiles((tmp_path,)))
     shape = geometry(MESH, [1, 1, 1], string=str(tmp_path / "t.obj"), color=(0.2, 0.4, 0.6, 1.0))
-    assert viewer.handle(LOAD, load(link("world", 0, shape))) == ""
+    assert viewer.problem(LOAD, load(link("world", 0, shape))) == ""
     viewer.handle(DRAW, draw({}))
     (part,) = viewer.node("illustration", "world").parts or ()
     assert part.material.base_color == pytest.approx((*map(linear_from_srgb, (0.2, 0.4, 0.6)), 1.0), abs=1e-6)
@@ -404,7 +404,7 @@ def test_nodes_of_all_channels_are_limited() -> None:
 def test_names_of_meshes_in_memory_are_limited(viewer: Viewer) -> None:
     for name, reason in ((4096, "is not base64"), (4097, "length <= 4096 .*filename_hint")):
         text = json.dumps({"in_memory_mesh": {"mesh_file": {"contents": "é", "filename_hint": "x" * name}}})
-        problem = viewer.handle(LOAD, load(link("a", 0, geometry(MESH, [1, 1, 1], string=text))))
+        problem = viewer.problem(LOAD, load(link("a", 0, geometry(MESH, [1, 1, 1], string=text))))
         assert re.search(reason, problem)
         assert len(problem) < 300
 

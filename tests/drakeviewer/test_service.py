@@ -20,6 +20,7 @@ from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime.arrival import arrival_time, set_arrival
+from gateway.runtime.warning_list import MAX_LISTED
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path as TreePath
@@ -316,6 +317,21 @@ async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.Mon
     assert not found.service.ready
     path: TreePath = ("drake",)
     assert found.live.snapshot.root.find(path) is None
+
+
+@pytest.mark.parametrize(("count", "last"), [(3, "/gone2.obj"), (40, "and 21 more")])
+async def test_each_thing_that_is_missing_has_a_sentence_of_its_own(count: int, last: str) -> None:
+    shapes = [geometry(MESH, [], string=f"/gone{number}.obj") for number in range(count)]
+    with capture_logs() as log:
+        async with running() as found:
+            found.service.receive(LOAD, load(link("a", 1, *shapes)))
+            await until(lambda: found.service.status().get("warnings"))
+            warnings = found.service.status()["warnings"]
+    assert len(warnings) == min(count, MAX_LISTED)
+    assert last in warnings[-1]
+    for number in range(3):
+        assert f"/gone{number}.obj" in warnings[number]
+        assert f"/gone{number}.obj" in log[0]["reason"]
 
 
 async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_with_strict() -> None:

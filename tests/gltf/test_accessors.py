@@ -202,8 +202,7 @@ def broken(change: Any) -> Builder:
         ),
         (lambda d: d["meshes"][0]["primitives"][0].update(mode=7), r"primitives\[0\]\.mode: 7 is not between 0 and 6"),
         (lambda d: d["nodes"][0].update(mesh=-1), r"nodes\[0\]\.mesh: -1 is out of range \(1 meshes\)"),
-        (lambda d: d["nodes"][0].update(mesh="a"), r"nodes\[0\]\.mesh: expected `int \| null`, got `str`"),
-        (lambda d: d["accessors"][0].update(count=3.5), r"accessors\[0\]\.count: expected `int \| null`, got `float`"),
+        (lambda d: d["accessors"][0].update(count=3.5), r"accessors\[0\]\.count: expected an integer, got 3\.5"),
     ],
 )
 def test_errors_name_the_element(change: Any, message: str) -> None:

@@ -51,8 +51,8 @@ def test_gltf_and_glb_in_any_buffer_type(data: bytes, kind: str, form: str) -> N
 
 
 @pytest.mark.parametrize("form", ["uri", "glb"])
-def test_buffer_must_not_be_shorter_than_its_byte_length(form: str) -> None:
-    """More may be there (the chunk of a binary file ends at a multiple of four), fewer may not, whatever is used."""
+def test_a_buffer_shorter_than_its_byte_length_is_used(form: str) -> None:
+    """More may be there (the chunk of a binary file ends at a multiple of four); of fewer, what is there is used."""
 
     def said(length: int) -> bytes:
         source = document(data_uri(LONG) if form == "uri" else None, len(LONG))
@@ -60,8 +60,9 @@ def test_buffer_must_not_be_shorter_than_its_byte_length(form: str) -> None:
         return json.dumps(source).encode() if form == "uri" else glb(source, LONG)
 
     assert positions(said(len(LONG))) == positions(said(len(LONG) - 3)) == LONG
-    with pytest.raises(GltfError, match=r"buffers\[0\]\.byteLength: 3601 is more than the 3600 bytes there"):
-        read_gltf(said(len(LONG) + 1))
+    assert positions(said(len(LONG) + 1)) == LONG
+    warning = "buffers[0].byteLength: 3601 is more than the 3600 bytes there; these are used"
+    assert read_gltf(said(len(LONG) + 1)).warnings == (warning,)
 
 
 def test_meshes_do_not_refer_to_the_input() -> None:
@@ -134,8 +135,6 @@ def test_extraction_of_uris_is_reversible(value: Any, indent: int | None) -> Non
         (b"[]", "neither glTF JSON nor GLB"),
         (b"{", "not JSON: "),
         (b'{"nodes":[}', "not JSON: "),
-        (b'{"nodes":{}}', r"nodes: expected `array \| null`, got `object`"),
-        (b'{"nodes":[{"mesh":true}]}', r"nodes\[0\]\.mesh: expected `int \| null`, got `bool`"),
         (b'{"asset":{"generator":"\xff\xfe"}}', "not JSON: "),
         (b'{"asset":{"version":"1.0"}}', r"asset\.version: glTF 1\.0 is not supported, only 2\.x"),
         (b'{"asset":{"minVersion":"3.0"}}', r"asset\.minVersion: glTF 3\.0 is not supported, only 2\.x"),
@@ -277,7 +276,7 @@ def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:
 
     with pytest.raises(GltfError) as raised:
         read_gltf(json.dumps(document("gone.bin")).encode(), resolve=resolve)
-    assert str(raised.value) == "buffers[0].uri: cannot read 'gone.bin': No such file or directory"
+    assert "buffers[0].uri: cannot read 'gone.bin': No such file or directory; meshes[0]" in str(raised.value)
 
 
 def test_buffers_are_limited_before_decoding() -> None:
@@ -345,11 +344,13 @@ def test_only_buffer_0_is_the_binary_chunk() -> None:
 
 @pytest.mark.parametrize("value", ["1e999", "-1e999", "NaN", "Infinity", "-Infinity"])
 @pytest.mark.parametrize("place", ["translation", "scale", "rotation"])
-def test_numbers_that_are_not_finite_are_refused(value: str, place: str) -> None:
+def test_numbers_that_are_not_finite_are_ignored(value: str, place: str) -> None:
     count = 4 if place == "rotation" else 3
     text = json.dumps({"nodes": [{place: [0] * count}]}).replace("0]", f"{value}]")
-    with pytest.raises(GltfError, match=rf"nodes\[0\]\.{place}\[{count - 1}\]: expected `float`, got `null`"):
-        read_gltf(text.encode())
+    scene = read_gltf(text.encode())
+    shown = value.replace("1e999", "Infinity")
+    assert scene.warnings == (f"nodes[0].{place}[{count - 1}]: expected a finite number, got {shown}; it is ignored",)
+    assert scene.nodes.X_parent_node.tolist() == [np.eye(4).tolist()]
 
 
 def test_a_later_minor_version_is_read_with_a_warning() -> None:

@@ -100,7 +100,7 @@ def test_the_mode_of_strips_does_not_apply_to_decompressed_triangles() -> None:
     [
         (None, {"bufferView": None}, r"\.bufferView: missing"),
         (None, {"bufferView": 3}, r"\.bufferView: 3 is out of range \(1 bufferViews\)"),
-        (None, {"bufferView": "0"}, r": Expected `int \| null`, got `str`"),
+        (None, {"bufferView": "0"}, r"\.bufferView: expected an integer, got \"0\""),
         ({"POSITION": 9}, {}, r"\.attributes\.POSITION: the mesh has no attribute with the id 9"),
         ({"POSITION": 0, "COLOR_0": 0}, {}, r"\.attributes\.COLOR_0: 4 x 3 values, not 4 x 4"),
         ({"NORMAL": 0}, {}, r"\.attributes\.POSITION: missing"),

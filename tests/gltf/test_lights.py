@@ -12,6 +12,7 @@ import pytest
 
 from gateway.assets.scene_file import read_scene_file
 from gateway.gltf import GltfLimits, read_gltf
+from gateway.gltf.lights import MAX_RANGE
 from renderers.drawlist import Light, LightKind
 
 HALF = math.sqrt(0.5)
@@ -61,9 +62,8 @@ def test_values_and_place() -> None:
             "lights[0]: intensity 1e+300 times color [1.0, 1.0, 1.0] is above 1e+12",
         ),
         ({"type": "point", "range": 0}, "lights[0].range: 0.0 is not a positive finite number"),
-        ({"type": "point", "color": [1, 1]}, "lights[0].color: 2 numbers instead of 3"),
         ({"type": "spot", "spot": {"innerConeAngle": 1}}, "lights[0].spot: the cones 1 and 0.785398 must"),
-        ({"type": 3}, "no lights"),
+        ({"type": 3}, "extensions.KHR_lights_punctual.lights[0].type: expected a string, got 3; nodes[0] has no light"),
         (None, "lights[0] is null"),
     ],
 )
@@ -71,6 +71,11 @@ def test_unusable_lights_are_left_out_with_a_warning(light: Any, message: str) -
     scene = read_gltf(document(light))
     assert scene.lights == ()
     assert any(message in warning for warning in scene.warnings)
+
+
+def test_the_largest_ranges_change_nothing() -> None:
+    (light,) = read_gltf(document({"type": "point", "range": 1e300})).lights
+    assert light.range == MAX_RANGE
 
 
 def test_unusable_references() -> None:

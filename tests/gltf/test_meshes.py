@@ -323,7 +323,8 @@ def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: 
         normals = {"NORMAL": b.accessor([(0, 0, 1)] * 3)}
         b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), **normals, attribute: values}}))
         scene = b.read()
-        expected = f"meshes[0].primitives[0].attributes.{attribute}: 2 values for 3 vertices, ignored"
+        path = f"meshes[0].primitives[0].attributes.{attribute}"
+        expected = f"{path}: accessors[0] has 2 values for 3 vertices; {path} is ignored"
         assert scene.warnings == ((expected,) if count == 2 else ())
         (mesh,) = meshes(scene)
         arrays = {

@@ -77,9 +77,14 @@ def test_default_scene() -> None:
     assert paths(b.read()) == [("c",)]
     b.json["scene"] = 1
     assert paths(b.read()) == [("a",), ("a", "b")]
-    b.json["scene"] = 2
-    with pytest.raises(GltfError, match=r"scene: 2 is out of range \(2 scenes\)"):
-        b.read()
+    for scene, reason in (
+        (2, "scene: 2 is out of range (2 scenes)"),
+        (-1, "scene: -1 is out of range (2 scenes)"),
+        (0, "scenes[0].nodes: expected an array, got 7"),
+    ):
+        b.json["scene"], b.json["scenes"][0]["nodes"] = scene, 7
+        assert paths(read := b.read()) == [("a",), ("a", "b"), ("c",)]
+        assert read.warnings == (f"{reason}; all nodes without a parent are drawn",)
 
 
 EMPTY = ("accessors", "bufferViews", "buffers", "cameras", "images", "materials", "meshes", "nodes")
@@ -108,27 +113,53 @@ def test_almost_empty_documents(document: bytes, cameras: int) -> None:
     assert scene.cameras == ()
 
 
+def test_a_mesh_that_does_not_exist_is_an_error_where_there_is_no_other() -> None:
+    with pytest.raises(GltfError, match=r"nodes\[0\]\.mesh: 0 is out of range \(0 meshes\)"):
+        read_gltf(b'{"nodes": [{"mesh": 0}]}')
+
+
 @pytest.mark.parametrize(
-    ("nodes", "message"),
+    ("nodes", "drawn", "warning"),
     [
-        ([{"children": [0]}], "every node is another one's child, so they form a cycle"),
-        ([{"children": [1]}, {"children": [2]}, {"children": [1]}], r"nodes\[2\]\.children: nodes\[1\] has several"),
-        ([{"children": [2]}, {"children": [2]}, {}], r"nodes\[1\]\.children: nodes\[2\] has several parents"),
-        ([{"children": [1]}], r"nodes\[0\]\.children: 1 is out of range \(1 nodes\)"),
-        ([{"children": [-1]}], r"nodes\[0\]\.children: -1 is out of range"),
-        ([{"mesh": 0}], r"nodes\[0\]\.mesh: 0 is out of range \(0 meshes\)"),
-        ([{"matrix": [1, 2, 3]}], r"nodes\[0\]\.matrix: 3 numbers instead of 16"),
-        ([{"matrix": [1] * 16}], r"nodes\[0\]\.matrix: not affine, its last row is \[1.0, 1.0, 1.0, 1.0\]"),
-        ([{"matrix": [None] * 16}], r"nodes\[0\]\.matrix\[0\]: expected `float`, got `null`"),
-        ([{"translation": [1e308 * 10, 0, 0]}], r"nodes\[0\]\.translation\[0\]: expected `float`, got `null`"),
-        ([{"rotation": [0, 0, 1]}], r"nodes\[0\]\.rotation: 3 numbers instead of 4"),
+        ([{"children": [0]}], 1, "nodes[0].children: nodes[0] is already in the scene; it is left out"),
+        ([{"children": [1]}, {"children": [0]}], 2, "nodes[1].children: nodes[0] is already"),
+        ([{"children": [0]}, {}], 2, "nodes[0].children: nodes[0] is already"),
+        ([{"children": [1]}, {"children": [2]}, {"children": [1]}], 3, "nodes[2].children: nodes[1] is already"),
+        ([{"children": [2]}, {"children": [2]}, {}], 3, "nodes[1].children: nodes[2] is already in the scene"),
+        ([{"children": [1, 1]}, {}], 2, "nodes[0].children: nodes[1] is already in the scene"),
+        ([{"children": [1]}], 1, "nodes[0].children: 1 is out of range (1 nodes); it is left out"),
+        ([{"children": [-1]}], 1, "nodes[0].children: -1 is out of range (1 nodes)"),
+        ([{"children": 3}], 1, "nodes[0].children: expected an array, got 3; it is ignored"),
+        ([{"children": [1, "x"]}, {}], 2, 'nodes[0].children[1]: expected an integer, got "x"; it is ignored'),
+        ([{}, "x"], 1, 'nodes[1]: expected an object, got "x"; it is left out'),
+        ([{"matrix": [1, 2, 3]}], 1, "nodes[0].matrix: 3 numbers instead of 16; it is ignored"),
+        ([{"matrix": [None] * 16}], 1, "nodes[0].matrix[0]: expected a finite number, got null; it is ignored"),
+        ([{"scale": "big"}], 1, 'nodes[0].scale: expected an array, got "big"; it is ignored'),
+        ([{"rotation": [0, 0, 1]}], 1, "nodes[0].rotation: 3 numbers instead of 4; it is ignored"),
+        ([{"rotation": [0, 0, 0, 0]}], 1, "nodes[0].rotation: it has no length; the node is not rotated"),
+        (
+            [{"extensions": {"KHR_node_visibility": 0}}],
+            1,
+            "nodes[0].extensions.KHR_node_visibility: expected an object",
+        ),
     ],
 )
-def test_errors_name_the_node(nodes: list[Any], message: str) -> None:
+def test_flaws_of_a_node_cost_nothing_else(nodes: list[Any], drawn: int, warning: str) -> None:
     b = Builder()
     b.json["nodes"] = nodes
-    with pytest.raises(GltfError, match=message):
-        b.read()
+    scene = b.read()
+    assert len(scene.nodes.indices) == drawn
+    assert (scene.nodes.X_world_node == np.eye(4)).all()
+    (found,) = scene.warnings
+    assert found.startswith(warning)
+
+
+def test_the_last_row_of_a_matrix_is_ignored() -> None:
+    b = Builder()
+    b.node(matrix=[1.0, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1])
+    scene = b.read()
+    assert scene.nodes.X_parent_node[0, :, 3].tolist() == [5, 6, 7, 1]
+    assert scene.warnings == ("nodes[0].matrix: not affine, its last row [1.0, 0.0, 0.0, 1.0] is ignored",)
 
 
 def test_a_long_chain_is_drawn_and_its_tree_is_not_as_deep() -> None:
@@ -273,8 +304,9 @@ def test_many_translations_are_checked() -> None:
     b = Builder()
     for number in range(20):
         b.node(translation=[0, 0] if number == 11 else [0, 0, 1])
-    with pytest.raises(GltfError, match=r"nodes\[11\]\.translation: 2 numbers instead of 3"):
-        b.read()
+    scene = b.read()
+    assert scene.warnings == ("nodes[11].translation: 2 numbers instead of 3; it is ignored",)
+    assert scene.nodes.X_parent_node[:, 2, 3].tolist() == [1.0] * 11 + [0.0] + [1.0] * 8
 
 
 def test_a_scene_is_freed_without_the_garbage_collector() -> None:
@@ -304,8 +336,7 @@ def test_the_last_row_of_a_matrix_may_have_rounding_errors() -> None:
     (node,) = document(1e-6, -1e-6, 0, 1 + 9e-7).read().root.children.values()
     assert node.matrix.tolist() == np.eye(4).tolist()
     for bad in ((2e-6, 0, 0, 1), (0, -2e-6, 0, 1), (0, 0, 2e-6, 1), (0, 0, 0, 1 - 2e-6)):
-        with pytest.raises(GltfError, match=r"nodes\[0\]\.matrix: not affine"):
-            document(*bad).read()
+        assert document(*bad).read().warnings[0].startswith("nodes[0].matrix: not affine")
 
 
 @pytest.mark.parametrize("value", [-1e13, 1e300])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from gateway.gltf import GltfCache, GltfError, GltfLimits, read_gltf
 from gateway.scene.geometry import Surface
 from renderers.cache import CacheBudget
+from renderers.drawlist import Material
 from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, parts
 from tests.gltf.test_materials import png
 from tests.support.corpus import corpus_dir, drake_scene
@@ -133,6 +135,29 @@ def test_the_undamaged_document_is_read() -> None:
     assert check(json.dumps(DOCUMENT).encode())
 
 
+NAN = "NaN"  # as JSON, without quotes
+INFINITY = "1e400"
+
+
+@pytest.mark.parametrize("value", [None, True, -1, 1e300, NAN, INFINITY, "x", ["x"], {}])
+def test_no_single_flaw_costs_more_than_its_element(value: Any) -> None:
+    """Of each list, the first item is damaged. Something is left, as no flaw takes a whole array or the root node."""
+    seen: Counter[tuple[str, ...]] = Counter()
+    for place in PLACES:
+        kind = tuple("#" if isinstance(key, int) else key for key in place)
+        seen[kind] += 1
+        if seen[kind] > 1 or len(place) == 1 or kind == ("asset", "version"):
+            continue
+        document = copy.deepcopy(DOCUMENT)
+        change(document, place, value)
+        text = json.dumps(document)
+        for number in (NAN, INFINITY):
+            text = text.replace(f'"{number}"', number)
+        scene = read_gltf(text.encode(), limits=LIMITS)
+        assert scene.instance_count > 0 or place[0] in ("nodes", "scenes"), place
+        assert all(warning.isprintable() and len(warning) < 300 for warning in scene.warnings)
+
+
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
 @settings(deadline=None, max_examples=300)
 def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
@@ -192,16 +217,16 @@ def test_any_bytes_are_read_or_a_gltf_error(data: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "path"),
     [
-        r'{"asset":{"version":"2.0","generator":"a\ud800"}}',
-        r'{"extras":{"a\ud800":1}}',
-        r'{"nodes":[{"name":"a\ud800"}]}',
+        (r'{"asset":{"version":"2.0","generator":"a\ud800"}}', "asset.generator"),
+        (r'{"extras":{"a\ud800":1}}', None),
+        (r'{"nodes":[{"name":"a\ud800"}]}', "nodes[0].name"),
     ],
 )
-def test_unpaired_surrogates_are_errors_that_quote_the_string(text: str) -> None:
-    with pytest.raises(GltfError, match=r"^the JSON string 'a\\ud800' has an unpaired surrogate, '\\ud800'$"):
-        read_gltf(text.encode())
+def test_strings_with_unpaired_surrogates_are_ignored(text: str, path: str | None) -> None:
+    warnings = read_gltf(text.encode()).warnings
+    assert warnings == ((rf'{path}: expected a string, got "a\ud800"; it is ignored',) if path else ())
 
 
 @pytest.mark.parametrize(
@@ -231,14 +256,58 @@ def test_a_primitive_that_cannot_be_read_is_left_out(damage: Callable[[Builder],
 
 
 @pytest.mark.parametrize(
+    ("primitive", "warning", "drawn"),
+    [
+        ({"indices": "x"}, 'indices: expected an integer, got "x"; meshes[1].primitives[0] is left out', 1),
+        ("x", ': expected an object, got "x"; meshes[1].primitives[0] is left out', 1),
+        ({"material": "x"}, '.material: expected an integer, got "x"; it is ignored', 2),
+        ({"mode": None, "targets": 3}, ".targets: expected an array, got 3; it is ignored", 2),
+    ],
+)
+def test_a_wrong_type_costs_the_primitive_only_if_it_must(primitive: Any, warning: str, drawn: int) -> None:
+    b = Builder()
+    for _ in range(2):
+        b.node(mesh=b.triangle())
+    primitives = b.json["meshes"][1]["primitives"]
+    primitives[0] = {**primitives[0], **primitive} if isinstance(primitive, dict) else primitive
+    scene = b.read()
+    assert scene.instance_count == drawn
+    (found,) = scene.warnings
+    assert found.startswith("meshes[1].primitives[0]")
+    assert found.endswith(warning)
+
+
+@pytest.mark.parametrize(
+    ("change", "warning"),
+    [
+        ({"pbrMetallicRoughness": {"baseColorFactor": "red"}}, '.baseColorFactor: expected an array, got "red"'),
+        ({"pbrMetallicRoughness": {"baseColorFactor": [1, 0]}}, ".baseColorFactor: 2 numbers instead of 4"),
+        ({"emissiveFactor": [0, None, 0]}, ".emissiveFactor[1]: expected a finite number, got null"),
+        ({"extensions": {"KHR_materials_ior": "x"}}, '.extensions.KHR_materials_ior: expected an object, got "x"'),
+        ({"normalTexture": {"index": "x"}}, '.normalTexture.index: expected an integer, got "x"'),
+    ],
+)
+def test_a_wrong_property_of_a_material_leaves_the_others(change: dict[str, Any], warning: str) -> None:
+    b = Builder()
+    b.node(mesh=b.triangle(material=0))
+    b.add("materials", {"doubleSided": True, **change})
+    scene = b.read()
+    ((_, part),) = parts(scene)
+    assert part.material == Material(double_sided=True)
+    (found,) = scene.warnings
+    assert found.startswith("materials[0].")
+    assert found.endswith(f"{warning}; it is ignored")
+
+
+@pytest.mark.parametrize(
     ("index", "material", "warning"),
     [
         (3, {}, "meshes[0].primitives[0].material: 3 is out of range (1 materials)"),
         (-1, {}, "meshes[0].primitives[0].material: -1 is out of range (1 materials)"),
-        (0, {"emissiveFactor": [1, 2]}, "materials[0].emissiveFactor: 2 numbers instead of 3"),
+        (0, "red", 'materials[0]: expected an object, got "red"'),
     ],
 )
-def test_a_material_that_cannot_be_read_leaves_the_mesh(index: int, material: dict[str, Any], warning: str) -> None:
+def test_a_material_that_cannot_be_read_leaves_the_mesh(index: int, material: Any, warning: str) -> None:
     b = Builder()
     b.node(mesh=b.triangle(material=index))
     b.json["materials"] = [material]

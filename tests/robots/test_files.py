@@ -35,6 +35,7 @@ def package(folder: Path, name: str) -> Path:
         ("package://pkg/meshes/m.obj", "meshes/m.obj"),
         ("package:///pkg/meshes/m.obj", "meshes/m.obj"),
         ("model://pkg/meshes/m.obj", "meshes/m.obj"),
+        ("Package://pkg/meshes/m.obj", "meshes/m.obj"),
         ("package://pkg//meshes//m.obj", "meshes/m.obj"),
         ("file://../meshes/m.obj", "meshes/m.obj"),
     ],
@@ -101,7 +102,8 @@ def test_names_may_be_relative_to_a_root(tmp_path: Path) -> None:
 
 def test_any_file_of_the_user_may_be_named(tmp_path: Path) -> None:
     write(tmp_path / "hands", TRIANGLE, "m.obj")
-    for name in ("../../hands/m.obj", f"file://{tmp_path}/hands/m.obj", f"{tmp_path}/hands/m.obj"):
+    path = f"{tmp_path}/hands/m.obj"
+    for name in ("../../hands/m.obj", path, f"file://{path}", f"file:{path}", f"FILE://{path}", f"File:{path}"):
         assert read_robot(write(tmp_path / "robots" / "one", mesh(name))).parts[0]
 
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gateway.assets.scene_file import SceneFileError
+from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.geometry import Surface
 from tests.robots.files import ARM, TRIANGLE, link, write
 from tests.support import forms
+
+REFUSED = re.escape(" (refused: --strict)")
 
 
 def test_a_robot_is_a_node_for_each_link(tmp_path: Path) -> None:
@@ -80,5 +84,16 @@ def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
 def test_strict_refuses_warnings(tmp_path: Path) -> None:
     path = write(tmp_path, link("<visual/>"), "a.urdf")
     assert read_scene(path).warnings == ("link 'a', visual: it has no shape; it is not shown",)
-    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown$"):
+    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+        read_scene(path, SceneOptions(strict=True))
+    with pytest.raises(RobotFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+        read_robot(path, strict=True)
+
+
+def test_strict_refuses_a_flaw_of_a_gltf_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.gltf"
+    path.write_text('{"nodes": [{"scale": "big"}]}')
+    warning = 'nodes[0].scale: expected an array, got "big"; it is ignored'
+    assert read_scene(path).warnings == (warning,)
+    with pytest.raises(SceneFileError, match=f"^{path}: {re.escape(warning)}{REFUSED}$"):
         read_scene(path, SceneOptions(strict=True))

@@ -13,7 +13,7 @@ import pytest
 from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere, Surface
 from renderers.color import linear_from_srgb
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
@@ -157,6 +157,29 @@ def test_shapes(tmp_path: Path, shape: str, expected: Shape) -> None:
     assert robot.warnings == ()
     if "plane" in shape:
         np.testing.assert_allclose(part.X_node_part[:3, 2], (1, 0, 0))
+
+
+def test_a_cone_has_its_origin_halfway_to_the_tip(tmp_path: Path) -> None:
+    robot = read(tmp_path, geometry("<cone><radius>2</radius><length>3</length></cone>"))
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    points = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+    assert (points[:, 2].min(), points[:, 2].max()) == (-1.5, 1.5)
+    np.testing.assert_allclose(np.abs(points[points[:, 2] > 0]).max(axis=0), (0, 0, 1.5), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1).max(), 2.0)
+    assert robot.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("shape", "reason"),
+    [
+        ("<cone><radius>-2</radius><length>3</length></cone>", "radius='-2' of <cone> must be above 0"),
+        ("<polyline><height>1</height></polyline>", "the shape <polyline> is not supported"),
+        ("<heightmap><uri>a.png</uri></heightmap>", "the shape <heightmap> is not supported"),
+    ],
+)
+def test_other_shapes_are_named(tmp_path: Path, shape: str, reason: str) -> None:
+    assert read(tmp_path, geometry(shape)).warnings == (f"link 'a', visual: {reason}; it is not shown",)
 
 
 @pytest.mark.parametrize(

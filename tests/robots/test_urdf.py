@@ -112,7 +112,7 @@ BOX = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
     [
         ("<visual/>", "link 'a', visual: it has no shape; it is not shown"),
         ("<visual><geometry/></visual>", "link 'a', visual: it has no shape"),
-        (shape("<cone/>"), "the shape <cone> is unknown; it is not shown"),
+        (shape("<cone/>"), "the shape <cone> is not supported; it is not shown"),
         (shape("<box/>"), "link 'a', visual: <box> has no size; it is not shown"),
         (shape('<box size="1 1"/>'), "size='1 1' of <box> must be 3 finite numbers; it is not shown"),
         (shape('<box size="1 -1 1"/>'), "size='1 -1 1' of <box> must be above 0; it is not shown"),
@@ -234,7 +234,7 @@ def test_links_without_a_name_are_left_out(tmp_path: Path) -> None:
 def test_geometry_that_is_not_shown_gives_no_warning(tmp_path: Path) -> None:
     write(tmp_path, link("<collision><geometry><plane/></geometry></collision>" + BOX))
     assert read_robot(tmp_path / "robot.urdf").warnings == ()
-    assert "the shape <plane> is unknown" in read_robot(tmp_path / "robot.urdf", geometry="collision").warnings[0]
+    assert "the shape <plane> is not supported" in read_robot(tmp_path / "robot.urdf", geometry="collision").warnings[0]
 
 
 @pytest.mark.parametrize(

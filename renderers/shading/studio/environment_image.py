@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -16,6 +16,8 @@ MAX_HDR_PIXELS: Final = 8192 * 4096
 """Maximum number of pixels of a Radiance image: 400 MB as float32."""
 _MAX_RADIANCE: Final = 65504.0
 """Larger values of a Radiance image are reduced to this, the largest float16."""
+_MAX_SCALED_RADIANCE: Final = 1e12
+"""Maximum radiance times intensity: its products with exposure and colours fit into float32. The sun has 1e9."""
 _PAINTED_SIZE: Final = (256, 512)
 """Height and width of images painted from a rig, pixels."""
 
@@ -31,12 +33,18 @@ def radiance_of(surroundings: Surroundings) -> NDArray[np.float32]:
         SurroundingsError: see ``read_hdr``.
     """
     if surroundings.image is not None:
-        return read_hdr(surroundings.image) * np.float32(surroundings.intensity)
+        return _scaled(read_hdr(surroundings.image), surroundings.intensity)
     directions = equirect_directions(*_PAINTED_SIZE)
     radiance = _hemisphere_radiance(surroundings.hemisphere, directions)
     for box in surroundings.softboxes:
         radiance = radiance + _softbox_coverage(box, directions)[..., None] * np.array(box.radiance)
-    scaled: NDArray[np.float32] = (radiance * surroundings.intensity).astype(np.float32)
+    return _scaled(radiance, surroundings.intensity)
+
+
+def _scaled(radiance: NDArray[Any], intensity: float) -> NDArray[np.float32]:
+    """Return the radiance times the intensity, at most ``_MAX_SCALED_RADIANCE``."""
+    limited = np.minimum(radiance, _MAX_SCALED_RADIANCE / max(intensity, 1.0))
+    scaled: NDArray[np.float32] = (limited * intensity).astype(np.float32)
     return scaled
 
 

@@ -193,10 +193,26 @@ def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: Me
     rows = "0 0 0\n1 0 0\n0 -1e13 0\n0 nan 0\n0 0 inf\n"
     faces = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
     write(root / "t.ply", f"{head}{faces}{rows}3 0 1 2\n3 0 1 3\n3 1 2 4\n")
-    mesh = mesh_of(files.load("t.ply")[0])
+    warnings: list[str] = []
+    mesh = mesh_of(files.load("t.ply", warnings=warnings)[0])
+    assert warnings == ["'t.ply': 2 of 3 triangles with vertices that are not finite are left out"]
     assert len(mesh.elements) == 1
     assert mesh.positions[mesh.elements[0]].min() == np.float32(-1e13)
     assert np.isfinite(mesh.positions).all()
+
+
+@pytest.mark.parametrize("number", ["nan", "1e39", "-1e39", "1e400"])
+def test_obj_vertices_that_are_not_finite_in_float32_drop_their_faces(
+    root: Path, files: MeshFiles, number: str
+) -> None:
+    write(root / "t.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {number}\nf 1 2 3\nf 1 2 4\n")
+    warnings: list[str] = []
+    mesh = mesh_of(files.load("t.obj", warnings=warnings)[0])
+    assert (len(mesh.elements), mesh.positions.max()) == (1, 1.0)
+    assert warnings == ["'t.obj': 1 of 2 triangles with vertices that are not finite are left out"]
+    write(root / "u.obj", f"v 0 0 0\nv 1 0 0\nv 0 0 {number}\nf 1 2 3\n")
+    with pytest.raises(MeshFileError, match="no triangles or points; 1 of 1 triangles with vertices that are not"):
+        files.load("u.obj")
 
 
 @pytest.mark.parametrize("missing", ["t.mtl", "p.png"])

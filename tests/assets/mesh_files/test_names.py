@@ -21,6 +21,8 @@ def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
         "sub dir/t.obj",
         str(root / "sub dir/t.obj"),
         f"file://{root}/sub%20dir/t.obj",
+        f"file:{root}/sub%20dir/t.obj",
+        f"FILE://{root}/sub%20dir/t.obj",
         f"file://localhost{root}/sub%20dir/t.obj",
         "./sub dir/../sub dir/t.obj",
     ):

@@ -194,3 +194,12 @@ def test_radiance_images() -> None:
     ):
         with pytest.raises(SurroundingsError, match=message):
             read_hdr(broken)
+
+
+@pytest.mark.parametrize("intensity", [1e9, 1e38])
+def test_radiance_times_intensity_stays_far_below_the_largest_float32(intensity: float) -> None:
+    image = cv2.imencode(".hdr", np.full((4, 8, 3), 1e30, np.float32))[1].tobytes()
+    for surroundings in (Surroundings(image=image), Surroundings(hemisphere=Hemisphere((1e9,) * 3, (1e9,) * 3))):
+        radiance = radiance_of(replace(surroundings, intensity=intensity))
+        assert radiance.dtype == np.float32
+        assert radiance.max() == pytest.approx(1e12)
