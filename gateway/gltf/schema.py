@@ -284,6 +284,13 @@ class Specular(_Object):
     specular_texture: TextureInfo | None = None
 
 
+class Transmission(_Object):
+    """KHR_materials_transmission."""
+
+    transmission_factor: float | None = None
+    transmission_texture: TextureInfo | None = None
+
+
 class SpecularGlossiness(_Object):
     """KHR_materials_pbrSpecularGlossiness (archived)."""
 
