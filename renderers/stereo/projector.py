@@ -12,16 +12,18 @@ with the square of the distance, and polished metal returns few of them to the c
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import cache
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
-from renderers.drawlist import Instance
+from renderers.drawlist import Image, Instance
 from renderers.stereo.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
@@ -42,6 +44,11 @@ FULL_LIGHT: Final = 255
 """Value of full light."""
 _MAX_FADE: Final = 4.0
 """Maximum light at small depths, relative to that at ``REFERENCE_DEPTH``."""
+_AVERAGED_TEXELS: Final = 256
+"""Texels of a texture along its shorter side, at least, that are averaged."""
+_means_of_images: WeakKeyDictionary[Image, tuple[float, float]] = WeakKeyDictionary()
+"""Results of ``_metal_means``."""
+_lock: Final = threading.Lock()
 _ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
 """Kernel arguments for ``returned`` of None."""
 
@@ -111,14 +118,28 @@ def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
     """Return the share of the projector's light that each instance returns to the cameras, by instance id, float32.
 
     Metal has no diffuse reflection: its highlight, whose width grows with the square of the roughness, misses the
-    cameras. Metals in textures return all.
+    cameras. A textured material returns the mean of its texels' shares everywhere.
     """
     shares = np.ones(max((instance.instance_id for instance in instances), default=0) + 2, np.float32)
     for instance in instances:
-        material = instance.material
-        if material.metallic_roughness_texture is None:
-            shares[instance.instance_id] = 1.0 - material.metallic * (1.0 - material.roughness**2)
+        material, texture = instance.material, instance.material.metallic_roughness_texture
+        metal, rough_metal = (1.0, 1.0) if texture is None else _metal_means(texture.image)
+        shares[instance.instance_id] = 1.0 - material.metallic * (metal - rough_metal * material.roughness**2)
     return shares
+
+
+def _metal_means(image: Image) -> tuple[float, float]:
+    """Return the mean of a metallic-roughness texture's metalness, and of its metalness times squared roughness."""
+    with _lock:
+        means = _means_of_images.get(image)
+    if means is None:
+        pixels = image.decode()
+        step = max(1, min(pixels.shape[:2]) // _AVERAGED_TEXELS)
+        roughness, metal = (pixels[::step, ::step, channel] / 255.0 for channel in (1, 2))
+        means = float(metal.mean()), float((metal * roughness**2).mean())
+        with _lock:
+            _means_of_images[image] = means
+    return means
 
 
 @kernel(

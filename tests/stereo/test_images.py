@@ -12,7 +12,7 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest
 from gateway.stereo.profile import read_profile
 from gateway.stereo.realistic_images import make_imaging
-from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.downscale import fine_means
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure
@@ -164,6 +164,16 @@ def test_metal_returns_dots_by_its_roughness() -> None:
     shares = returned_shares([Instance(mesh, each, np.eye(4), instance_id=i) for i, each in enumerate(materials)])
     assert shares[:4] == pytest.approx((1.0, 0.0025, 0.16, 1.0))
     assert shares[-1] == 1.0, "surfaces without an id"
+
+
+def test_textures_of_metal_return_the_mean_of_their_texels() -> None:
+    texels = np.zeros((4, 600, 4), np.uint8)
+    texels[:, :300] = 0, 51, 255, 255  # metal of roughness 0.2; the rest is plastic
+    texture = Texture(Image(b"", lambda: texels))
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.array(((0, 1, 2),), np.uint32))
+    materials = [Material(metallic=m, metallic_roughness_texture=texture) for m in (1.0, 0.5)]
+    shares = returned_shares([Instance(mesh, each, np.eye(4), instance_id=i) for i, each in enumerate(materials)])
+    assert shares[:2] == pytest.approx((1 - 0.5 * 0.96, 1 - 0.25 * 0.96), abs=1e-3)
 
 
 def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
