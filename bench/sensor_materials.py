@@ -78,26 +78,33 @@ def filled_and_wrong(sample: Sample, images: DepthImages, region: NDArray[np.boo
     return float(filled.sum() / max(inside.sum(), 1)), float((deviation > 1.0).mean()) if filled.any() else 0.0
 
 
-def report_materials(modes: dict[str, Measure], *, realism: bool) -> None:
-    """Print how much of each plate of ``cases/sensor/materials.glb`` has depth, and how much of that is wrong.
+def plates(scene: DrawList, measure: Measure, *, projector: bool, realism: bool) -> dict[str, tuple[float, float]]:
+    """Return ``filled_and_wrong`` of each plate of ``cases/sensor/materials.glb``; the depth behind glass is right."""
+    scenes = Scenes(realism=realism)
+    sample = scenes.sample(scene, projector=projector)
+    instances, images = scenes.instances(sample), measure(sample)
+    return {name: filled_and_wrong(sample, images, instances == number) for name, number in MATERIALS.items()}
 
-    The depth behind glass is right.
-    """
+
+def report_materials(modes: dict[str, Measure], *, realism: bool) -> None:
+    """Print the shares of ``plates``."""
     if (corpus := os.environ.get("SCENEGATE_CORPUS")) is None:
         return
-    scene = flatten(read_gltf((Path(corpus) / "cases/sensor/materials.glb").read_bytes()).root)
-    scenes = Scenes(realism=realism)
+    scene = read_plates(Path(corpus))
     print("\nmaterials: filled / wrong, projector off: " + ", ".join(modes) + "; projector on: " + ", ".join(modes))
-    columns: dict[str, list[tuple[float, float]]] = {name: [] for name in MATERIALS}
-    for projector in (False, True):
-        sample = scenes.sample(scene, projector=projector)
-        instances = scenes.instances(sample)
-        for measure in modes.values():
-            images = measure(sample)
-            for name, number in MATERIALS.items():
-                columns[name].append(filled_and_wrong(sample, images, instances == number))
-    for name, values in columns.items():
+    columns = [
+        plates(scene, measure, projector=projector, realism=realism)
+        for projector in (False, True)
+        for measure in modes.values()
+    ]
+    for name in MATERIALS:
+        values = [column[name] for column in columns]
         print(f"  {name:15}" + " ".join(f"  {filled:4.2f} / {wrong:4.2f}" for filled, wrong in values))
+
+
+def read_plates(corpus: Path) -> DrawList:
+    """Return ``cases/sensor/materials.glb``."""
+    return flatten(read_gltf((corpus / "cases/sensor/materials.glb").read_bytes()).root)
 
 
 def report_reach(modes: dict[str, Measure], *, realism: bool) -> None:
@@ -105,19 +112,23 @@ def report_reach(modes: dict[str, Measure], *, realism: bool) -> None:
 
     The exposure time is fixed at 5 ms: in a picture with brighter things, a dark one is not exposed for longer.
     """
-    scenes = Scenes(realism=realism)
-    scenes.parameters.set("rc_camera", [("exp_control", "Manual"), ("exp_value", 0.005)])
     print(f"\nplain walls with the projector, 5 ms: albedo, filled ({' / '.join(modes)}) at m: {DISTANCES}")
     for albedo in ALBEDOS:
-        material = Material((albedo, albedo, albedo, 1.0), metallic=0.0, roughness=0.8, double_sided=True)
         cells = []
         for distance in DISTANCES:
-            plate = Part(Surface(tile(30.0, 2)), material, translation(0.0, 0.0, distance))
-            sample = scenes.sample(wall(plate), projector=True)
-            everywhere = np.ones(sample.visible.shape, np.bool_)
-            filled = (filled_and_wrong(sample, measure(sample), everywhere)[0] for measure in modes.values())
+            filled = (filled_wall(albedo, distance, measure, realism=realism) for measure in modes.values())
             cells.append("/".join(f"{each:.2f}" for each in filled))
         print(f"  {albedo:6.3f} " + "  ".join(cells))
+
+
+def filled_wall(albedo: float, distance: float, measure: Measure, *, realism: bool = False) -> float:
+    """Return the share of a plain wall that has depth with the projector and an exposure time of 5 ms."""
+    scenes = Scenes(realism=realism)
+    scenes.parameters.set("rc_camera", [("exp_control", "Manual"), ("exp_value", 0.005)])
+    material = Material((albedo, albedo, albedo, 1.0), metallic=0.0, roughness=0.8, double_sided=True)
+    plate = Part(Surface(tile(30.0, 2)), material, translation(0.0, 0.0, distance))
+    sample = scenes.sample(wall(plate), projector=True)
+    return filled_and_wrong(sample, measure(sample), np.ones(sample.visible.shape, np.bool_))[0]
 
 
 def report_response() -> None:
