@@ -1,4 +1,4 @@
-"""Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--over-time] [--realism]``.
+"""Errors of the stereo camera's depth in each mode: ``python -m bench.sensor [--over-time] [--light] [--realism]``.
 
 Measured on the scenes of ``sensor_scenes`` and on the demo, without and with the projector, at High quality unless
 a table says otherwise.
@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import sensor_timing
-from bench.sensor_images import Sample, demo_samples, samples
+from bench.sensor_fiducials import report_tags
+from bench.sensor_images import Sample, demo_samples, renderer, samples
+from bench.sensor_materials import report_materials, report_reach, report_response
 from bench.sensor_plot import write_plot
 from bench.sensor_time import report_over_time
 from gateway.stereo.depth import ground_truth_depth, modelled_depth
@@ -206,14 +208,26 @@ def write_sheet(folder: Path) -> None:
     cv2.imwrite(str(folder / "depth-modes.webp"), sheet, [cv2.IMWRITE_WEBP_QUALITY, 80])
 
 
+def report_light(modes: dict[str, Callable[[Sample], DepthImages]], *, realism: bool) -> None:
+    """Print how light reaches the images: materials, the projector's reach, response, and tags."""
+    report_materials(modes, realism=realism)
+    report_reach(modes, realism=realism)
+    report_response()
+    report_tags(renderer())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--realism", action="store_true", help="images with all parts of --stereo-realism")
     parser.add_argument("--pictures", type=Path, help="folder for images: left image, disparity and error side by side")
     parser.add_argument("--over-time", action="store_true", help="only the errors of static and moving scenes")
+    parser.add_argument("--light", action="store_true", help="only materials, the projector's reach, response and tags")
     options = parser.parse_args()
+    modes = {mode: MODES[mode] for mode in ("modelled", "matched")}
+    if options.light:
+        report_light(modes, realism=options.realism)
+        return
     if options.over_time:
-        modes = {mode: MODES[mode] for mode in ("modelled", "matched")}
         if options.pictures:
             write_plot(options.pictures / "depth-over-time.webp", modes)
         report_over_time(modes, realism=options.realism)
@@ -237,6 +251,7 @@ def main() -> None:
         for mode in ("modelled", "matched"):
             report_confidence(f"{title}, {mode}", [(unfiltered(s), MODES[mode](unfiltered(s))) for s in group])
     report_density()
+    report_light(modes, realism=options.realism)
     sensor_timing.report()
 
 

@@ -209,7 +209,7 @@ class Material:
     line_width: float = 1.0
     """Width of a line, pixels."""
     fallback: Material | None = None
-    """Material in the looks of RenderEngineVtk, if VTK reads another one: it ignores
+    """Material in the looks of RenderEngineVtk, if VTK reads another one: it ignores KHR_materials_transmission and
     KHR_materials_pbrSpecularGlossiness, and has its own defaults for primitives without a material."""
     vtk_export: bool = False
     """True: written by VTK's exporter, which omits VTK's shading, double-sidedness and blending. Looks restore them

@@ -20,6 +20,7 @@ _NEVER_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
 _WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 _ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
+_TRANSMISSION: Final = "KHR_materials_transmission"
 _DIELECTRIC_REFLECTANCE: Final = 0.04
 """Reflectance at normal incidence for an index of refraction of 1.5."""
 
@@ -172,8 +173,31 @@ class Materials:
             specular_color=self._vector(specular.specular_color_factor, f"{name}.specularColorFactor", (1.0, 1.0, 1.0)),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
         )
+        read_by_vtk = material
         glossiness = read(_GLOSSINESS, schema.SpecularGlossiness)
-        return replace(self._with_glossiness(material, glossiness, name), fallback=material) if glossiness else material
+        if glossiness:
+            material = self._with_glossiness(material, glossiness, name)
+        transmission = read(_TRANSMISSION, schema.Transmission)
+        if transmission:
+            material = self._with_transmission(material, transmission, name)
+        return material if material is read_by_vtk else replace(material, fallback=read_by_vtk)
+
+    def _with_transmission(self, material: Material, source: schema.Transmission, name: str) -> Material:
+        """Return a transparent material as a blended one.
+
+        The light that passes is that of what is behind, times the transmission and the strongest channel of the base
+        colour; both faces reflect a part, so that clear glass stays visible. It is neither refracted nor tinted.
+        """
+        factor = min(1.0, max(0.0, _or_default(source.transmission_factor, 0.0)))
+        passed = factor * (1.0 - material.metallic) * min(max(*material.base_color[:3], 0.0), 1.0)
+        if passed == 0.0 or material.alpha_mode is AlphaMode.MASK:
+            return material
+        if source.transmission_texture is not None:
+            self._warnings.append(f"{name}.transmissionTexture is not read; the material is drawn without transmission")
+            return material
+        alpha = material.base_color[3] if material.alpha_mode is AlphaMode.BLEND else 1.0
+        alpha *= 1.0 - passed * (1.0 - 2.0 * _DIELECTRIC_REFLECTANCE)
+        return replace(material, base_color=(*material.base_color[:3], alpha), alpha_mode=AlphaMode.BLEND)
 
     def _with_glossiness(self, material: Material, source: schema.SpecularGlossiness, name: str) -> Material:
         """Convert the archived specular-glossiness model to a dielectric of the same reflectance.

@@ -300,6 +300,13 @@ class Specular(Object):
     specular_texture: TextureInfo | None = None
 
 
+class Transmission(Object):
+    """KHR_materials_transmission."""
+
+    transmission_factor: float | None = None
+    transmission_texture: TextureInfo | None = None
+
+
 class SpecularGlossiness(Object):
     """KHR_materials_pbrSpecularGlossiness (archived)."""
 

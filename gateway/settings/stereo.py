@@ -70,6 +70,11 @@ class StereoSettings(BaseSettings):
         "Realistic camera images: 'off', 'all', or some of shadows, lens-blur, vignetting, fixed-pattern, motion-blur, "
         "projector, separated by commas. The default is 'off', and 'all' with --demo.",
     )
+    stereo_projectors: Literal["own", "shared"] = option(
+        "own",
+        "Stereo camera",
+        "Projectors whose dots a camera sees: its own, or those of all cameras (--stereo-cameras) while they are on.",
+    )
     stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and the IMU, and errors to modelled depth.")
     clock: Literal["real", "simulated"] = option(
         "real",

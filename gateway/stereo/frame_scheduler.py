@@ -23,6 +23,7 @@ from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FramesIn
 from gateway.stereo.hub import ImageSetHub, MailboxState
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.motion import SceneState, state_before
+from gateway.stereo.other_projector import lit_projectors
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.request import SetKind
 from gateway.stereo.settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
@@ -205,7 +206,7 @@ class FrameScheduler:
             self._frame_number + 1,
             timestamp,
             self._injector.timestamp(timestamp),
-            settings.gpio(depth=False),
+            settings,
             camera_kinds | depth_kinds,
         )
         if capture is None:
@@ -241,9 +242,7 @@ class FrameScheduler:
         """
         await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND if self.imaging.config.rate == "device" else 0)
         timestamp, sent_timestamp = (each + ALTERNATE_GAP_NS for each in (timestamp, camera.timestamp))
-        depth = await self._capture_scene(
-            camera.frame_number, timestamp, sent_timestamp, settings.gpio(depth=True), kinds
-        )
+        depth = await self._capture_scene(camera.frame_number, timestamp, sent_timestamp, settings, kinds, depth=True)
         if depth is not None:
             self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
             await self._publisher.publish_depth_sets(frame, kinds)
@@ -283,7 +282,14 @@ class FrameScheduler:
         return state, state_before(state, self._last, self._scene)
 
     async def _capture_scene(
-        self, frame_number: int, timestamp: int, sent_timestamp: int, gpio: int, kinds: set[SetKind]
+        self,
+        frame_number: int,
+        timestamp: int,
+        sent_timestamp: int,
+        settings: StreamSettings,
+        kinds: set[SetKind],
+        *,
+        depth: bool = False,
     ) -> Capture | None:
         """Return scene and pose at a time, or None if they cannot be read.
 
@@ -292,6 +298,7 @@ class FrameScheduler:
         Args:
             timestamp: true time, nanoseconds since the epoch.
             sent_timestamp: time that clients get; a fault may falsify it.
+            depth: the exposure is for depth alone.
         """
         try:
             state, earlier = await self.read_scene(timestamp)
@@ -304,7 +311,16 @@ class FrameScheduler:
             self._last = state
             if earlier is not None:
                 earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
-            return Capture(sent_timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier)
+            return Capture(
+                sent_timestamp,
+                state.scene,
+                state.revision,
+                state.X_world_left,
+                settings.gpio(depth=depth),
+                frame_number,
+                earlier,
+                lit_projectors(state.projectors, depth=depth),
+            )
         return None
 
     def _repeat_last_frames(self) -> None:

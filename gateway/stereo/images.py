@@ -13,6 +13,7 @@ from gateway.stereo.auto_exposure import METERING_DIVISOR, ExposureMemory, choos
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.depth import ImagePair
 from gateway.stereo.motion import SceneState
+from gateway.stereo.other_projector import OtherProjector
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.camera import Camera
@@ -26,6 +27,7 @@ from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.optics import Lens, SceneLight, light_on_sensor, relative_light
 from renderers.stereo.pixel_classes import ImageKind
+from renderers.stereo.posed_projector import Surfaces, add_dots
 from renderers.stereo.projector import projected_dots, returned_shares
 from renderers.stereo.sensor import SensorImage, image_from_light
 
@@ -46,6 +48,8 @@ class Capture:
     frame_number: int = 0
     earlier: SceneState | None = None
     """Frame before this one, for motion blur and rolling shutters; None: there is none, or nothing needs it."""
+    projectors: tuple[OtherProjector, ...] = ()
+    """Projectors of other cameras that are on."""
 
     @property
     def out1_high(self) -> bool:
@@ -54,7 +58,7 @@ class Capture:
 
     def has_projection(self, config: StereoConfig) -> bool:
         """Return True if there is a projector and it is on. It is connected to Out1."""
-        return config.projector and self.out1_high
+        return config.projector and config.dot_light > 0.0 and self.out1_high
 
 
 DOT_ALPHA: Final = 0.5
@@ -126,8 +130,11 @@ class Imaging:
 
         Depth and instances ignore surfaces that are mostly transparent.
         """
+        return self._render_lit(capture.scene, self.camera(capture, offset, divisor), outputs)
+
+    def _render_lit(self, scene: DrawList, camera: Camera, outputs: Output) -> Frame:
         look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
-        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, look)
+        return self.renderer.render(scene, camera, outputs, look)
 
     def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
         """Return the camera of ``render`` with the same arguments."""
@@ -148,8 +155,9 @@ class Imaging:
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
-            dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR)
-            unlit, lit = self._metered_light(frame, capture, dots, settings.manual_exposure)
+            others = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
+            dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
+            unlit, lit = self._metered_light(frame, capture, others, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
@@ -199,7 +207,8 @@ class Imaging:
 
     def image_kind(self, capture: Capture) -> ImageKind:
         """Return the kind of a capture's images."""
-        return ImageKind.of(dots=capture.has_projection(self.config), realistic=bool(self.config.realism))
+        dots = capture.has_projection(self.config) or bool(capture.projectors)
+        return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
 
     def measure(self, left: Frame, right: Frame, settings: StreamSettings, pair: ImagePair | None) -> DepthImages:
         """Return depth images from two frames with depth, and close the frames.
@@ -232,20 +241,26 @@ class Imaging:
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
     def _metered_light(
-        self, frame: Frame, capture: Capture, dots: NDArray[np.uint16] | None, manual: Exposure
+        self,
+        frame: Frame,
+        capture: Capture,
+        others: NDArray[np.uint16] | None,
+        dots: NDArray[np.uint16] | None,
+        manual: Exposure,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the light of a frame for metering, without and with the projector's light; (h, w) float32 each.
 
         Args:
             frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
             capture: capture of the frame.
-            dots: (h, w) uint16, the projector's light; None: the projector is off.
+            others: (h, w) uint16, light of other cameras' projectors; None: all are off.
+            dots: (h, w) uint16, light of all projectors; None: all are off.
             manual: exposure whose white balance applies.
         """
         rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
         assert rendered is not None
         lens = Lens(vignetting=self._lens.vignetting)
-        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), None)
+        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), others)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
             return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
@@ -259,9 +274,14 @@ class Imaging:
         Args:
             scene: scene of the image.
             half: camera with half the resolution of the image.
-            dots: (H, W) uint16, the projector's light; None: the projector is off.
+            dots: (H, W) uint16, light of projectors; None: all are off.
         """
-        return SceneLight(dots, self.config.dot_light, self._light_factors(scene, half), self.config.background)
+        return SceneLight(dots, self._dot_light, self._light_factors(scene, half), self.config.background)
+
+    @property
+    def _dot_light(self) -> float:
+        """Light that a full dot adds, relative to the rendered light."""
+        return self.config.dot_light or 1.0
 
     @property
     def _lens(self) -> Lens:
@@ -287,30 +307,51 @@ class Imaging:
         """
 
     def _outputs(self, capture: Capture) -> Output:
-        """Return the outputs to render for a camera image. Depth and instances are needed if the projector is on."""
-        return Output.COLOR | Output.DEPTH | Output.INSTANCE if capture.has_projection(self.config) else Output.COLOR
+        """Return the outputs to render for a camera image: more than colour if a projector is on."""
+        outputs = Output.COLOR
+        if capture.projectors:
+            outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
+        if capture.has_projection(self.config):
+            outputs |= Output.DEPTH | Output.INSTANCE
+        return outputs
 
     def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint16] | None:
-        """Return the projector's light at each pixel of a frame; None for a frame without depth."""
-        if frame.depth is None or frame.instance is None:
+        """Return the light of the projectors at each pixel of a frame; None if all are off.
+
+        The arguments are those with which the frame was rendered.
+        """
+        has_own = capture.has_projection(self.config)
+        if frame.depth is None or frame.instance is None or not (has_own or capture.projectors):
             return None
         returned = frame.instance, returned_shares(capture.scene.instances)
         model, soft = self.config.model, "projector" in self.config.realism
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2
-        with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
-            assert projector_view.depth is not None
-            return projected_dots(
-                frame.depth,
-                k.focal_length,
-                k.cx,
-                k.cy,
-                offset - projector_offset,
-                projector_view.depth,
-                soft=soft,
-                right=offset > projector_offset,
-                point_samples=soft and divisor == METERING_DIVISOR,
-                returned=returned,
-            )
+        right = offset > projector_offset
+        dots = np.zeros(frame.depth.shape, np.uint16)
+        if has_own:
+            with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
+                assert projector_view.depth is not None
+                dots = projected_dots(
+                    frame.depth,
+                    k.focal_length,
+                    k.cx,
+                    k.cy,
+                    offset - projector_offset,
+                    projector_view.depth,
+                    soft=soft,
+                    right=right,
+                    point_samples=soft and divisor == METERING_DIVISOR,
+                    returned=returned,
+                )
+        for other in capture.projectors:
+            assert frame.normal is not None
+            surfaces = Surfaces(self.camera(capture, offset, divisor), frame.depth, frame.normal, returned)
+            projector = other.camera(divisor, near=self.config.near, far=self.config.far)
+            with self._render_lit(capture.scene, projector, Output.DEPTH) as projector_view:
+                assert projector_view.depth is not None
+                strength = other.dot_light / self._dot_light
+                add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
+        return dots
 
 
 def own_exposure(light: NDArray[np.float32], settings: StreamSettings) -> Exposure:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.bounds import Bounds, corners_of, mesh_bounds
+from gateway.stereo.other_projector import OtherProjector
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.motion_blur import poses_at
@@ -44,6 +45,8 @@ class SceneState:
     """Revision of the scene."""
     changed: int = 0
     """Time of the last change, nanoseconds since the epoch."""
+    projectors: tuple[OtherProjector, ...] = ()
+    """Projectors of other cameras."""
 
 
 def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int], SceneState]) -> SceneState:

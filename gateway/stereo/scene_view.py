@@ -34,6 +34,10 @@ class SceneView:
         time = snapshot.timestamp if timestamp is None else timestamp
         return SceneState(time, scene, pose, snapshot.revision, snapshot.timestamp)
 
+    def pose_at(self, timestamp: int | None = None) -> NDArray[np.float64]:
+        """Return X_world_left, (4, 4) float64, at a time as for ``state``."""
+        return self.pose_in(self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp))
+
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Return X_world_left, (4, 4) float64, in a snapshot."""
         return self._mount.pose(snapshot.root)

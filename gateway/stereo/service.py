@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import structlog
@@ -22,6 +21,7 @@ from gateway.stereo.frame_scheduler import FrameScheduler, SceneSource
 from gateway.stereo.hub import ImageSetHub
 from gateway.stereo.images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imu import Imu, PoseLog
+from gateway.stereo.other_projector import lit_projectors
 from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.realistic_images import make_imaging
@@ -174,10 +174,18 @@ class StereoService:
         settings, timestamp = self.settings, time.time_ns()
         state, _ = await self._scheduler.read_scene(timestamp)
         self._captures += 1
-        camera = Capture(
-            timestamp, state.scene, state.revision, state.X_world_left, settings.gpio(depth=False), self._captures
+        camera, depth = (
+            Capture(
+                timestamp,
+                state.scene,
+                state.revision,
+                state.X_world_left,
+                settings.gpio(depth=depth),
+                self._captures,
+                projectors=lit_projectors(state.projectors, depth=depth),
+            )
+            for depth in (False, True)
         )
-        depth = replace(camera, gpio=settings.gpio(depth=True))
         return Frame(self.imaging, self.workers, settings, camera, depth, (kind,))
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:

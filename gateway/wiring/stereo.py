@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,9 @@ from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.fault_routes import fault_router
 from gateway.stereo.imu import PoseLog
 from gateway.stereo.imu_routes import imu_router
+from gateway.stereo.motion import SceneState
 from gateway.stereo.node_routes import node_router
+from gateway.stereo.other_projector import OtherProjector
 from gateway.stereo.pair_files import find_pairs, read_geometry
 from gateway.stereo.pairs import PairImaging, pair_imaging
 from gateway.stereo.parameter_specs import NODES
@@ -46,6 +49,9 @@ from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 
+ProjectorSource = Callable[[int | None], OtherProjector]
+"""Returns a camera's projector at a time as for ``SceneView.state``."""
+
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 """Percentiles of the valid disparities between which a caption's range of depths lies."""
@@ -56,8 +62,9 @@ async def setup(context: Context) -> None:
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
     scene = await _scene(context)
+    projectors: list[ProjectorSource] = []
     services = [
-        _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene)
+        _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
     watch_stereo(context.metrics, *services)
@@ -99,12 +106,18 @@ def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
 
 
 def _start_camera(
-    context: Context, number: int, config: StereoConfig, mount: Mount, scene: LiveTree | None
+    context: Context,
+    number: int,
+    config: StereoConfig,
+    mount: Mount,
+    scene: LiveTree | None,
+    projectors: list[ProjectorSource],
 ) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
 
     Args:
         scene: the scene that all cameras see; None: the live tree.
+        projectors: projectors that all cameras see; this camera's is added.
     """
     settings = context.settings
     if scene is None:
@@ -116,10 +129,17 @@ def _start_camera(
         view.tree.keep_recent(number, active=streaming)
         context.workers.give_way(number, active=streaming)
 
+    def projector(timestamp: int | None) -> OtherProjector:
+        return OtherProjector(view.pose_at(timestamp), config.model, config.dot_light, service.settings)
+
+    def state(timestamp: int | None) -> SceneState:
+        others = tuple([other(timestamp) for other in projectors if other is not projector])
+        return replace(view.state(timestamp), projectors=others)
+
     simulated = settings.clock == "simulated"
     service = StereoService(
         config,
-        view.state,
+        state,
         context.renderer,
         context.camera_workers,
         SimulatedClock() if simulated else None,
@@ -127,6 +147,8 @@ def _start_camera(
         on_streaming,
         context.has_messages_before if scene is None else lambda timestamp: False,
     )
+    if settings.stereo_projectors == "shared" and config.projector and config.dot_light > 0.0:
+        projectors.append(projector)
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 

@@ -61,6 +61,7 @@ _STEREO: Final = tuple(
         "metric_depth",
         "motion_blur",
         "optics",
+        "posed_projector",
         "projector",
         "sensor",
         "truth",

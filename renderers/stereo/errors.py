@@ -206,11 +206,11 @@ def _standardise(values, groups):
             squares[part, group] += value * value
             counts[part, group] += 1.0
     means, factors = np.empty(256, np.float32), np.empty(256, np.float32)
-    for group in range(256):
-        count = max(counts[:, group].sum(), 1.0)
-        mean = sums[:, group].sum() / count
-        means[group] = mean
-        factors[group] = 1.0 / np.sqrt(max(squares[:, group].sum() / count - mean * mean, 1e-12))
+    for index in range(256):
+        count = max(counts[:, index].sum(), 1.0)
+        mean = sums[:, index].sum() / count
+        means[index] = mean
+        factors[index] = 1.0 / np.sqrt(max(squares[:, index].sum() / count - mean * mean, 1e-12))
     most = np.float32(MAX_NOISE)
     for row in range(height):
         for column in range(width):
@@ -236,9 +236,9 @@ def _rank(values, groups):
             counts[part, group] += 1.0
     # Values are mapped to positions in -1 to 1 so that many small and few large ones fill the bins alike.
     spreads, totals = np.empty(256, np.float32), np.empty(256, np.float32)
-    for group in range(256):
-        totals[group] = max(counts[:, group].sum(), 1.0)
-        spreads[group] = 0.5 * sums[:, group].sum() / totals[group] + 1e-6
+    for index in range(256):
+        totals[index] = max(counts[:, index].sum(), 1.0)
+        spreads[index] = 0.5 * sums[:, index].sum() / totals[index] + 1e-6
     half, last = np.float32(RANK_BINS / 2), np.float32(RANK_BINS - 0.01)
     histogram = np.zeros((256, RANK_BINS + 1), np.float32)
     for row in range(height):
@@ -247,17 +247,17 @@ def _rank(values, groups):
             position = min((np.float32(1.0) + value / (abs(value) + spreads[group])) * half, last)
             values[row, column] = position
             histogram[group, np.uint64(position) + np.uint64(1)] += np.float32(1.0)
-    for group in range(256):
+    for index in range(256):
         for position_bin in range(RANK_BINS):
-            histogram[group, position_bin + 1] += histogram[group, position_bin]
+            histogram[index, position_bin + 1] += histogram[index, position_bin]
         for position_bin in range(RANK_BINS + 1):
-            histogram[group, position_bin] /= totals[group]
+            histogram[index, position_bin] /= totals[index]
     for row in range(height):
         for column in range(width):
             group, position = np.uint64(groups[row, column]), values[row, column]
-            position_bin = np.uint64(position)
-            below, up_to = histogram[group, position_bin], histogram[group, position_bin + np.uint64(1)]
-            values[row, column] = below + (up_to - below) * (position - np.float32(position_bin))
+            whole = np.uint64(position)
+            below, up_to = histogram[group, whole], histogram[group, whole + np.uint64(1)]
+            values[row, column] = below + (up_to - below) * (position - np.float32(whole))
 
 
 @kernel(

@@ -12,16 +12,18 @@ with the square of the distance, and polished metal returns few of them to the c
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import cache
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
-from renderers.drawlist import Instance
+from renderers.drawlist import Image, Instance
 from renderers.stereo.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
@@ -32,7 +34,7 @@ _PERIOD: Final = 1024
 _MIN_CELL_PIXELS: Final = 1.5
 """Minimum width of a cell, pixels. Where cells are smaller, a coarser level of the pattern is used: aliasing would
 differ between the two cameras."""
-_SHADOW_BIAS: Final = 0.02
+SHADOW_BIAS: Final = 0.02
 """Relative depth bias against self-shadowing: slanted surfaces change their depth by about this much over the three
 pixels that are compared."""
 
@@ -40,8 +42,13 @@ REFERENCE_DEPTH: Final = 1.5
 """Depth at which a full dot has the value ``FULL_LIGHT``, metres."""
 FULL_LIGHT: Final = 255
 """Value of full light."""
-_MAX_FADE: Final = 4.0
+MAX_FADE: Final = 4.0
 """Maximum light at small depths, relative to that at ``REFERENCE_DEPTH``."""
+_AVERAGED_TEXELS: Final = 256
+"""Texels of a texture along its shorter side, at least, that are averaged."""
+_means_of_images: WeakKeyDictionary[Image, tuple[float, float]] = WeakKeyDictionary()
+"""Results of ``_metal_means``."""
+_lock: Final = threading.Lock()
 _ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
 """Kernel arguments for ``returned`` of None."""
 
@@ -91,34 +98,63 @@ def projected_dots(
         returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: 1.
     """
     wait_until_compiled("stereo")
+    pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
+    light = np.empty(depth.shape, np.uint16)
+    ids, shares = returned or _ALL_RETURNED
+    _project(
+        depth, projector_depth, pattern, cells_per_pixel, float(cx), float(cy), offset * focal_length, ids, shares,
+        light,
+    )  # fmt: skip
+    return light
+
+
+def pattern_at(
+    focal_length: float, *, soft: bool, right: bool, finest: bool = False
+) -> tuple[NDArray[np.uint8], float]:
+    """Return the level of the pattern for an image, (N, N) uint8, and its cells per pixel.
+
+    Args:
+        focal_length: pixels.
+        soft: realistic dots (``projector_pattern``).
+        right: speckle as the right camera sees it.
+        finest: the finest level, however small its cells are.
+    """
     level, cell_pixels = 0, CELL * focal_length
     levels = soft_pattern_levels(right=right) if soft else _pattern_levels()
     if soft:
         cell_pixels /= TEXELS_PER_CELL
-    min_cell_pixels = 0.0 if point_samples else _MIN_CELL_PIXELS / (TEXELS_PER_CELL if soft else 1)
+    min_cell_pixels = 0.0 if finest else _MIN_CELL_PIXELS / (TEXELS_PER_CELL if soft else 1)
     while cell_pixels < min_cell_pixels and level < len(levels) - 1:
         level, cell_pixels = level + 1, cell_pixels * 2
-    light = np.empty(depth.shape, np.uint16)
-    ids, shares = returned or _ALL_RETURNED
-    _project(
-        depth, projector_depth, levels[level], 1.0 / cell_pixels, float(cx), float(cy), offset * focal_length, ids,
-        shares, light,
-    )  # fmt: skip
-    return light
+    return levels[level], 1.0 / cell_pixels
 
 
 def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
     """Return the share of the projector's light that each instance returns to the cameras, by instance id, float32.
 
     Metal has no diffuse reflection: its highlight, whose width grows with the square of the roughness, misses the
-    cameras. Metals in textures return all.
+    cameras. A textured material returns the mean of its texels' shares everywhere.
     """
     shares = np.ones(max((instance.instance_id for instance in instances), default=0) + 2, np.float32)
     for instance in instances:
-        material = instance.material
-        if material.metallic_roughness_texture is None:
-            shares[instance.instance_id] = 1.0 - material.metallic * (1.0 - material.roughness**2)
+        material, texture = instance.material, instance.material.metallic_roughness_texture
+        metal, rough_metal = (1.0, 1.0) if texture is None else _metal_means(texture.image)
+        shares[instance.instance_id] = 1.0 - material.metallic * (metal - rough_metal * material.roughness**2)
     return shares
+
+
+def _metal_means(image: Image) -> tuple[float, float]:
+    """Return the mean of a metallic-roughness texture's metalness, and of its metalness times squared roughness."""
+    with _lock:
+        means = _means_of_images.get(image)
+    if means is None:
+        pixels = image.decode()
+        step = max(1, min(pixels.shape[:2]) // _AVERAGED_TEXELS)
+        roughness, metal = (pixels[::step, ::step, channel] / 255.0 for channel in (1, 2))
+        means = float(metal.mean()), float((metal * roughness**2).mean())
+        with _lock:
+            _means_of_images[image] = means
+    return means
 
 
 @kernel(
@@ -142,9 +178,9 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
     """
     height, width = depth.shape
     period = pattern.shape[0]
-    reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(_MAX_FADE), ids.shape[0] == height
+    reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(MAX_FADE), ids.shape[0] == height
     scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
-    shadow_factor = np.float32(1.0 - _SHADOW_BIAS)
+    shadow_factor = np.float32(1.0 - SHADOW_BIAS)
     center, cell_mask = np.float32(period // 2), np.uint32(period - 1)
     one, half = np.float32(1.0), np.float32(0.5)
     # The pattern at one row of the image, its first cell repeated; and values of the row's pixels. The loops that read
@@ -157,8 +193,8 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
         cell_v = int(np.floor(v))
         fraction_v = v - np.float32(cell_v)
         upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
-        for cell in range(period):
-            pattern_row[cell] = np.float32(upper[cell]) * (one - fraction_v) + np.float32(lower[cell]) * fraction_v
+        for i in range(period):
+            pattern_row[i] = np.float32(upper[i]) * (one - fraction_v) + np.float32(lower[i]) * fraction_v
         pattern_row[period] = pattern_row[0]
         for column in range(width):
             z = depth[row, column]  # +inf on the background, where all light fades

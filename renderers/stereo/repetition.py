@@ -39,7 +39,7 @@ def repeated_texture(
     small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
     half_pixels = [small_right, cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)]
     exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST)
-    exact_steps = cv2.multiply(exact, np.float64(HALF / SCALE), dtype=cv2.CV_32F)
+    exact_steps = exact * np.float32(HALF / SCALE)
     best = np.full((rows, columns), 255, np.uint8)
     for candidate in range(min(int(exact_steps.max() / HALF) + 2, columns) * HALF):
         whole, half = divmod(candidate, HALF)

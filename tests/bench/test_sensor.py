@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench import sensor, sensor_fit
+from bench import sensor, sensor_fit, sensor_materials
 from bench.sensor_images import Sample, samples
 from renderers.stereo import matcher_statistics
 from renderers.stereo.model import Quality
 from renderers.stereo.pixel_classes import CLASSES, ImageKind
+from tests.support.corpus import corpus_dir
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +74,28 @@ def test_statistics_are_what_the_fit_would_write() -> None:
     assert sensor_fit.text_of(by_kind, matcher_statistics.wrong_spread()) == matcher_statistics.FILE.read_text("utf-8")
     for table in by_kind.values():
         assert {values.shape for values in table.values()} == {(CLASSES + 1,)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("realism", [False, True])
+@pytest.mark.parametrize("mode", ["modelled", "matched"])
+@pytest.mark.corpus
+def test_mirrors_are_holes_and_glass_shows_what_is_behind(mode: str, realism: bool) -> None:
+    scene = sensor_materials.read_plates(corpus_dir())
+    for projector in (False, True):
+        shares = sensor_materials.plates(scene, sensor.MODES[mode], projector=projector, realism=realism)
+        assert shares["mirror"][0] < 0.1
+        assert shares["brushed metal"][0] < 0.3
+        filled, wrong = shares["glass"]
+        assert filled > 0.75
+        assert wrong < 0.03
+        if not projector:
+            assert shares["black"][0] < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["modelled", "matched"])
+def test_far_and_dark_walls_return_too_few_dots(mode: str) -> None:
+    for albedo, near, far in ((0.5, 3.0, 8.0), (0.1, 1.5, 4.0), (0.01, 1.0, 2.0)):
+        assert sensor_materials.filled_wall(albedo, near, sensor.MODES[mode]) > 0.9
+        assert sensor_materials.filled_wall(albedo, far, sensor.MODES[mode]) < 0.05

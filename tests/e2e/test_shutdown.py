@@ -13,6 +13,7 @@ import pytest
 from gateway.generated import image_interface_pb2 as pb
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
 pytestmark = pytest.mark.slow
@@ -77,19 +78,30 @@ def test_renders_that_cannot_finish_in_time_get_503(workers: str) -> None:
         assert {answer.status_code for answer in answers} <= {200, 503}
 
 
-def test_streams_end_with_unavailable() -> None:
-    with gateway_process("--only", "stereo", "--grpc-port", "0") as (process, url):
-        port = clients.get(f"{url}/healthz").json()["interfaces"]["stereo"]["port"]
-        with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:
-            stream: Any = channel.unary_stream(
+def test_streams_end_with_unavailable_and_go_on_after_a_restart() -> None:
+    (port,) = free_ports(1)
+    flags = ("--only", "stereo", "--grpc-port", str(port))
+    with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:
+
+        def stream() -> Any:
+            """Return the stream of a client that waits for the server."""
+            return channel.unary_stream(
                 "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
-            )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS)
-            next(stream)
-            assert figures(url)["scenegate_stereo_streams"] == 1.0
-            with ThreadPoolExecutor(1) as pool:
-                ended = pool.submit(deque, stream, 0)  # a client that reads, to the end
-                ends_well(process)
-                error = ended.exception()
-        assert isinstance(error, grpc.RpcError)
-        assert error.code() is grpc.StatusCode.UNAVAILABLE
-        assert "shutting down" in error.details()
+            )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS, wait_for_ready=True)
+
+        newest = 0.0
+        for _ in range(2):
+            with gateway_process(*flags) as (process, url):
+                sets = stream()
+                first = next(sets)
+                assert first.left.width == 1280
+                assert first.timestamp.sec + first.timestamp.nsec * 1e-9 > newest
+                assert figures(url)["scenegate_stereo_streams"] == 1.0
+                with ThreadPoolExecutor(1) as pool:
+                    ended = pool.submit(deque, sets, 0)  # a client that reads, to the end
+                    ends_well(process)
+                    error = ended.exception()
+            assert isinstance(error, grpc.RpcError)
+            assert error.code() is grpc.StatusCode.UNAVAILABLE
+            assert "shutting down" in error.details()
+            newest = first.timestamp.sec + first.timestamp.nsec * 1e-9

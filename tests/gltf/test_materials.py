@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.gltf import DEFAULT_MATERIAL, GltfCache, GltfError, GltfLimits, GltfScene, label_from_material
+from gateway.stereo.images import DOT_ALPHA
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Sampler, Texture, Wrap
 from tests.gltf.builder import Builder, data_uri, parts
 
@@ -250,6 +251,44 @@ def test_specular_glossiness_changes_neither_the_label_nor_the_material_of_other
     material, _ = read_material(extended)
     assert label_from_material(material) == 7 + 256
     assert material.fallback == read_material({"pbrMetallicRoughness": pbr})[0]
+
+
+def test_transmission_is_blended_by_the_light_that_passes() -> None:
+    def read(factor: float, color: list[float], metallic: float = 0.0, **properties: Any) -> Material:
+        pbr = {"baseColorFactor": color, "metallicFactor": metallic}
+        extension = {"KHR_materials_transmission": {"transmissionFactor": factor}}
+        material, scene = read_material({"pbrMetallicRoughness": pbr, "extensions": extension, **properties})
+        assert scene.warnings == ()
+        return material
+
+    clear = read(1.0, [1, 1, 1, 1])
+    assert clear.alpha_mode is AlphaMode.BLEND
+    assert clear.base_color[3] == pytest.approx(0.08)
+    assert read(0.95, [0.8, 0.9, 0.7, 1]).base_color[3] < DOT_ALPHA, "stereo cameras see what is behind"
+    assert read(1.0, [0.02, 0.01, 0.02, 1]).base_color[3] > 0.97, "dark glass"
+    assert read(1.0, [1, 1, 1, 0.5], alphaMode="BLEND").base_color[3] == pytest.approx(0.04)
+    assert read(1.0, [1, 1, 1, 0.5]).base_color[3] == pytest.approx(0.08), "alpha of an opaque material"
+    for opaque in (read(0.0, [1, 1, 1, 1]), read(1.0, [1, 1, 1, 1], metallic=1.0)):
+        assert (opaque.alpha_mode, opaque.base_color[3], opaque.fallback) == (AlphaMode.OPAQUE, 1.0, None)
+    assert read(1.0, [1, 1, 1, 0.4], alphaMode="MASK").alpha_mode is AlphaMode.MASK
+
+
+def test_transmission_changes_neither_the_label_nor_the_material_of_vtk() -> None:
+    pbr = {"baseColorFactor": [7 / 255, 1 / 255, 1, 1], "metallicFactor": 0}
+    glass = {"pbrMetallicRoughness": pbr, "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}}
+    material, _ = read_material(glass)
+    assert label_from_material(material) == 7 + 256 + (255 << 16)
+    assert material.fallback == read_material({"pbrMetallicRoughness": pbr})[0]
+
+
+def test_transmission_by_texture_is_not_drawn() -> None:
+    extension = {"transmissionFactor": 1, "transmissionTexture": {"index": 0}}
+    glass = {"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": {"KHR_materials_transmission": extension}}
+    material, scene = read_material(glass, with_texture())
+    assert material.alpha_mode is AlphaMode.OPAQUE
+    assert scene.warnings == (
+        "materials[0].transmissionTexture is not read; the material is drawn without transmission",
+    )
 
 
 def test_texture_without_usable_source_is_left_out_with_a_warning() -> None:

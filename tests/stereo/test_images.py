@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest
+from gateway.stereo.other_projector import OtherProjector, lit_projectors
+from gateway.stereo.parameters import Parameters
 from gateway.stereo.profile import read_profile
 from gateway.stereo.realistic_images import make_imaging
-from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
+from gateway.stereo.settings import read_settings
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.downscale import fine_means
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure
@@ -25,6 +28,7 @@ from renderers.stereo.projector import FULL_LIGHT, projected_dots, returned_shar
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 from tests.stereo.camera_images import light_of, rendered_grey, sensor_image
+from tests.stereo.scenes import pose, table
 
 MODEL = read_profile("rc_visard_160c").model
 KEY = frame_key(0, 0, NoiseStream.LEFT)
@@ -166,6 +170,16 @@ def test_metal_returns_dots_by_its_roughness() -> None:
     assert shares[-1] == 1.0, "surfaces without an id"
 
 
+def test_textures_of_metal_return_the_mean_of_their_texels() -> None:
+    texels = np.zeros((4, 600, 4), np.uint8)
+    texels[:, :300] = 0, 51, 255, 255  # metal of roughness 0.2; the rest is plastic
+    texture = Texture(Image(b"", lambda: texels))
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.array(((0, 1, 2),), np.uint32))
+    materials = [Material(metallic=m, metallic_roughness_texture=texture) for m in (1.0, 0.5)]
+    shares = returned_shares([Instance(mesh, each, np.eye(4), instance_id=i) for i, each in enumerate(materials)])
+    assert shares[:2] == pytest.approx((1 - 0.5 * 0.96, 1 - 0.25 * 0.96), abs=1e-3)
+
+
 def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
     imaging = make_imaging(StereoConfig(noise=False), renderer)
 
@@ -193,6 +207,78 @@ def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRende
     assert np.corrcoef(on_wall.ravel(), dots(wall, board(1.2, frosted, 1)).ravel())[0, 1] < 0.3
     mirror = dots(board(1.5, Material((0.9, 0.9, 0.9, 1.0), metallic=1.0, roughness=0.05), 0))
     assert mirror.std() < 0.05 * on_wall.std()
+
+
+def other_projector(x: float, angle: float, mode: str = "High", light: float = 2.0) -> OtherProjector:
+    """Return the projector of a camera at x metres beside this one, turned about y by an angle."""
+    X = np.eye(4)
+    X[0, 0] = X[2, 2] = np.cos(angle)
+    X[0, 2], X[2, 0] = np.sin(angle), -np.sin(angle)
+    X[0, 3] = x
+    parameters = Parameters()
+    parameters.set("rc_iocontrol", [("out1_mode", mode)])
+    return OtherProjector(X, MODEL, light, read_settings(parameters))
+
+
+def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(renderer: CpuRenderer) -> None:
+    imaging = make_imaging(StereoConfig(noise=False), renderer)
+    own, other = Capture(0, table(), 1, pose(), 1), Capture(0, table(), 1, pose(), 0)
+    other = replace(other, projectors=(replace(other_projector(0.0, 0.0), X_world_left=pose()),))
+    assert imaging.image_kind(other) is ImageKind.DOTS
+    exposures = [imaging.meter(each, read_settings(Parameters())).exposure for each in (own, other)]
+    assert exposures[0].light == pytest.approx(exposures[1].light, rel=0.05)
+    for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
+        request = ImageRequest(Exposure(), stream, frozenset((False,)))
+        # Points at the edges are outside the other projector's field of view.
+        images = [imaging.expose(each, request)[False].image[200:-200, 200:-200].astype(float) for each in (own, other)]
+        assert np.corrcoef(images[0].ravel(), images[1].ravel())[0, 1] > 0.97
+        assert images[0].mean() == pytest.approx(images[1].mean(), rel=0.05)
+
+
+def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(renderer: CpuRenderer) -> None:
+    imaging = make_imaging(StereoConfig(noise=False, projector=False, dot_light=0.0), renderer)
+    corners = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32)
+    mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
+    grey = Material((0.5, 0.5, 0.5, 1.0), metallic=0.0, double_sided=True)
+
+    def board(z: float, x: float, side: float) -> Instance:
+        X = np.diag((side, side, 1.0, 1.0))
+        X[:3, 3] = x, 0.0, z
+        return Instance(mesh, grey, X)
+
+    def dots(*boards: Instance, projector: OtherProjector) -> list[NDArray[np.float64]]:
+        """Return the light that a projector adds in both images."""
+        dark = Capture(0, DrawList(boards), 1, np.eye(4), 0)
+        differences = []
+        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):
+            request = ImageRequest(Exposure(), stream, frozenset((False,)))
+            low, high = (
+                imaging.expose(each, request)[False].image.astype(float)
+                for each in (dark, replace(dark, projectors=(projector,)))
+            )
+            differences.append(high - low)
+        return differences
+
+    left, right = dots(board(2.0, 0.0, 4.0), projector=other_projector(1.2, -0.5))
+    shift = round(MODEL.focal_times_baseline(1) / 2.0)
+    assert left.std() > 3
+    assert np.corrcoef(left[:, shift:].ravel(), right[:, :-shift].ravel())[0, 1] > 0.9
+    assert np.corrcoef(left.ravel(), right.ravel())[0, 1] < 0.3
+    facing, grazing = (
+        dots(board(2.0, 0.0, 4.0), projector=other_projector(*each))[0] for each in ((0.0, 0.0), (6.0, -1.3))
+    )
+    assert grazing[480, 600:680].mean() < 0.3 * facing[480, 600:680].mean()
+    # A board half-way between projector and wall, beside the line of sight, keeps the dots from the middle.
+    shaded = dots(board(2.0, 0.0, 4.0), board(1.0, 0.67, 0.1), projector=other_projector(1.26, -0.55))[0]
+    lit = dots(board(2.0, 0.0, 4.0), projector=other_projector(1.26, -0.55))[0]
+    assert lit[470:490, 630:650].std() > 3
+    assert not shaded[470:490, 630:650].any()
+
+
+def test_projectors_of_other_cameras_are_seen_while_they_are_on() -> None:
+    projectors = [other_projector(0.0, 0.0, mode) for mode in ("Low", "High", "ExposureAlternateActive")]
+    assert lit_projectors(projectors, depth=False) == (projectors[1],)
+    assert lit_projectors(projectors, depth=True) == (projectors[1], projectors[2])
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])

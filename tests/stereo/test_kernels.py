@@ -24,6 +24,7 @@ from renderers.stereo.model import Intrinsics
 from renderers.stereo.motion_blur import write_mean_light
 from renderers.stereo.optics import Lens, SceneLight, light_on_sensor
 from renderers.stereo.pixel_classes import ImageKind
+from renderers.stereo.posed_projector import Surfaces, add_dots
 from renderers.stereo.projector import projected_dots
 from renderers.stereo.sensor import image_from_light
 from renderers.stereo.truth import DepthRange, true_disparity
@@ -49,6 +50,9 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     depth = np.full((24, 40), 2.0, np.float32)
     dots = projected_dots(depth, 40.0, 20.0, 12.0, 0.05, depth)
     camera = Camera(40, 24, 40.0, 40.0, 20.0, 12.0, 0.01, 100.0, np.eye(4))
+    returned = np.zeros((24, 40), np.int32), np.ones(1, np.float32)
+    surfaces = Surfaces(camera, depth, np.zeros((24, 40, 3), np.float32), returned)
+    add_dots(dots, surfaces, camera, depth, 1.0, soft=False, right=False)
     factors = light_factors(depth[:12, :20].copy(), np.ones((12, 20, 3), np.float32), camera, depth, camera)
     for light, color in ((SceneLight(dots, 1.0, factors), True), (SceneLight(), False)):
         on_sensor = light_on_sensor(
@@ -66,7 +70,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 21
+    assert len(kernels) == 22
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         compile_kernel(kernel)

@@ -222,6 +222,26 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
     assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
 
 
+@pytest.mark.parametrize(("projectors", "seen"), [("own", []), ("shared", [[1, 2, 3]])])
+async def test_cameras_see_the_projectors_of_others_on_request(
+    contexts: Any, projectors: str, seen: list[list[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras = ("name=lit;1,2,3,1,0,0,0",)
+    context = contexts(grpc_port=0, stereo_cameras=cameras, stereo_projectors=projectors)
+    monkeypatch.setattr(Context, "run_service", lambda *_, **__: None)
+    sources: list[Any] = []
+
+    def recorded(config: Any, scene: Any, *rest: Any) -> StereoService:
+        sources.append(scene)
+        return StereoService(config, scene, *rest)
+
+    monkeypatch.setattr(stereo, "StereoService", recorded)
+    await stereo.setup(context)
+    others = sources[0](None).projectors
+    assert [other.X_world_left[:3, 3].tolist() for other in others] == seen
+    assert all(other.dot_light == 2.0 for other in others)
+
+
 class Sensor:
     """A small stereo camera at (1, 2, 3) that looks along z."""
 
