@@ -1,6 +1,6 @@
 """Light of a projector at any pose, such as that of another camera, at every pixel of a camera image.
 
-``projector`` has the same light for the camera's own projector, where a pixel's row is the same in both images.
+``projector`` computes the light of the camera's own projector. There, a surface point has the same row in both images.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
+from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.projector import MAX_FADE, REFERENCE_DEPTH, SHADOW_BIAS, pattern_at
 
 _MIN_HEADLIGHT: Final = 0.2
-"""Minimum cosine of the headlight on a surface, by which the projector's cosine is divided: dots are relative to it."""
+"""Lower limit of the headlight's cosine, by which the projector's cosine is divided."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """Surfaces in a camera image."""
+    """Surfaces that a camera sees."""
 
     camera: Camera
     depth: NDArray[np.float32]
@@ -47,7 +48,7 @@ def add_dots(
 
     Args:
         light: (H, W) uint16, changed.
-        surfaces: what the camera sees.
+        surfaces: surfaces in the image.
         projector: camera at the projector; points outside its image are not lit.
         projector_depth: (h, w) float32, depth seen from there, for shadows.
         strength: factor of the light.
@@ -73,7 +74,10 @@ def _add_dots(
     depth, normal, k, X_projector_camera, projector_depth, projector_k, pattern, cells_per_pixel, strength, ids, shares,
     light,
 ):  # fmt: skip
-    """Add the projector's light at every pixel; arguments are those of ``add_dots``.
+    """Add the projector's light at every pixel. Arguments that are not listed are those of ``add_dots``.
+
+    Each pixel's surface point is transformed to the projector's frame and projected to its image, which gives the place
+    in the pattern. The point is lit unless a nearer surface is there.
 
     Args:
         k: (4,) float64, fx, fy, cx, cy of the camera.
@@ -81,10 +85,12 @@ def _add_dots(
         projector_k: (4,) float64, likewise of the projector.
         pattern: (N, N) uint8; N is a power of two.
         cells_per_pixel: cells of the pattern per pixel of the projector's image.
+        ids: (H, W) int32, instance at every pixel.
+        shares: (I,) float32, share of the light that each instance returns.
     """
     height, width = depth.shape
     rows, columns = projector_depth.shape
-    mask, center = pattern.shape[0] - 1, pattern.shape[0] // 2
+    center = pattern.shape[0] // 2
     R, t = X_projector_camera[:, :3], X_projector_camera[:, 3]
     origin = np.empty(3)  # position of the projector in the camera's frame
     for axis in range(3):
@@ -95,35 +101,62 @@ def _add_dots(
             if not z < np.inf:
                 continue
             x, y = (column + 0.5 - k[2]) / k[0] * z, (row + 0.5 - k[3]) / k[1] * z
-            distance = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2]
-            if distance <= 0.0:
+            projector_z = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2]
+            if projector_z <= 0.0:
                 continue
-            from_axis_x = projector_k[0] * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0]) / distance
-            from_axis_y = projector_k[1] * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1]) / distance
-            # Upper left of the four pixels around the point in the projector's image.
-            left = int(np.floor(from_axis_x + projector_k[2] - 0.5))
-            top = int(np.floor(from_axis_y + projector_k[3] - 0.5))
+            # Pixels from the principal point of the projector's image.
+            offset_x = projector_k[0] * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0]) / projector_z
+            offset_y = projector_k[1] * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1]) / projector_z
+            # Upper left of the four pixels around the point.
+            left = int(np.floor(offset_x + projector_k[2] - 0.5))
+            top = int(np.floor(offset_y + projector_k[3] - 0.5))
             if left < 0 or top < 0 or left >= columns - 1 or top >= rows - 1:
                 continue
-            farthest = max(
-                max(projector_depth[top, left], projector_depth[top, left + 1]),
-                max(projector_depth[top + 1, left], projector_depth[top + 1, left + 1]),
-            )
-            if farthest < distance * (1.0 - SHADOW_BIAS):
+            if _is_in_shadow(projector_depth, left, top, projector_z):
                 continue
-            n_x, n_y, n_z = normal[row, column, 0], normal[row, column, 1], normal[row, column, 2]
-            cosines = 1.0
-            if n_x != 0.0 or n_y != 0.0 or n_z != 0.0:
-                to_x, to_y, to_z = origin[0] - x, origin[1] - y, origin[2] - z
-                cosine = (n_x * to_x + n_y * to_y + n_z * to_z) / np.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
-                cosines = max(cosine, 0.0) / max(-np.float64(n_z), _MIN_HEADLIGHT)
-            u, v = from_axis_x * cells_per_pixel + center, from_axis_y * cells_per_pixel + center
-            cell_u, cell_v = int(np.floor(u)), int(np.floor(v))
-            share_u, share_v = u - cell_u, v - cell_v
-            near_row, far_row = pattern[cell_v & mask], pattern[(cell_v + 1) & mask]
-            here, beside = cell_u & mask, (cell_u + 1) & mask
-            value = (near_row[here] * (1.0 - share_u) + near_row[beside] * share_u) * (1.0 - share_v)
-            value += (far_row[here] * (1.0 - share_u) + far_row[beside] * share_u) * share_v
-            fade = REFERENCE_DEPTH / distance
+            value = _interpolated(pattern, offset_x * cells_per_pixel + center, offset_y * cells_per_pixel + center)
+            fade = REFERENCE_DEPTH / projector_z
+            cosines = _relative_cosine(normal[row, column], origin[0] - x, origin[1] - y, origin[2] - z)
             value *= min(fade * fade, MAX_FADE) * cosines * strength * shares[max(ids[row, column], 0)]
             light[row, column] = int(min(light[row, column] + value + 0.5, 65535.0))
+
+
+@inlined
+def _is_in_shadow(projector_depth, left, top, projector_z):
+    """Return True if all four pixels from ``left`` and ``top`` on are nearer than a point at depth ``projector_z``."""
+    farthest = max(
+        max(projector_depth[top, left], projector_depth[top, left + 1]),
+        max(projector_depth[top + 1, left], projector_depth[top + 1, left + 1]),
+    )
+    return farthest < projector_z * (1.0 - SHADOW_BIAS)
+
+
+@inlined
+def _relative_cosine(normal, to_x, to_y, to_z):
+    """Return the cosine of the projector's light on a surface, divided by that of the headlight.
+
+    Args:
+        normal: (3,) float32, unit normal in the camera's frame; 0: unlit, for which the result is 1.
+        to_x: vector from the surface to the projector in the camera's frame, metres.
+        to_y: likewise.
+        to_z: likewise.
+    """
+    n_x, n_y, n_z = normal[0], normal[1], normal[2]
+    cosines = 1.0
+    if n_x != 0.0 or n_y != 0.0 or n_z != 0.0:
+        cosine = (n_x * to_x + n_y * to_y + n_z * to_z) / np.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
+        cosines = max(cosine, 0.0) / max(-np.float64(n_z), _MIN_HEADLIGHT)
+    return cosines
+
+
+@inlined
+def _interpolated(pattern, u, v):
+    """Return the bilinearly interpolated pattern, which repeats, at column ``u`` and row ``v``."""
+    mask = pattern.shape[0] - 1
+    cell_u, cell_v = int(np.floor(u)), int(np.floor(v))
+    fraction_u, fraction_v = u - cell_u, v - cell_v
+    upper, lower = pattern[cell_v & mask], pattern[(cell_v + 1) & mask]
+    left, right = cell_u & mask, (cell_u + 1) & mask
+    value = (upper[left] * (1.0 - fraction_u) + upper[right] * fraction_u) * (1.0 - fraction_v)
+    value += (lower[left] * (1.0 - fraction_u) + lower[right] * fraction_u) * fraction_v
+    return value
