@@ -53,6 +53,7 @@ Vector = tuple[Finite, Finite, Finite]
 
 
 NO_LIGHT: Final = "the rig has neither [[lights]] nor [surroundings]"
+"""Why scenes without lights are black, for messages."""
 _MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of a rig file; the image of its surroundings has its own."""
 

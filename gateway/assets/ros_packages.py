@@ -27,7 +27,10 @@ _SKIPPED_FOLDERS: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__p
 
 
 def split_url(name: str) -> tuple[str, str]:
-    """Return the scheme of a file's name in lower case, and the rest; no scheme for a path. ``file:/x`` has ``/x``."""
+    """Return the scheme of a file name or URL, in lower case, and the rest after ``://``. Paths have no scheme.
+
+    ``file:/x``, with one slash, has the rest ``/x``.
+    """
     if name[:6].lower() == "file:/" and name[6:7] != "/":
         return "file", name[5:]
     scheme, separator, rest = name.partition("://")

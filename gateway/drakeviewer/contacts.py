@@ -94,7 +94,7 @@ def _arrows(
     if not found:
         return found
     with np.errstate(over="ignore", invalid="ignore"):
-        norms = np.sqrt((vectors * vectors).sum(axis=1))  # np.linalg.norm takes three times as long for a few
+        norms = np.sqrt((vectors * vectors).sum(axis=1))  # np.linalg.norm takes three times as long for few vectors
         shown = np.flatnonzero((norms >= MIN_FORCE) & (norms < np.inf) & np.isfinite(origins).all(axis=1))
         lengths = np.minimum(norms / per_metre, MAX_LENGTH)[shown]
     if len(shown):

@@ -95,7 +95,7 @@ class _State:
     shown: int = 0
     """Number of messages of contacts, point clouds and frames that were shown."""
     shown_at: dict[str, int] = field(default_factory=dict)
-    """The number of the newest one of each channel."""
+    """Value of ``shown`` after the newest of these messages, by channel."""
 
 
 class DrakeViewer:
@@ -192,7 +192,7 @@ class DrakeViewer:
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, files, limits)
-        problems = self._accepted(loaded.problems)
+        problems = self._refuse_if_strict(loaded.problems)
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
         def apply(edit: TreeEdit) -> Sequence[str]:
@@ -211,7 +211,7 @@ class DrakeViewer:
     def _read_draw(self, family: str, message: wire.Message) -> Edit:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
-        not_finite = self._accepted(_not_finite(draw))
+        not_finite = self._refuse_if_strict(_not_finite(draw))
 
         def apply(edit: TreeEdit) -> Sequence[str]:
             problem = robots.draw(draw, edit)
@@ -227,7 +227,7 @@ class DrakeViewer:
         limits = self._config.limits
         problems: list[str] = []
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, problems)
-        self._accepted(problems)
+        self._refuse_if_strict(problems)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
         if not bodies and not shown.shown:
             return None
@@ -245,13 +245,13 @@ class DrakeViewer:
         shown = self._state.contacts
         if not parts and not shown.shown and not problems:
             return None
-        return self._of_simulation(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), problems)
+        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), problems)
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
         problems: list[str] = []
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), problems)
         path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
-        return self._of_simulation(channel, lambda edit: edit.set_parts(path, parts), problems)
+        return self._simulation_edit(channel, lambda edit: edit.set_parts(path, parts), problems)
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
@@ -264,11 +264,11 @@ class DrakeViewer:
                 self._reserve_nodes(channel, paths)
             shown.apply(draw, paths, edit)
 
-        return self._of_simulation(channel, apply, _not_finite(draw))
+        return self._simulation_edit(channel, apply, _not_finite(draw))
 
-    def _of_simulation(self, channel: str, apply: Callable[[TreeEdit], object], problems: Sequence[str]) -> Edit:
-        """Return the edit of a message of contacts, points or frames, which ``_clear_simulation`` deletes later."""
-        self._accepted(problems)
+    def _simulation_edit(self, channel: str, apply: Callable[[TreeEdit], object], problems: Sequence[str]) -> Edit:
+        """Return the edit of a message of contacts, point clouds or frames, and count it for ``_clear_simulation``."""
+        self._refuse_if_strict(problems)
 
         def edit_and_count(edit: TreeEdit) -> Sequence[str]:
             apply(edit)
@@ -282,7 +282,7 @@ class DrakeViewer:
         """Delete the contacts, point clouds and frames of the last simulation.
 
         Args:
-            last: number of its last message, see ``_State.shown``.
+            last: number of its last message: the value of ``_State.shown`` after it.
         """
         state = self._state
         for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
@@ -309,8 +309,8 @@ class DrakeViewer:
             raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
         nodes[source] = count
 
-    def _accepted(self, problems: Sequence[str]) -> Sequence[str]:
-        """Return the reasons why something is not shown; raise MessageError if ``config.strict`` refuses them."""
+    def _refuse_if_strict(self, problems: Sequence[str]) -> Sequence[str]:
+        """Return the problems; raise MessageError if there are any and ``config.strict`` refuses them."""
         if problems and self._config.strict:
             raise MessageError(strict_refusal(problems))
         return problems
@@ -334,7 +334,7 @@ def _channel_path(group: str, channel: str, prefix: str) -> Path:
 
 
 def _not_finite(draw: Draw) -> list[str]:
-    """Return a sentence about poses that are NaN or infinite, as those of a simulation that diverges; none without."""
+    """Return a sentence about NaN or infinite poses, as of a simulation that diverges; nothing if all are finite."""
     if math.isfinite(draw.poses.sum()):
         return []
     count = int(np.count_nonzero(~np.isfinite(draw.poses).all(axis=1)))

@@ -28,7 +28,7 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
 }
 """Data types by ``componentType``."""
 COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-"""Number of components by ``type``; smaller matrices, which only vertices of private extensions have, are not read."""
+"""Number of components by ``type``. MAT2 and MAT3 are missing: the specification uses them for nothing."""
 _MAX_STRIDE: Final = 252
 """Maximum ``byteStride`` in bytes, by the specification."""
 _pack_key: Final = Struct("<B32s3qc??").pack
@@ -128,7 +128,7 @@ class Accessors:
         self._buffers = buffers
         self._max_count = max(limits.max_vertices, limits.max_elements) * 3  # a triangle has three indices
         self._warnings = warnings
-        self._merged = document.merged_by_drake
+        self._merged_by_drake = document.merged_by_drake
         self._accessors: dict[int, Accessor] = {}
 
     def get(self, index: int, path: str) -> Accessor:
@@ -151,7 +151,7 @@ class Accessors:
         location = self._locate(name, source.buffer_view, source.byte_offset, dtype.itemsize * components, count)
         accessor = Accessor(name, dtype, components, bool(source.normalized), count, *location)
         if source.sparse is not None:
-            if self._merged:
+            if self._merged_by_drake:
                 with as_warning(self._warnings, "ignored, as Drake's merge does not adapt sparse accessors"):
                     accessor = self._with_sparse(accessor, source.sparse)
             else:

@@ -154,7 +154,7 @@ class Buffers:
         """Return the bytes of a data URI or, through the resolver, of a file.
 
         Args:
-            json_uri: String from the JSON: a URI, or a placeholder in ``Container.data_uris``.
+            json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
             path: Property that holds the string, for messages.
         """
         check_stop()
@@ -180,7 +180,7 @@ class Buffers:
             path: Property that refers to the bytes, for messages.
 
         Raises:
-            GltfError: The limit is exceeded.
+            GltfLimitError: The limit is exceeded.
         """
         if self._nbytes + nbytes > self._limits.max_buffer_bytes:
             raise GltfLimitError(f"{path}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")

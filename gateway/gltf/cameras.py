@@ -12,7 +12,7 @@ from gateway.gltf.nodes import SceneNodes
 from gateway.scene.transforms import Matrix
 
 _SCALE_TOLERANCE: Final = 1e-12
-"""Maximum deviation of an axis' length from 1 that counts as rounding instead of scale."""
+"""Maximum deviation of an axis' length from 1 that is rounding and not scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class GltfCamera:
 
 
 def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]) -> tuple[GltfCamera, ...]:
-    """Return a camera for every node with one that exists, parents first.
+    """Return the camera of each node that has one, parents first. A reference to no camera gives a warning.
 
     Args:
         sources: The document's ``cameras``.

@@ -31,7 +31,7 @@ class Pose:
 
 
 SKIN_ATTRIBUTES: Final = ("JOINTS_", "WEIGHTS_")
-"""Starts of the names of the attributes that bind vertices to joints."""
+"""Prefixes of the names of the attributes that bind vertices to joints."""
 _MAX_INFLUENCES: Final = 4
 """Maximum number of pairs ``JOINTS_n`` and ``WEIGHTS_n``; exporters write one or two."""
 REST: Final = Pose()
@@ -51,7 +51,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def key(self) -> bytes:
-        """Identifies the deformation's content, 32 bytes."""
+        """Digest of the deformation's content, 32 bytes."""
         sha256 = hashlib.sha256()
         for weight, target in self.targets:
             sha256.update(repr((weight, [(name, accessor.key) for name, accessor in target.items()])).encode())
@@ -113,7 +113,7 @@ def deformation_of(
         warnings: A sentence about each attribute of a morph target that cannot be used is appended to this list.
 
     Raises:
-        GltfError: An accessor of joints has the wrong type.
+        GltfError: An accessor of joints has the wrong type, or a vertex has more than ``4 * _MAX_INFLUENCES`` joints.
     """
     count = attributes["POSITION"].count
     targets: list[tuple[float, dict[str, Accessor]]] = []

@@ -73,20 +73,21 @@ class DracoMeshes:
         for attribute, unique_id in (source.attributes or {}).items():
             if attribute in attributes and unique_id is not None:
                 accessor = attributes[attribute]
-                values = _values(mesh, unique_id, (vertex_count, accessor.components), f"{name}.attributes.{attribute}")
-                decompressed[attribute] = _accessor(accessor, values.astype(accessor.dtype))
+                shape = vertex_count, accessor.components
+                values = _attribute_values(mesh, unique_id, shape, f"{name}.attributes.{attribute}")
+                decompressed[attribute] = _accessor_of(accessor, values.astype(accessor.dtype))
         if decompressed["POSITION"] is attributes["POSITION"]:
             raise GltfError(f"{name}.attributes.POSITION: missing")
-        return decompressed, _accessor(indices, triangles.reshape(-1, 1))
+        return decompressed, _accessor_of(indices, triangles.reshape(-1, 1))
 
     def _decode_all(self) -> dict[int, DecodedMesh | str]:
-        """Decompress all primitives of the document."""
+        """Decompress all primitives of the document; return the results by the index of their buffer view."""
         data_by_view: dict[int, bytes] = {}
         for mesh in self._document.meshes or ():
             for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.Mesh) else ():
                 if not isinstance(primitive, schema.Primitive):
                     continue
-                with as_warning([], ""):  # the primitive is not used, or the error is raised when it is read
+                with as_warning([], ""):  # ignored here: ``read`` raises the error again if the primitive is drawn
                     source = extension(primitive.extensions, EXTENSION, schema.DracoCompression, "", [])
                     index = source.buffer_view if source is not None else None
                     if index is not None and index not in data_by_view:
@@ -111,7 +112,7 @@ def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh
     return _output_decoder.decode(output)
 
 
-def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:
+def _attribute_values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:
     """Return an attribute of a decoded mesh, an array of ``shape``."""
     for attribute in mesh.attributes:
         if attribute.unique_id == unique_id:
@@ -122,7 +123,7 @@ def _values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str
     raise GltfError(f"{path}: the mesh has no attribute with the id {unique_id}")
 
 
-def _accessor(original: Accessor, values: NDArray[Any]) -> Accessor:
+def _accessor_of(original: Accessor, values: NDArray[Any]) -> Accessor:
     """Return an accessor of ``values``, (N, components). Its other properties are those of the original accessor."""
     data = values.tobytes()
     return msgspec.structs.replace(

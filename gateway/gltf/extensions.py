@@ -27,14 +27,14 @@ SUPPORTED: Final = frozenset(
     }
 )
 _IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
-"""Extensions that offer another image for a texture. The texture's own image (PNG or JPEG) is used instead; a texture
-without one gives a warning of its own."""
+"""Extensions that offer another image for a texture. They give no warning here: the texture's own image (PNG or JPEG)
+is used, and ``textures`` warns about a texture without one."""
 _MAX_LISTED_CHARACTERS: Final = 500
 """Maximum number of characters of extension names in a message."""
 
 
 def check_extensions(document: Document, warnings: list[str]) -> None:
-    """Warn about extensions that are ignored, as other viewers do also with those that the document requires."""
+    """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
     names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
     ignored = sorted(names - SUPPORTED - _IMAGE_FORMATS)
     if ignored:

@@ -21,10 +21,9 @@ _WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 _ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _TRANSMISSION: Final = "KHR_materials_transmission"
+_VARIANTS: Final = "KHR_materials_variants"
 _DIELECTRIC_REFLECTANCE: Final = 0.04
 """Reflectance at normal incidence for an index of refraction of 1.5."""
-
-_VARIANTS: Final = "KHR_materials_variants"
 
 _Extension = TypeVar("_Extension", bound=schema.Object)
 
@@ -59,9 +58,9 @@ class Materials:
         self._from_drake = document.from_drake
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
-        """By index in the document, and True if VTK's exporter wrote the primitive."""
+        """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
         self._written_by_vtk: dict[int, bool] = {}
-        """By index in the document."""
+        """Results of ``_looks_written_by_vtk`` by index in the document."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
@@ -80,19 +79,19 @@ class Materials:
         return DEFAULT_MATERIAL
 
     def _find(self, primitive: schema.Primitive, name: str) -> Material:
-        """Return the material of a primitive, or ``DEFAULT_MATERIAL``. Raises GltfError."""
-        index = self._index(primitive, name)
+        """Return the material of a primitive, ``DEFAULT_MATERIAL`` if it has none; raises GltfError."""
+        index = self._material_index(primitive, name)
         if index is None:
             return DEFAULT_MATERIAL
-        vtk = self.is_from_vtk(primitive)
-        material = self._materials.get((index, vtk))
+        from_vtk = self.is_from_vtk(primitive)
+        material = self._materials.get((index, from_vtk))
         if material is None:
             check_stop()
             source = checked_item(self._sources, index, "materials", f"{name}.material")
-            material = self._materials[index, vtk] = self._read(source, f"materials[{index}]", vtk=vtk)
+            material = self._materials[index, from_vtk] = self._read(source, f"materials[{index}]", from_vtk)
         return material
 
-    def _index(self, primitive: schema.Primitive, name: str) -> int | None:
+    def _material_index(self, primitive: schema.Primitive, name: str) -> int | None:
         """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""
         if self._variant is None:
             return primitive.material
@@ -117,32 +116,33 @@ class Materials:
             self._written_by_vtk[index] = is_from_vtk
         return is_from_vtk
 
-    def _read(self, source: schema.Material, name: str, *, vtk: bool) -> Material:
+    def _read(self, source: schema.Material, name: str, from_vtk: bool) -> Material:
         """Read a material.
 
         Args:
             name: ``materials[3]``, for messages.
-            vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
+            from_vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()
         base_color = self._vector(pbr.base_color_factor, f"{name}.pbrMetallicRoughness.baseColorFactor", _WHITE)
+        is_vtk_blended = from_vtk and base_color[3] < 1.0
         normal, occlusion, read_texture = source.normal_texture, source.occlusion_texture, self._textures.get
         material = Material(
             base_color=base_color,
             base_color_texture=read_texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
-            metallic=_factor(pbr.metallic_factor),
-            roughness=_factor(pbr.roughness_factor),
+            metallic=_clamped_factor(pbr.metallic_factor),
+            roughness=_clamped_factor(pbr.roughness_factor),
             metallic_roughness_texture=read_texture(pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"),
             normal_texture=read_texture(normal, f"{name}.normalTexture"),
             normal_scale=_or_default(normal.scale if normal else None, 1.0),
             occlusion_texture=read_texture(occlusion, f"{name}.occlusionTexture"),
-            occlusion_strength=_factor(occlusion.strength if occlusion else None),
+            occlusion_strength=_clamped_factor(occlusion.strength if occlusion else None),
             emissive=self._vector(source.emissive_factor, f"{name}.emissiveFactor", (0.0, 0.0, 0.0)),
             emissive_texture=read_texture(source.emissive_texture, f"{name}.emissiveTexture"),
-            alpha_mode=AlphaMode.BLEND if vtk and base_color[3] < 1.0 else self._alpha_mode(source.alpha_mode, name),
+            alpha_mode=AlphaMode.BLEND if is_vtk_blended else self._alpha_mode(source.alpha_mode, name),
             alpha_cutoff=_or_default(source.alpha_cutoff, 0.5),
-            double_sided=bool(source.double_sided) or vtk,
-            vtk_export=vtk,
+            double_sided=bool(source.double_sided) or from_vtk,
+            vtk_export=from_vtk,
             decodes_vertex_colors=self._decodes_vertex_colors,
         )
         return self._with_extensions(material, source, name) if source.extensions else material
@@ -157,6 +157,8 @@ class Materials:
         return mode or AlphaMode.OPAQUE
 
     def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
+        """Return the material with its extensions. Its ``fallback`` is the one without the two that VTK ignores."""
+
         def read(key: str, type_: type[_Extension]) -> _Extension | None:
             return extension(source.extensions, key, type_, name, self._warnings)
 
@@ -168,25 +170,26 @@ class Materials:
             emissive_strength=max(0.0, _or_default(strength.emissive_strength, 1.0)),
             unlit=read("KHR_materials_unlit", schema.Object) is not None,
             ior=_ior(ior.ior),
-            specular=_factor(specular.specular_factor),
+            specular=_clamped_factor(specular.specular_factor),
             specular_texture=self._textures.get(specular.specular_texture, f"{name}.specularTexture"),
             specular_color=self._vector(specular.specular_color_factor, f"{name}.specularColorFactor", (1.0, 1.0, 1.0)),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
         )
-        read_by_vtk = material
+        as_in_vtk = material
         glossiness = read(_GLOSSINESS, schema.SpecularGlossiness)
         if glossiness:
             material = self._with_glossiness(material, glossiness, name)
         transmission = read(_TRANSMISSION, schema.Transmission)
         if transmission:
             material = self._with_transmission(material, transmission, name)
-        return material if material is read_by_vtk else replace(material, fallback=read_by_vtk)
+        return material if material is as_in_vtk else replace(material, fallback=as_in_vtk)
 
     def _with_transmission(self, material: Material, source: schema.Transmission, name: str) -> Material:
-        """Return a transparent material as a blended one.
+        """Return a transmissive material as a blended one.
 
-        The light that passes is that of what is behind, times the transmission and the strongest channel of the base
-        colour; both faces reflect a part, so that clear glass stays visible. It is neither refracted nor tinted.
+        The material lets a share of the light from behind pass: the transmission, times the strongest channel of the
+        base colour, less what both faces reflect. Clear glass therefore stays visible. The light is neither refracted
+        nor tinted.
         """
         factor = min(1.0, max(0.0, _or_default(source.transmission_factor, 0.0)))
         passed = factor * (1.0 - material.metallic) * min(max(*material.base_color[:3], 0.0), 1.0)
@@ -211,7 +214,7 @@ class Materials:
             base_color=self._vector(source.diffuse_factor, f"{name}.diffuseFactor", _WHITE),
             base_color_texture=self._textures.get(source.diffuse_texture, f"{name}.diffuseTexture"),
             metallic=0.0,
-            roughness=1.0 - _factor(source.glossiness_factor),
+            roughness=1.0 - _clamped_factor(source.glossiness_factor),
             metallic_roughness_texture=None,
             specular_color=(r / reflectance, g / reflectance, b / reflectance),
             specular_color_texture=self._textures.get(
@@ -248,7 +251,7 @@ def _or_default(value: float | None, default: float) -> float:
     return default if value is None else float(value)
 
 
-def _factor(value: float | None) -> float:
+def _clamped_factor(value: float | None) -> float:
     """Return a factor clamped to 0 .. 1; 1 if it is absent."""
     return min(1.0, max(0.0, _or_default(value, 1.0)))
 

@@ -27,7 +27,7 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
 
 
 def has_own_parts(node: schema.Node) -> bool:
-    """Return True for a node with a skin, morph weights or instances: it does not just draw its mesh as stored."""
+    """Return True for a node with a skin, morph weights or instances: it cannot share the parts of its mesh."""
     if node.mesh is None:
         return False
     return node.skin is not None or node.weights is not None or INSTANCING in (node.extensions or {})
@@ -42,13 +42,14 @@ def expand_mesh_nodes(
     apply to it (glTF 2.0, 3.7.3.3).
 
     Args:
-        warnings: Warnings are appended to this list.
+        warnings: Warnings are appended to this list, such as those about a skin or instances that cannot be read. The
+            node is then drawn without them.
 
     Returns:
-        The nodes, and poses by position in them. Meshes without an entry have the morph weights of the document's mesh.
+        The nodes, and poses by position in them. Nodes without an entry have the morph weights of their mesh.
 
     Raises:
-        GltfLimitError: A limit is exceeded. Nodes whose skin or instances cannot be read are drawn without them.
+        GltfLimitError: A limit is exceeded.
     """
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
@@ -104,7 +105,7 @@ class _AddedNodes:
             The positions of the new nodes.
 
         Raises:
-            GltfError: ``max_nodes`` is exceeded.
+            GltfLimitError: ``max_nodes`` is exceeded.
         """
         first, count = len(self._indices), len(X_parent_node)
         index, mesh = self._indices[position], self._meshes[position]
@@ -152,14 +153,14 @@ class _Skins:
     def get(self, index: int, path: str) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Return the pose of the meshes with a skin, and the matrices of its joints.
 
-        The meshes are moved to the place of the first joint, so that the joint matrices are exact in float32 far from
-        the origin as well.
+        The pose is a translation to the first joint. The joint matrices are relative to it, so their float32 values
+        stay exact far from the origin.
 
         Args:
             path: Property that holds the index, for messages.
 
         Returns:
-            X_world_mesh (4, 4), a translation; (number of joints, 3, 4), as in ``Pose``.
+            X_world_mesh, (4, 4); joint matrices, (number of joints, 3, 4), as in ``Pose``.
         """
         if index not in self._skins:
             self._skins[index] = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")

@@ -71,7 +71,7 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     deformation: Deformation | None
     """None: the mesh is drawn as it is stored."""
     smooth: bool
-    """True: computed normals are smooth; False: there are none, and the triangles are flat."""
+    """True: triangles without stored normals get smooth ones; False: they are flat."""
 
     @property
     def key(self) -> MeshKey:
@@ -99,7 +99,7 @@ class Meshes:
         self._meshes: dict[MeshKey, Mesh | None] = {}
         self._vertex_count = self._element_count = 0
         self._max_nbytes = 0
-        """Upper limit of ``nbytes``, as if all vertices had all attributes. Known before the meshes are read."""
+        """Upper limit of ``nbytes`` that is known before the meshes are read: all vertices have all attributes."""
         self.nbytes = 0
         """Bytes of all meshes, each counted once."""
 
@@ -173,7 +173,7 @@ class Meshes:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
-        # Where an exporter has also stored the primitive without compression, that is read.
+        # If the exporter has also stored an uncompressed copy of the primitive, that copy is read.
         draco = None
         if position.buffer is None:
             draco = extension(primitive.extensions, DRACO, DracoCompression, name, self._warnings)
@@ -189,7 +189,7 @@ class Meshes:
         """Count vertices and elements towards the limits before they are allocated.
 
         Raises:
-            GltfError: A limit is exceeded.
+            GltfLimitError: A limit is exceeded.
         """
         limits = self._limits
         self._vertex_count += new_vertices

@@ -1,4 +1,4 @@
-"""Local and world matrices of nodes. All nodes share the NumPy calls: calls for each node take ten times as long."""
+"""Local and world matrices of nodes, computed for all nodes together: NumPy calls for each take ten times as long."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[
         (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).
     """
 
-    def rows(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+    def values_of(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
         """Return a property of the nodes at the positions ``selected``, (len(selected), len(default)) float64."""
         values: list[Any] = [getattr(nodes[i], name) for i in selected]
         values = [default if value is None else value for value in values]
@@ -53,20 +53,19 @@ def local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[
         if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
     ]
     if with_matrix:
-        column_major = rows(with_matrix, "matrix", _DEFAULT_MATRIX)
+        column_major = values_of(with_matrix, "matrix", _DEFAULT_MATRIX)
         matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
         affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
-        for bad in () if affine.all() else np.flatnonzero(~affine):
-            name = f"nodes[{indices[with_matrix[bad]]}].matrix"
-            warnings.append(f"{name}: not affine, its last row {matrices[bad, 3].tolist()} is ignored")
+        for i in np.flatnonzero(~affine):
+            name = f"nodes[{indices[with_matrix[i]]}].matrix"
+            warnings.append(f"{name}: not affine, its last row {matrices[i, 3].tolist()} is ignored")
         X[with_matrix, :3] = matrices[:, :3]
     if with_trs:
-        translations = rows(with_trs, "translation", _DEFAULT_TRANSLATION)
-        rotations = rows(with_trs, "rotation", _DEFAULT_ROTATION)
-        has_length = rotations.any(axis=1)
-        zeros = () if has_length.all() else [indices[with_trs[i]] for i in np.flatnonzero(~has_length)]
+        translations = values_of(with_trs, "translation", _DEFAULT_TRANSLATION)
+        rotations = values_of(with_trs, "rotation", _DEFAULT_ROTATION)
+        zeros = [indices[with_trs[i]] for i in np.flatnonzero(~rotations.any(axis=1))]
         warnings += [f"nodes[{index}].rotation: it has no length; the node is not rotated" for index in zeros]
-        scales = rows(with_trs, "scale", _DEFAULT_SCALE)
+        scales = values_of(with_trs, "scale", _DEFAULT_SCALE)
         poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
         poses[:, :3, :3] *= scales[:, None, :]
         X[with_trs] = poses

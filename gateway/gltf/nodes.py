@@ -84,7 +84,7 @@ class SceneNodes:
 def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
     """Return the nodes of the document's default scene.
 
-    A node that several nodes have as a child is that of the first of them, so that circles end.
+    A node that several nodes list as a child belongs to the first of them. Cycles therefore end.
 
     Raises:
         GltfLimitError: A limit is exceeded.
@@ -109,7 +109,7 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
             if not 0 <= index < len(nodes) or type(source := nodes[index]) is not schema.Node or index in visited:
                 path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
                 with as_warning(warnings, "it is left out"):
-                    checked_item(document.nodes, index, "nodes", path)
+                    checked_item(document.nodes, index, "nodes", path)  # raises for an invalid node
                     raise GltfError(f"{path}: nodes[{index}] is already in the scene")
                 continue
             position = len(indices)
@@ -149,7 +149,7 @@ def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], 
 
 
 def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: list[int], warnings: list[str]) -> None:
-    """Take mesh and light from nodes that KHR_node_visibility hides, and from the nodes below them."""
+    """Remove the meshes and lights of the nodes that KHR_node_visibility hides, and of their descendants."""
     if not any(source.extensions for source in sources):
         return
     hidden: set[int] = set()
@@ -169,10 +169,10 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
     """Return the indices of the root nodes, and the name of the property that lists them, for messages.
 
     The roots are those of the default scene, or else of the first one. In a document without scenes, all nodes without
-    a parent are roots, and then one node of each circle.
+    a parent are roots, and then one node of each cycle.
 
     Args:
-        visited: Indices of the nodes in the scene so far, while the roots are iterated.
+        visited: Indices of the nodes in the scene so far. The result reads it while the caller adds nodes.
     """
     if document.scenes:
         with as_warning(warnings, "all nodes without a parent are drawn"):

@@ -22,7 +22,7 @@ _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a JSON value in a message."""
 _UNPAIRED_SURROGATE: Final = re.compile("[\ud800-\udfff]")
 """An escape such as ``\\ud800`` without its second half, which JSON allows and UTF-8 does not."""
-_TYPES: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
+_TYPE_CHECKS: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
     inspect.BoolType: ("true or false", lambda value: type(value) is bool),
     inspect.IntType: ("an integer", lambda value: type(value) is int),
     inspect.FloatType: ("a finite number", lambda value: type(value) in (int, float) and abs(value) <= _MAX_FLOAT),
@@ -31,7 +31,8 @@ _TYPES: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
     inspect.DictType: ("an object", lambda value: False),
     inspect.StructType: ("an object", lambda value: False),
 }
-"""Names of types for messages, and whether a value without parts has that type."""
+"""Name of each type, for messages, and a check of values. Valid arrays and objects are converted item by item before
+this check, so that it fails for whatever is left."""
 
 _Object = TypeVar("_Object", bound=Object)
 _decoder: Final = functools.cache(msgspec.json.Decoder)
@@ -42,7 +43,7 @@ def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Docu
     """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
 
     Args:
-        warnings: A sentence about each property of another type than the schema's is appended to this list.
+        warnings: A sentence about each property of a wrong type is appended to this list.
 
     Raises:
         GltfError: The text is not a JSON object, or beyond ``limits``.
@@ -54,7 +55,7 @@ def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Docu
         raise GltfLimitError(
             f"the JSON text has about {value_count} values, more than max_json_values = {limits.max_json_values}"
         )
-    document: Document = _decode(text.removeprefix(b"\xef\xbb\xbf"), Document, "", warnings, _read)
+    document: Document = _decode(text.removeprefix(b"\xef\xbb\xbf"), Document, "", warnings, _convert)
     return document
 
 
@@ -66,33 +67,39 @@ def count_values(text: bytes) -> int:
 def extension(
     extensions: Extensions, name: str, type_: type[_Object], path: str, warnings: list[str]
 ) -> _Object | None:
-    """Return an extension as a ``type_``; None if it is absent, null or, with a warning, not an object.
+    """Return an extension as a ``type_``; None if it is absent or null.
+
+    An extension that is not an object is None, too, with a warning, if ``type_`` has no essential properties.
 
     Args:
         path: The object with the extension, for messages; empty for the document.
-        warnings: A sentence about each property of another type is appended to this list.
+        warnings: A sentence about each property of a wrong type is appended to this list.
 
     Raises:
-        GltfError: ``type_`` has essential properties, and one of them has another type, or it is not an object.
+        GltfError: ``type_`` has essential properties, and one of them or the extension itself has a wrong type.
     """
     raw = extensions.get(name) if extensions else None
     if raw is None or bytes(raw) == b"null":
         return None
-    read = _read if type_.essential != () else _read_or_none
-    found: _Object | None = _decode(raw, type_, _joined(path, f"extensions.{name}"), warnings, read)
+    convert = _convert if type_.essential != () else _convert_or_none
+    found: _Object | None = _decode(raw, type_, _child_path(path, f"extensions.{name}"), warnings, convert)
     return found
 
 
 def _decode(
-    text: bytes | msgspec.Raw, type_: type[Object], path: str, warnings: list[str], read: Callable[..., Any]
+    text: bytes | msgspec.Raw, type_: type[Object], path: str, warnings: list[str], convert: Callable[..., Any]
 ) -> Any:
-    """Return JSON text as a ``type_``; if it has parts of other types, the result of ``read``."""
+    """Return JSON text as a ``type_``.
+
+    msgspec rejects the whole text if one value has a wrong type. Such a text is parsed by ``json`` instead, and
+    ``convert`` (``_convert`` or ``_convert_or_none``) checks each value.
+    """
     try:
         try:
             return _decoder(type_).decode(text)
         except (msgspec.MsgspecError, ValueError):  # ValueError: text that is not UTF-8
-            value = json.loads(bytes(text), parse_float=_number)
-        return read(value, _type_info(type_), path, warnings)
+            value = json.loads(bytes(text), parse_float=_parse_float)
+        return convert(value, _type_info(type_), path, warnings)
     except GltfError:
         raise
     except ValueError as error:
@@ -101,72 +108,81 @@ def _decode(
         raise GltfError("the JSON text is nested too deeply") from error
 
 
-def _number(text: str) -> float:
-    """Return an integer for a whole number, which some exporters write as 3.0; infinity for 1e999."""
+def _parse_float(text: str) -> float:
+    """Parse a number with a point or an exponent. Some exporters write integers so: 3.0 becomes 3.
+
+    A number that is too large becomes infinity, which the check of its type rejects.
+    """
     check_stop()
     value = float(text)
     return int(value) if value.is_integer() and abs(value) < 2**53 else value
 
 
-def _read(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
+def _convert(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
     """Return a parsed JSON value as a type of the schema.
 
-    A property or an item of another type becomes None, with a warning, unless it is essential. An object in a list
-    becomes its error, which is raised where the object is used.
+    A property of a wrong type becomes None, with a warning. For items of lists see ``_convert_item``.
 
     Raises:
-        GltfError: The value has another type, or something essential in it.
+        GltfError: The value, or an essential property in it, has a wrong type.
     """
     if isinstance(info, inspect.UnionType):
         if value is None:
             return None
-        info = info.types[0]  # the other one is null
+        info = info.types[0]  # the other type is null
     if isinstance(info, inspect.StructType) and isinstance(value, dict):
         check_stop()
         essential = info.cls.essential  # type: ignore[attr-defined]  # a class of the schema
         properties: dict[str, Any] = {}
         for field in info.fields:
             if (part := value.get(field.encode_name)) is not None:
-                read = _read if essential is None or field.name in essential else _read_or_none
-                properties[field.name] = read(part, field.type, _joined(path, field.encode_name), warnings)
+                convert = _convert if essential is None or field.name in essential else _convert_or_none
+                properties[field.name] = convert(part, field.type, _child_path(path, field.encode_name), warnings)
         return info.cls(**properties)
     if isinstance(info, inspect.ListType) and isinstance(value, list):
-        return [_read_item(item, info.item_type, f"{path}[{i}]", warnings) for i, item in enumerate(value)]
+        return [_convert_item(item, info.item_type, f"{path}[{i}]", warnings) for i, item in enumerate(value)]
     if isinstance(info, inspect.DictType) and isinstance(value, dict):
-        return {key: _read_item(item, info.value_type, _joined(path, key), warnings) for key, item in value.items()}
+        return {
+            key: _convert_item(item, info.value_type, _child_path(path, key), warnings) for key, item in value.items()
+        }
     if isinstance(info, inspect.RawType):
         return msgspec.Raw(json.dumps(value).encode())
-    expected, is_valid = _TYPES[type(info)]
+    expected, is_valid = _TYPE_CHECKS[type(info)]
     if not is_valid(value):
         raise GltfError(f"{path or 'glTF'}: expected {expected}, got {json.dumps(value)[:_MAX_QUOTED_CHARACTERS]}")
     return value
 
 
-def _read_or_none(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
-    """Return ``_read``, or None with a warning."""
+def _convert_or_none(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
+    """Return the result of ``_convert``; None and a warning if it raises GltfError."""
     try:
-        return _read(value, info, path, warnings)
+        return _convert(value, info, path, warnings)
     except GltfError:
         with as_warning(warnings, "it is ignored"):
             raise
     return None
 
 
-def _read_item(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
-    """Return ``_read`` for an item of a list or dict; for another type the error if the schema has an object, else
-    None with a warning. Where items cannot be null, as in vectors, the error is raised.
+def _convert_item(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
+    """Return the result of ``_convert`` for an item of a list or dict.
+
+    If the item is invalid, the declared type decides:
+
+    * Items that cannot be null, such as the numbers of a vector: the error is raised.
+    * Objects: the error is returned. ``checked_item`` raises it where the object is used.
+    * Others: None, with a warning.
     """
     if not isinstance(info, inspect.UnionType):
-        return _read(value, info, path, warnings)
+        return _convert(value, info, path, warnings)
     if not isinstance(info.types[0], inspect.StructType):
-        return _read_or_none(value, info, path, warnings)
+        return _convert_or_none(value, info, path, warnings)
     try:
-        return _read(value, info, path, warnings)
+        return _convert(value, info, path, warnings)
     except GltfError as error:
         return error.with_traceback(None)
 
 
-def _joined(path: str, name: str) -> str:
+def _child_path(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
@@ -188,7 +204,7 @@ def check_version(document: Document, warnings: list[str]) -> None:
 def vector_or_default(
     values: list[float] | None, path: str, default: tuple[float, ...], warnings: list[str]
 ) -> tuple[Any, ...]:
-    """Return ``values`` as a tuple; ``default`` for null, and with a warning for another number of values.
+    """Return ``values`` as a tuple; ``default`` for None or, with a warning, for a wrong number of values.
 
     Args:
         path: Name of the property, for messages.

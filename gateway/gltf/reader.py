@@ -40,8 +40,8 @@ from renderers.cache import CacheBudget
 from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
-_MAX_WARNINGS: Final = 100
-"""Maximum number of warnings in a result: a document with one fault often has it in every mesh."""
+_MAX_LISTED_WARNINGS: Final = 100
+"""Maximum number of warnings in a result; the others are counted. One flaw is often in every mesh of a document."""
 
 
 def read_gltf(
@@ -81,23 +81,23 @@ def read_gltf(
     if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)
-        posed = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
-        if not posed and list(nodes.first_node_by_mesh()) == list(content.parts):
+        has_posed_nodes = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
+        if not has_posed_nodes and list(nodes.first_node_by_mesh()) == list(content.parts):
             return _combine(content, nodes, limits)
     check_stop()
     container = open_container(data)
     warnings: list[str] = []
     document = parse_document(container.json, limits, warnings)
-    has_wrong_types = bool(warnings)
+    has_wrong_types = bool(warnings)  # perhaps in nodes, which are not part of the content
     check_stop()
     nodes = read_nodes(document, limits)
-    posed = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
+    has_posed_nodes = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
     check_version(document, warnings)
     check_extensions(document, warnings)
     buffers = Buffers(document, container, limits, resolve, warnings)
     accessors = Accessors(document, buffers, limits, warnings)
-    if posed:
+    if has_posed_nodes:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     draco_meshes = DracoMeshes(document, buffers, limits)
     meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
@@ -106,8 +106,8 @@ def read_gltf(
     content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    is_cacheable = not posed and not has_wrong_types and not nodes.warnings and len(content.warnings) <= _MAX_WARNINGS
-    if hashed is not None and is_cacheable:
+    is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
+    if hashed is not None and not has_posed_nodes and not is_flawed:
         cache.documents.add(hashed, container, limits, textures, content)
     return scene
 
@@ -124,10 +124,11 @@ def _read_content(
     """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights.
 
     Args:
-        poses: Poses of nodes whose meshes have their own, by position in ``nodes``.
+        poses: Poses of the nodes with parts of their own, by position in ``nodes``.
 
     Raises:
-        GltfError: A limit is exceeded, or nothing can be drawn. A primitive that cannot be read is left out otherwise.
+        GltfError: A limit is exceeded, or nothing can be drawn. If something can be drawn, invalid primitives are left
+            out with a warning.
     """
     lights = read_lights(document, warnings)
     parts: dict[int, tuple[Part, ...]] = {}
@@ -138,18 +139,19 @@ def _read_content(
     left_out: list[str] = []
     any_read = False
     for position, mesh_index in enumerate(nodes.meshes):
-        pose = poses.get(position)
-        if mesh_index is None or (pose is None and mesh_index in parts):
+        own_pose = poses.get(position)
+        if mesh_index is None or (own_pose is None and mesh_index in parts):
             continue
-        if pose is not None and (mesh_index, pose) in parts_in_pose:
-            posed_parts[position] = parts_in_pose[mesh_index, pose]
+        if own_pose is not None and (mesh_index, own_pose) in parts_in_pose:
+            posed_parts[position] = parts_in_pose[mesh_index, own_pose]
             continue
+        pose = own_pose or REST
         primitives: list[Primitive | None] = []
         with as_warning(missing, "the node has no mesh"):
             mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
             primitives = mesh.primitives or []
-            if pose is None:
-                pose = REST if document.merged_by_drake else Pose(tuple(mesh.weights or ()))
+            if own_pose is None and not document.merged_by_drake:
+                pose = Pose(tuple(mesh.weights or ()))
         primitive_count += len(primitives)
         if primitive_count > limits.max_primitives:
             raise GltfLimitError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
@@ -161,14 +163,14 @@ def _read_content(
             try:
                 primitive = checked_item(primitives, number, "primitives", name)
                 smooth = materials.is_from_vtk(primitive)
-                if (surface := meshes.read(primitive, name, pose or REST, smooth=smooth)) is not None:
+                if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
                     mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
                 any_read = True
             except GltfError:
                 with as_warning(left_out, f"{name} is left out"):
                     raise
-        if pose is not None and position in poses:
-            posed_parts[position] = parts_in_pose[mesh_index, pose] = tuple(mesh_parts)
+        if own_pose is not None:
+            posed_parts[position] = parts_in_pose[mesh_index, own_pose] = tuple(mesh_parts)
         else:
             parts[mesh_index] = tuple(mesh_parts)
     if not any_read and (missing or left_out):
@@ -195,8 +197,8 @@ def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) ->
     lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
     warnings = list(dict.fromkeys(warnings))  # an object may be used several times
-    if len(warnings) > _MAX_WARNINGS:
-        warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
+    if len(warnings) > _MAX_LISTED_WARNINGS:
+        warnings[_MAX_LISTED_WARNINGS:] = [f"{len(warnings) - _MAX_LISTED_WARNINGS} more"]
     return GltfScene(content, nodes, parts, cameras, lights, instance_count, element_count, tuple(warnings))
 
 
@@ -204,7 +206,7 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     """Return the parts of each node, and two totals: the number of parts, and of their triangles, lines and points.
 
     Raises:
-        GltfError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
+        GltfLimitError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
     """
     node_parts: NodeParts = []
     instance_count = element_count = 0
@@ -232,7 +234,7 @@ def _element_count(parts: tuple[Part, ...]) -> int:
 
 
 def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
-    """Return warnings about skins and morph targets in documents that Drake merged, which lack what these need."""
+    """Return warnings about skins, morph targets and instances in documents that Drake merged: all are ignored."""
     warnings: list[str] = []
     if content.generator != DRAKE_MERGER:
         return warnings

@@ -1,7 +1,8 @@
 """The properties of a glTF document that the reader uses, as msgspec structs named as in the specification.
 
-Every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays. What has another type is
-ignored (``parser``). A list of objects then has a ``GltfError`` in the place of such an object.
+Every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays. ``parser`` ignores a
+property whose value has another type than declared here. In a list of objects, it replaces an invalid object by a
+``GltfError``.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ class Object(msgspec.Struct, rename="camel", gc=False):
     fastest if the text has the order of the fields."""
 
     essential: ClassVar[tuple[str, ...] | None] = ()
-    """Properties without which the object has no meaning: it is not used if one has another type. None: all are."""
+    """Properties that make the whole object invalid if their type is wrong. None: all properties do."""
 
 
 class StrictObject(Object):
+    """Base of objects that are invalid if any property has a wrong type."""
+
     essential = None
 
 

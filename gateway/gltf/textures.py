@@ -47,13 +47,13 @@ class Textures:
             enabled: False to leave all textures out; then no images are read.
             decodes: True: decode each image, and leave out those that cannot be decoded.
         """
-        self._decodes = decodes
         self._document = document
         self._buffers = buffers
         self._content = content
         self._limits = limits
         self._warnings = warnings
         self._enabled = enabled
+        self._decodes = decodes
         self._textures: dict[int, Texture | None] = {}
         """Textures by index, with TEXCOORD_0 and no transform; None for those without a usable image."""
         self._images: dict[int, tuple[Image, str]] = {}
@@ -87,7 +87,7 @@ class Textures:
         return None
 
     def _with_coordinates(self, texture: Texture, info: schema.TextureInfo, path: str) -> Texture:
-        """Return the texture with ``texCoord`` and KHR_texture_transform of its use in a material."""
+        """Return the texture with the ``texCoord`` and the KHR_texture_transform of a material's property."""
         uv_set = info.tex_coord or 0
         uv_transform = None
         transform = extension(info.extensions, _TRANSFORM, schema.TextureTransform, path, self._warnings)
@@ -184,6 +184,7 @@ class Textures:
             name: Name of the image, for messages.
 
         Raises:
+            GltfLimitError: A limit is exceeded.
             ImageError: The image's format is unknown, or its header is broken.
         """
         pixels = image_header(data, name).pixels

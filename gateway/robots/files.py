@@ -29,8 +29,9 @@ from gateway.runtime.regular_files import read_file_or_pipe, read_regular
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
 _NO_PACKAGES: Final = ("", ".", "..")
+"""First path elements of package URLs that name no package."""
 _MAX_CONFIG_BYTES: Final = 1 << 16
-"""Maximum size of a ``model.config``: they have less than 2 kB."""
+"""Maximum size of a ``model.config``, which usually has less than 2 kB."""
 _CONFIG_FILE: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
 """Name of an SDF file in a ``model.config``."""
 
@@ -160,7 +161,11 @@ class RobotFiles:
         yield from (folder / package for folder in self.path.parents)
 
     def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
-        """Return the reason of an error: a file that differs in case, or the folders that were searched."""
+        """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
+
+        Args:
+            candidates: Paths that the file could have had.
+        """
         for candidate in candidates:
             if candidate.exists() and not candidate.is_dir():
                 return "it is not a regular file"
@@ -203,7 +208,7 @@ def _files_of_config(config: Path) -> list[str]:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return the spellings to try: the name, with slashes for backslashes, and with URL escapes decoded, too."""
+    """Return the spellings to try: the name itself, slashes for its backslashes, and its URL escapes decoded, too."""
     slashes = name.replace("\\", "/")
     return list(dict.fromkeys((name, slashes, unquote(slashes))))
 

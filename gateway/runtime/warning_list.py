@@ -1,5 +1,6 @@
-"""Warnings of an interface that still hold: ``/healthz`` lists them, and the page shows the interface in yellow. Errors
-that are made of warnings.
+"""Warnings of an interface that still hold, and the sentences of errors that join several warnings.
+
+``/healthz`` lists the warnings, and the page shows the interface in yellow.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from typing import Any, Final
 MAX_SUBJECTS: Final = 1000
 """Maximum number of subjects with warnings. A new one replaces the oldest."""
 MAX_LISTED: Final = 20
-"""Maximum number of warnings listed; the others are counted. Of one subject, no more are kept."""
+"""Maximum number of warnings in a list, and of those kept of one subject. Further ones are only counted."""
+
+_MAX_JOINED: Final = 3
+"""Maximum number of warnings in the sentence of an error."""
 
 
-def joined_warnings(warnings: Sequence[str], most: int = 3) -> str:
-    """Return the first warnings as one sentence for an error."""
-    more = f"; and {len(warnings) - most} more" if len(warnings) > most else ""
-    return "; ".join(warnings[:most]) + more
+def joined_warnings(warnings: Sequence[str]) -> str:
+    """Return the first warnings, and the number of further ones, as one sentence for an error."""
+    more = f"; and {len(warnings) - _MAX_JOINED} more" if len(warnings) > _MAX_JOINED else ""
+    return "; ".join(warnings[:_MAX_JOINED]) + more
 
 
 def strict_refusal(warnings: Sequence[str]) -> str:

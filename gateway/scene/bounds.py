@@ -48,7 +48,7 @@ class _Hull:
     def points(self) -> NDArray[np.float64]:
         """(K, 3) float64, in the mesh's frame. Their convex hull contains the mesh, which must draw something.
 
-        Few large meshes are rotated, and only those need it.
+        Computed at the first use: meshes that are not rotated need only the box.
         """
         assert self.box is not None
         finite = self._vertices[np.isfinite(self._vertices).all(axis=1)]
@@ -123,11 +123,11 @@ def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArra
     boxes = np.empty((len(linear), 2, 3))
     # For rotations by quarter turns, the transformed box has the same bounds as the transformed vertices.
     is_aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
-    for has_box_bounds in (True, False):
-        indices = np.flatnonzero(is_aligned == has_box_bounds)
+    for aligned in (True, False):
+        indices = np.flatnonzero(is_aligned == aligned)
         if not len(indices):
             continue
-        points = hull.box if has_box_bounds else hull.points
+        points = hull.box if aligned else hull.points
         step = max(1, _CHUNK_VERTICES // len(points))
         for begin in range(0, len(indices), step):
             chunk = indices[begin : begin + step]

@@ -133,6 +133,7 @@ class Imaging:
         return self._render_lit(capture.scene, self.camera(capture, offset, divisor), outputs)
 
     def _render_lit(self, scene: DrawList, camera: Camera, outputs: Output) -> Frame:
+        """Render as ``render_lit``, with any camera."""
         look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
         return self.renderer.render(scene, camera, outputs, look)
 
@@ -148,16 +149,16 @@ class Imaging:
 
         The exposure is the manual one if a texture cannot be decoded.
         """
-        # Metering may need the projector's light in images without it.
+        # Metering may need the light of the camera's own projector while it is off.
         lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
         try:
             frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
         with frame:
-            others = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
+            other_dots = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
             dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
-            unlit, lit = self._metered_light(frame, capture, others, dots, settings.manual_exposure)
+            unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
@@ -244,23 +245,23 @@ class Imaging:
         self,
         frame: Frame,
         capture: Capture,
-        others: NDArray[np.uint16] | None,
+        other_dots: NDArray[np.uint16] | None,
         dots: NDArray[np.uint16] | None,
         manual: Exposure,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the light of a frame for metering, without and with the projector's light; (h, w) float32 each.
+        """Return the light of a frame for metering, without and with the own projector's light; (h, w) float32 each.
 
         Args:
             frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
             capture: capture of the frame.
-            others: (h, w) uint16, light of other cameras' projectors; None: all are off.
+            other_dots: (h, w) uint16, light of other cameras' projectors; None: all are off.
             dots: (h, w) uint16, light of all projectors; None: all are off.
             manual: exposure whose white balance applies.
         """
         rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
         assert rendered is not None
         lens = Lens(vignetting=self._lens.vignetting)
-        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), others)
+        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), other_dots)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
             return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
@@ -280,7 +281,7 @@ class Imaging:
 
     @property
     def _dot_light(self) -> float:
-        """Light that a full dot adds, relative to the rendered light."""
+        """Light that a full dot adds, relative to the rendered light; 1 if the camera's own dots add none."""
         return self.config.dot_light or 1.0
 
     @property
@@ -307,7 +308,7 @@ class Imaging:
         """
 
     def _outputs(self, capture: Capture) -> Output:
-        """Return the outputs to render for a camera image: more than colour if a projector is on."""
+        """Return the outputs to render for a camera image: colour, and what the light of projectors depends on."""
         outputs = Output.COLOR
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL

@@ -31,8 +31,11 @@ class OtherProjector:
 
 
 def lit_projectors(projectors: Iterable[OtherProjector], *, depth: bool) -> tuple[OtherProjector, ...]:
-    """Return the projectors that are on during an exposure for depth, or for camera images.
+    """Return the projectors that are on during an exposure.
 
-    All cameras are exposed for either at the same time, as with a common trigger.
+    All cameras expose at the same time and for the same purpose, as with a common trigger.
+
+    Args:
+        depth: True: exposure for depth; False: exposure for camera images.
     """
     return tuple(each for each in projectors if each.settings.gpio(depth=depth) & 1)

@@ -11,6 +11,9 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.pointers import address, i32_at, u16_at
 from renderers.raster.layout import BINNED_BYTES, CHUNK, MAX_BINS, MAX_TINY_PIXELS
 
+_PREFETCH_DISTANCE: Final = 6
+"""Number of primitives of a bin between the one that is drawn and the one that is prefetched."""
+
 
 @inlined
 def bin_starts_of(frame, chunk):
@@ -52,17 +55,13 @@ def primitives_of(frame, chunk):
     return frame.binned + chunk * CHUNK * BINNED_BYTES
 
 
-_PREFETCHED_PRIMITIVES: Final = 6
-"""Number of binned primitives that are prefetched."""
-
-
 @inlined
 def prefetch_primitive(bins, k, end, primitives):
-    """Prefetch the primitive that follows a few after index ``k`` of a bin: a bin's primitives are scattered in memory.
+    """Prefetch the primitive ``_PREFETCH_DISTANCE`` after index ``k`` of a bin, whose primitives are not in sequence.
 
     Args:
         end: end of the bin.
         primitives: address of the chunk's primitives.
     """
-    ahead = np.int64(bins[max(min(k + _PREFETCHED_PRIMITIVES, end - 1), 0)])
+    ahead = np.int64(bins[max(min(k + _PREFETCH_DISTANCE, end - 1), 0)])
     vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * ahead)

@@ -35,7 +35,7 @@ from renderers.shading.vec3 import cross, dot, minus, times, transform_direction
 _LINES: Final = int(Topology.LINES)
 _TRIANGLES: Final = int(Topology.TRIANGLES)
 _SIGN: Final = E_TANGENT + 3
-"""Column of the sign of the bitangent."""
+"""Column of ``extras`` with the sign of the bitangent."""
 
 
 @inlined

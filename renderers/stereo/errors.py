@@ -14,10 +14,10 @@ matches among these. A match is right if it is within 3 disparity errors. The ou
   part of the matching window.
 * Wrong, elsewhere: off by more than 3 disparity errors.
 
-There are no random numbers. Errors belong to the texture, the dots and the sub-pixel phase, and stay while the scene is
-static; the image noise adds a small part that differs from frame to frame. Of each class, holes and wrong pixels are
-those that are brighter than their surroundings and have a large error, so they form blobs that move with the surface.
-The confidence is the share of right pixels among those that the device cannot tell apart.
+There are no random numbers. Errors follow from the texture, the dots and the sub-pixel phase, so they stay while the
+scene is static; the image noise adds a small part that differs from frame to frame. The holes and wrong pixels of a
+class are its pixels that are brightest relative to their surroundings and have the largest errors. They form blobs that
+move with the surface. The confidence is the share of right pixels among those that look alike to the device.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from renderers.stereo.residual_shift import residual_shift
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
 ERROR_RADIUS: Final = 5
-"""Radius of the windows from which errors follow, pixels. Semi-global matching is smoother than its own windows."""
+"""Radius of the windows of ``residual_shift``, pixels. Semi-global matching is smoother than its own windows."""
 ERROR_BLUR: Final = 7
 """Side of the box over which errors are averaged, pixels."""
 ERROR_BANDS: Final = (5, 11)
-"""Sides of two boxes. The difference of the brightness in them determines the errors of weak texture, where semi-global
-matching depends on the surroundings."""
+"""Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
+semi-global matching depends on the surroundings."""
 WEAK_SHIFT: Final = 0.02
-"""Standard deviation of the shift by ``ERROR_BANDS``, pixels; it counts relative to that by texture and noise."""
+"""Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels."""
 OUTCOME_BANDS: Final = (11, 31)
 """Sides of the boxes for holes and wrong pixels, pixels: our choice."""
 LOCKING: Final = 0.36
@@ -59,13 +59,13 @@ Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase 
 _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astype(np.float32)
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
 REPEATED: Final = 0.6
-"""Added to the rank of repeated texture: that share of it has no match."""
+"""Added to the rank of pixels in repeated texture: about this share of them has no match."""
 RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
-"""Maximum of the error, in standard deviations: a right pixel is within 3."""
+"""Maximum error of a right pixel, standard deviations."""
 SUMS: Final = 4
-"""Number of partial sums of each group."""
+"""Number of partial sums of each group, which the CPU adds independently."""
 _WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
 """Columns of the class table (``_class_table``)."""
 
@@ -196,7 +196,7 @@ def _standardise(values, groups):
         groups: (H, W) uint8, group of each value.
     """
     height, width = values.shape
-    # Neighbours are often in one group: with sums of their own, additions need not wait for each other.
+    # Neighbouring pixels are often in one group. With partial sums, their additions do not wait for each other.
     sums, squares, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
     for row in range(height):
         for column in range(width):
@@ -211,12 +211,12 @@ def _standardise(values, groups):
         mean = sums[:, index].sum() / count
         means[index] = mean
         factors[index] = 1.0 / np.sqrt(max(squares[:, index].sum() / count - mean * mean, 1e-12))
-    most = np.float32(MAX_NOISE)
+    limit = np.float32(MAX_NOISE)
     for row in range(height):
         for column in range(width):
             group = np.uint64(groups[row, column])
             value = (values[row, column] - means[group]) * factors[group]
-            values[row, column] = min(max(value, -most), most)
+            values[row, column] = min(max(value, -limit), limit)
 
 
 @kernel("void(float32[:,::1], uint8[:,::1])")
@@ -234,7 +234,7 @@ def _rank(values, groups):
             part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
             sums[part, group] += np.float64(abs(values[row, column]))
             counts[part, group] += 1.0
-    # Values are mapped to positions in -1 to 1 so that many small and few large ones fill the bins alike.
+    # Map values from -1 to 1 by x / (spread + |x|), then to bins: many small and few large values fill all bins.
     spreads, totals = np.empty(256, np.float32), np.empty(256, np.float32)
     for index in range(256):
         totals[index] = max(counts[:, index].sum(), 1.0)

@@ -6,8 +6,8 @@ Objects cast shadows in its light.
 
 There are two patterns: square dots, and realistic ones (``projector_pattern``).
 
-Dots are relative to the light of the headlight on the same surface, which has its albedo and angle already. They fade
-with the square of the distance, and polished metal returns few of them to the cameras.
+The light of a dot is relative to that of the headlight on the same surface, which already depends on the surface's
+albedo and angle. Dots fade with the square of the distance. Polished metal returns few of them to the cameras.
 """
 
 from __future__ import annotations
@@ -27,25 +27,24 @@ from renderers.drawlist import Image, Instance
 from renderers.stereo.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
 CELL: Final = 1.5 / 552.0
-"""Width of a cell of the pattern, which is one dot or dark, divided by the focal length: 1.5 pixels in an image of the
-4 mm lens that is 640 pixels wide."""
+"""Width of a cell of the pattern, a dot or a gap, divided by the focal length. With the 4 mm lens, it is 1.5 pixels in
+an image 640 pixels wide."""
 _PERIOD: Final = 1024
 """Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
 _MIN_CELL_PIXELS: Final = 1.5
-"""Minimum width of a cell, pixels. Where cells are smaller, a coarser level of the pattern is used: aliasing would
+"""Minimum width of a cell, pixels. For smaller cells, a coarser level of the pattern is used, because aliasing would
 differ between the two cameras."""
 SHADOW_BIAS: Final = 0.02
-"""Relative depth bias against self-shadowing: slanted surfaces change their depth by about this much over the three
-pixels that are compared."""
-
+"""Relative depth bias against self-shadowing, about the change of a slanted surface's depth over the three pixels that
+are compared."""
 REFERENCE_DEPTH: Final = 1.5
-"""Depth at which a full dot has the value ``FULL_LIGHT``, metres."""
+"""Depth at which dots are neither brightened nor faded, metres."""
 FULL_LIGHT: Final = 255
-"""Value of full light."""
+"""Value of a full dot at ``REFERENCE_DEPTH``."""
 MAX_FADE: Final = 4.0
-"""Maximum light at small depths, relative to that at ``REFERENCE_DEPTH``."""
+"""Maximum factor by which nearer dots are brighter."""
 _AVERAGED_TEXELS: Final = 256
-"""Texels of a texture along its shorter side, at least, that are averaged."""
+"""Minimum number of texels along a texture's shorter side from which its means are computed."""
 _means_of_images: WeakKeyDictionary[Image, tuple[float, float]] = WeakKeyDictionary()
 """Results of ``_metal_means``."""
 _lock: Final = threading.Lock()
@@ -81,7 +80,9 @@ def projected_dots(
     point_samples: bool = False,
     returned: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
 ) -> NDArray[np.uint16]:
-    """Return the light of the projector at every pixel, (H, W) uint16: ``FULL_LIGHT`` or more; background is 0.
+    """Return the light of the projector at every pixel, (H, W) uint16; 0 in shadow and on the background.
+
+    A full dot has the value ``FULL_LIGHT`` at ``REFERENCE_DEPTH``, and up to ``MAX_FADE`` times that at smaller depths.
 
     Args:
         depth: (H, W) float32 depth of the camera image, metres, +inf: background.
@@ -95,7 +96,7 @@ def projected_dots(
         right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
         point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
             full-resolution image's, for metering.
-        returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: 1.
+        returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: they return all light.
     """
     wait_until_compiled("stereo")
     pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
@@ -144,7 +145,7 @@ def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
 
 
 def _metal_means(image: Image) -> tuple[float, float]:
-    """Return the mean of a metallic-roughness texture's metalness, and of its metalness times squared roughness."""
+    """Return the means of a metallic-roughness texture: of metalness, and of metalness times squared roughness."""
     with _lock:
         means = _means_of_images.get(image)
     if means is None:

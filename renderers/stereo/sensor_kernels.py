@@ -32,7 +32,8 @@ def expose_light(
         offsets: (H, W) int8, fixed offset of each pixel; (1, 1): no fixed pattern.
         gains: (H, W) int8, fixed gain of each pixel; (1, 1): no fixed pattern.
         offset_unit: grey levels per unit of ``offsets``.
-        gain_unit: relative change of ``light``, a square root, per unit of ``gains``.
+        gain_unit: relative change of ``light`` per unit of ``gains``: half that of the light, as ``light`` has square
+            roots.
         normal_quantiles: (128,) float32, equally likely values of unit variance.
         key: random key.
         image: (H, W C) uint8, output.
@@ -43,18 +44,18 @@ def expose_light(
     zero, half, one, white = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(255.0)
     offset_scale, gain_scale = np.float32(offset_unit), np.float32(gain_unit)
     # Values of one row. The loops that read no tables compile to vector instructions.
-    factors, fixed = np.full(size, factor, np.float32), np.zeros(size, np.float32)
+    pixel_factors, fixed_levels = np.full(size, factor, np.float32), np.zeros(size, np.float32)
     steps, noise = np.empty(size, np.uint32), np.empty(size + 8, np.float32)
     level_sum = np.int64(0)
     for row in range(height):
         if offsets.shape[0] > 1:
             for channel in range(channels):
                 for column in range(width):
-                    value = column * channels + channel
-                    factors[value] = factor * (one + np.float32(gains[row, column]) * gain_scale)
-                    fixed[value] = np.float32(offsets[row, column]) * offset_scale
-        for value in range(size):
-            steps[value] = np.int32(min(np.float32(light[row, value]) * factors[value] + half, last_step))
+                    i = column * channels + channel
+                    pixel_factors[i] = factor * (one + np.float32(gains[row, column]) * gain_scale)
+                    fixed_levels[i] = np.float32(offsets[row, column]) * offset_scale
+        for i in range(size):
+            steps[i] = np.int32(min(np.float32(light[row, i]) * pixel_factors[i] + half, last_step))
         # A channel takes 8 of 64 random bits: one number is enough for eight grey pixels, or for one pixel in colour.
         first_pixel = row * width
         if channels == 1:
@@ -64,11 +65,11 @@ def expose_light(
             for column in range(width):
                 _draw(random64(key, first_pixel + column), 3, normal_quantiles, noise, 3 * column)
         row_sum = np.uint32(0)
-        for value in range(size):
-            step = np.uint64(steps[value])  # unsigned: signed indices are tested for being negative
-            noisy = response[step, 0] + response[step, 1] * noise[value] + fixed[value]
+        for i in range(size):
+            step = np.uint64(steps[i])  # unsigned: signed indices are tested for being negative
+            noisy = response[step, 0] + response[step, 1] * noise[i] + fixed_levels[i]
             level = np.uint32(np.int32(min(max(noisy, zero), white)))
-            image[row, value] = level
+            image[row, i] = level
             row_sum += level
         level_sum += np.int64(row_sum)
     return level_sum
