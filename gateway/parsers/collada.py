@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.shapes import Images, checked_triangles, shape_of
+from gateway.parsers.shapes import Images, shape_of
 
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
+MAX_ERRORS: Final = 20
+"""Maximum number of errors that are listed."""
 MAX_XML_DEPTH: Final = 512
 """Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
 MAX_VISITED_NODES: Final = 1_000_000
@@ -41,6 +43,8 @@ def read_collada(data: bytes, read_file: Callable[[str], bytes], limits: MeshLim
         return MeshData()
     reader = _SceneReader(limits, Images(read_file))
     reader.read(document.scene.nodes, _axes(document, use_up_axis))
+    errors = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in document.errors)
+    reader.result.warnings += [f"left out: {error}" for error in list(errors)[:MAX_ERRORS]]
     return reader.result
 
 
@@ -182,8 +186,7 @@ class _SceneReader:
             if values.shape[1] in (3, 4):
                 colors = np.full((len(values), 4), 255, np.uint8)
                 colors[:, : values.shape[1]] = np.round(values * 255.0)
-        triangles = checked_triangles(np.arange(len(positions), dtype=np.int64).reshape(-1, 3), len(positions))
-        warnings = self.result.warnings
+        triangles, warnings = np.arange(len(positions), dtype=np.int64).reshape(-1, 3), self.result.warnings
         return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
 
     def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:

@@ -14,6 +14,7 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
 from gateway.parsers.mesh_data import MeshData, MeshFault, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.obj import without_broken_faces
 from gateway.parsers.shapes import Images, checked_triangles, shape_of
 from gateway.parsers.vtk import read_vtk
 
@@ -64,10 +65,22 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
         return _single(positions, triangles)
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis)
-    scene = trimesh.load_scene(
-        io.BytesIO(data), file_type=extension, resolver=_Resolver(read_file), process=False, allow_remote=False
-    )
-    return _content(scene, Images(read_file), limits)
+    warnings: list[str] = []
+
+    def load(data: bytes) -> Any:
+        return trimesh.load_scene(
+            io.BytesIO(data), file_type=extension, resolver=_Resolver(read_file), process=False, allow_remote=False
+        )
+
+    try:
+        scene = load(data)
+    except (ValueError, IndexError):
+        if extension != "obj":
+            raise
+        scene = load(without_broken_faces(data, warnings))
+    result = _content(scene, Images(read_file), limits)
+    result.warnings = warnings + result.warnings
+    return result
 
 
 def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:
@@ -121,7 +134,7 @@ def _shape(geometry: Any, images: Images, warnings: list[str]) -> Shape | None:
     colors = _vertex_colors(geometry, len(positions))
     if not hasattr(geometry, "faces"):
         return shape_of(positions, None, warnings, colors=colors)
-    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions))
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     uv, color, image = _material(geometry, images)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.parsers.mesh_data import MeshFaultError, Shape
+from gateway.parsers.mesh_data import Shape
 
 
 class Images:
@@ -36,12 +36,17 @@ class Images:
         return index
 
 
-def checked_triangles(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
-    """Return ``faces``; raises MeshFaultError if an index is not below ``vertex_count``."""
-    if faces.size and (faces.min() < 0 or faces.max() >= vertex_count):
-        worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
-        raise MeshFaultError(f"a face refers to vertex {worst} of {vertex_count}")
-    return faces
+def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: list[str]) -> NDArray[np.int64]:
+    """Return the faces whose indices are below ``vertex_count``; a sentence is appended if others are left out."""
+    if not faces.size or (faces.min() >= 0 and faces.max() < vertex_count):
+        return faces
+    worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
+    is_valid = ((faces >= 0) & (faces < vertex_count)).all(axis=1)
+    count = len(faces) - np.count_nonzero(is_valid)
+    warnings.append(
+        f"{count} of {len(faces)} triangles refer to vertices that do not exist ({worst} of {vertex_count})"
+    )
+    return faces[is_valid]
 
 
 def shape_of(

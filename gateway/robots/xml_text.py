@@ -28,7 +28,7 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     """Return the root element. Tags and attributes keep their prefixes, which need no declaration: ``drake:capsule``.
 
     As in ROS, Drake and MuJoCo, some invalid XML is accepted: white space before the XML declaration; with a warning,
-    ``--`` in comments and Latin-1 in place of UTF-8.
+    other text in comments and Latin-1 in place of UTF-8.
 
     Args:
         warnings: Warnings are appended to this list.
@@ -44,7 +44,7 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
         reason = str(error)
     without_comments = _remove_comments(data)
     attempts = (
-        (without_comments, None, "comments with -- inside, which XML forbids, are ignored"),
+        (without_comments, None, "comments with -- inside or in another encoding, which XML forbids, are ignored"),
         (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
     )
     for text, encoding, warning in attempts:

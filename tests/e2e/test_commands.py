@@ -146,7 +146,7 @@ def test_render_a_folder_skips_scenes_that_cannot_be_rendered(tmp_path: Path) ->
 
 def test_warns_about_a_rig_that_the_look_ignores(tmp_path: Path) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "out.png"
-    rig.write_text("exposure = 0.5\n")
+    rig.write_text("exposure = 0.5\n[[lights]]\nkind = 'point'\nposition = [0, 0, 2]\n")
     arguments = ("-o", str(out), "--width", "64", "--height", "48", "--rig", str(rig))
     for look, said in (
         ("pbr", "--rig lights the studio look only: --look pbr is rendered without it"),

@@ -112,6 +112,28 @@ def test_damaged_collada(data: str, reason: str) -> None:
     assert reason in fault(data)
 
 
+def test_broken_faces_of_obj_files_are_left_out() -> None:
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
+    faces = "f 1 2 3\nf 1/1 2/1 3/1 # all\nf 1 2 9\nf a b c\nf 1 2\nf 1/2 2/1 3/1\nf 1 2 0\nf -1 -2 -3\n"
+    read = content(vertices + faces, "obj")
+    assert sum(len(shape.triangles or b"") for shape in read.shapes) == 3 * 12
+    assert read.warnings == ["5 of 8 faces are left out, such as 'f 1 2 9' in line 7"]
+
+
+def test_broken_faces_of_ply_files_are_left_out() -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    body = "element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 9\n"
+    read = content(header + body, "ply")
+    (shape,) = read.shapes
+    assert len(shape.triangles or b"") == 12
+    assert read.warnings == ["1 of 2 triangles refer to vertices that do not exist (9 of 3)"]
+
+
+def test_what_pycollada_leaves_out_is_a_warning() -> None:
+    nodes = '<node><instance_geometry url="#g"/></node><node><instance_geometry url="#gone"/></node>'
+    assert content(scene("", nodes)).warnings == ["left out: Geometry #gone not found in library"]
+
+
 def test_collada_is_limited_by_triangles_and_by_drawn_triangles() -> None:
     assert "it has more than 0 triangles" in fault(PLAIN, max_elements=0)
     assert "its parts draw more than 26 triangles" in fault(nested(3, 3), max_drawn_elements=26)

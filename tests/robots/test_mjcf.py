@@ -156,9 +156,10 @@ def test_joint_equality_is_a_mimic(tmp_path: Path) -> None:
         (mjcf('<body><geom type="mesh" mesh="x"/></body>'), "MuJoCo cannot compile it: "),
         (
             mjcf(
-                '<body name="arm"><geom type="mesh" mesh="x"/></body>', '<asset><mesh name="x" file="no.stl"/></asset>'
+                '<body name="arm"><geom type="mesh" mesh="x"/></body>',
+                '<asset><mesh name="x" file="robot.xml" content_type="model/stl"/></asset>',
             ),
-            "link 'arm': MuJoCo cannot compile it: Error opening file",
+            "link 'arm': MuJoCo cannot compile it: ",
         ),
         ('<mujoco><include file="none.xml"/></mujoco>', "MuJoCo cannot compile it: "),
     ],
@@ -168,6 +169,24 @@ def test_errors_are_mujocos(tmp_path: Path, content: str, message: str) -> None:
         read(tmp_path, content)
     assert message in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "robot.xml"))
+
+
+def test_what_needs_a_missing_file_is_left_out(tmp_path: Path) -> None:
+    """The body of the mesh has no other geom, so that MuJoCo needs a mass for it."""
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<body name="arm"><joint/><geom type="mesh" mesh="no"/></body><geom type="hfield" hfield="h"/>'
+            '<geom name="box" type="box" size="1 1 1" material="m"/>',
+            '<asset><mesh file="no.stl"/><hfield name="h" file="no.png" size="1 1 1 1"/>'
+            '<texture name="t" type="2d" file="none.png"/><material name="m" texture="t" rgba="1 0 0 1"/></asset>',
+        ),
+    )
+    drawn = [part for parts in robot.parts for part in parts if part.material.base_color[3] > 0.0]
+    assert len(drawn) == 1
+    assert drawn[0].material.base_color[:3] == pytest.approx((1.0, 0.0, 0.0))
+    left_out = [warning.partition(":")[0] for warning in robot.warnings]
+    assert sorted(left_out) == ["asset 'h'", "asset 'no'", "asset 't'"]
 
 
 def test_warnings_of_the_compiler_are_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,53 @@
+"""Removes the broken faces of an OBJ file, with which trimesh would refuse the file."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from gateway.parsers.mesh_data import MeshFaultError
+
+_CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
+"""Corner of a face: vertex, texture coordinates and normal, counted from 1, or from the end if negative."""
+_KINDS: Final = (b"v", b"vt", b"vn")
+"""Statements that the three numbers of a corner count."""
+
+
+def without_broken_faces(data: bytes, warnings: list[str]) -> bytes:
+    """Return the file without faces that are not three or more corners, or refer to vertices that do not exist.
+
+    Args:
+        data: OBJ file.
+        warnings: A sentence is appended if faces are left out: their number, and the first one with its line.
+
+    Raises:
+        MeshFaultError: All faces are broken.
+    """
+    lines = [line.partition(b"#")[0] for line in data.splitlines()]  # trimesh reads no comments behind faces
+    statements = [line.split(maxsplit=1)[:1] for line in lines]
+    counts = [sum(statement == [kind] for statement in statements) for kind in _KINDS]
+    broken = [
+        number
+        for number, (line, statement) in enumerate(zip(lines, statements, strict=True))
+        if statement == [b"f"] and not _is_face(line.split()[1:], counts)
+    ]
+    if broken:
+        total = sum(statement == [b"f"] for statement in statements)
+        first = lines[broken[0]][:60].decode("ascii", "replace").strip()
+        sentence = f"{len(broken)} of {total} faces are left out, such as {first!r} in line {broken[0] + 1}"
+        if len(broken) == total:
+            raise MeshFaultError(sentence)
+        warnings.append(sentence)
+    for number in broken:
+        lines[number] = b""
+    return b"\n".join(lines)
+
+
+def _is_face(corners: list[bytes], counts: list[int]) -> bool:
+    """Return True for three or more corners of existing vertices, texture coordinates and normals."""
+    matches = [_CORNER.fullmatch(corner) for corner in corners]
+    return len(corners) >= 3 and all(
+        match
+        and all(not index or 1 <= abs(int(index)) <= count for index, count in zip(match.groups(), counts, strict=True))
+        for match in matches
+    )
