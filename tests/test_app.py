@@ -25,7 +25,7 @@ from gateway.settings import Settings
 from gateway.wiring import interfaces, startup, warmup
 from gateway.wiring.context import Context
 from renderers.compiler import pending
-from tests.support.forms import gltf
+from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.waiting import SECONDS, until
 
 
@@ -135,6 +135,17 @@ async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: p
         assert 'scenegate_http_requests_total{method="POST",route="/render",status="400"} 1.0' in metrics
         described = (await client.get("/openapi.json")).json()["paths"]["/render"]
         assert list(described) == ["post"]
+
+
+async def test_health_has_the_warnings_of_the_last_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interfaces, "INTERFACES", {"render": gateway.wiring.render.setup})
+    async with running(only=("render",)) as client:
+        for fields, warnings in (({"tint": "red"}, ["the field 'tint' is unknown and ignored"]), ({}, None)):
+            data = body(gltf(), drake_fields("depth", **fields))
+            answer = await client.post("/render", content=data, headers={"Content-Type": CONTENT_TYPE})
+            assert answer.status_code == 200
+            states = (await client.get("/healthz")).json()["interfaces"]
+            assert states["render"].get("warnings") == warnings
 
 
 async def test_only_starts_the_named_interfaces(monkeypatch: pytest.MonkeyPatch) -> None:

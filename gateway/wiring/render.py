@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 from gateway.assets.light_rig_file import rig_of
 from gateway.gltf import GltfLimits
@@ -17,6 +18,9 @@ from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.scene_setting import read_scene_setting
 
+_LAST_IMAGE: Final = "last image"
+"""Subject of the warnings about the last image that was rendered."""
+
 
 async def setup(context: Context) -> None:
     """Add the render endpoint."""
@@ -24,6 +28,8 @@ async def setup(context: Context) -> None:
     def count_and_report(record: RenderRecord) -> None:
         metrics.count_render(context.metrics, record)
         context.on_render(record)
+        if record.request is not None and record.image is not None:
+            context.registry.warn("render", _LAST_IMAGE, *record.request.warnings, *record.image.warnings)
 
     service = RenderService(
         context.renderer,
