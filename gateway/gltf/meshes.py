@@ -25,7 +25,6 @@ from gateway.gltf.vertex_attributes import (
     unit_normals,
     unit_tangents,
     without_invalid_vertices,
-    zero_if_not_finite,
 )
 from gateway.scene.crease_normals import NO_CREASES, smooth_vertices
 from renderers.cache import Cache
@@ -41,13 +40,13 @@ _COMPONENT_COUNTS: Final = {
     "COLOR_0": (3, 4),
 }
 """Attributes that are read, with their allowed numbers of components."""
-_CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats]]]] = {
-    "TEXCOORD_0": ("uv0", zero_if_not_finite),
-    "TEXCOORD_1": ("uv1", zero_if_not_finite),
+_CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats] | None]]] = {
+    "TEXCOORD_0": ("uv0", None),
+    "TEXCOORD_1": ("uv1", None),
     "COLOR_0": ("colors", rgba_colors),
     "TANGENT": ("tangents", unit_tangents),
 }
-"""By attribute: the field of ``Mesh``, and the function that converts the attribute to the form of that field."""
+"""By attribute: the field of ``Mesh``, and the function that converts finite numbers to the form of that field."""
 _RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart value, which glTF forbids as an index, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
@@ -264,7 +263,11 @@ class Meshes:
         for attribute, (field, convert) in _CONVERSIONS.items():
             if attribute in attributes:
                 check_stop()
-                values = optional[field] = convert(attributes[attribute])
+                values = attributes[attribute]
+                if not np.isfinite(values).all():
+                    self._warnings.append(f"{checked.name}.{attribute}: numbers that are not finite are read as 0")
+                    values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
+                values = optional[field] = convert(values) if convert else values
                 values.setflags(write=False)
         return Mesh(positions, elements, **optional)
 

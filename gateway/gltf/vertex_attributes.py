@@ -18,15 +18,10 @@ Floats = NDArray[np.float32]
 """(N, number of components) float32."""
 
 
-def zero_if_not_finite(values: Floats) -> Floats:
-    """Replace numbers that are not finite by zero."""
-    return values if np.isfinite(values).all() else np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
-
-
 def rgba_colors(values: Floats) -> Floats:
-    """Return RGB or RGBA colours as RGBA, clamped to 0 .. 1."""
+    """Return RGB or RGBA colours, finite, as RGBA, clamped to 0 .. 1."""
     result = np.ones((len(values), 4), np.float32)
-    result[:, : values.shape[1]] = np.clip(zero_if_not_finite(values), 0.0, 1.0)
+    result[:, : values.shape[1]] = np.clip(values, 0.0, 1.0)
     return result
 
 

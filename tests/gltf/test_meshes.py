@@ -340,12 +340,15 @@ def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: 
             assert array is None or len(array) == 3
 
 
-def test_texture_coordinates_that_are_not_finite_are_0() -> None:
+def test_texture_coordinates_that_are_not_finite_are_0_with_a_warning() -> None:
     b = Builder()
     uv = [(np.nan, 1), (2, -np.inf), (np.inf, -1e13)]
-    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv)}}, b)
+    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv)}}))
+    scene = b.read()
+    (mesh,) = meshes(scene)
     assert mesh.uv0 is not None
     assert mesh.uv0.tolist() == [[0, 1], [2, 0], [0, np.float32(-1e13)]]
+    assert scene.warnings == ("meshes[0].primitives[0].TEXCOORD_0: numbers that are not finite are read as 0",)
 
 
 @pytest.mark.parametrize(("length", "kept"), [(1.0009, True), (0.9991, True), (1.002, False), (0.998, False)])
