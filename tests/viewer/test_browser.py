@@ -147,6 +147,49 @@ def test_images_and_sizes_in_pixels(
     shown.until(lambda: low <= shown.share("red") <= high, f"{low} to {high} of the view in red")
 
 
+def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Publisher]) -> None:
+    """An image, a text and a textured mesh: 300 updates, then deletes."""
+    shown, publisher = view
+    page = shown.page
+    page.set_viewport_size({"width": 300, "height": 240})
+    square = {"type": "mesh", **SQUARE, "uv": [[0, 1], [1, 1], [1, 0], [0, 0]]}
+
+    def publish(count: int) -> None:
+        pixels = png(np.full((4, 4, 3), (255, count % 256, 0)))
+        for name, geometry in (
+            ("image", {"type": "image", "image": pixels, "width": 1, "transform": UPRIGHT}),
+            ("text", {"type": "text", "text": str(count), "size": 0.2, "color": GREEN}),
+            ("mesh", {**square, "image": pixels}),
+        ):
+            publisher.send(setgeometry=[{"path": [name], "geometry": geometry}])
+
+    def drawn() -> dict[str, int]:
+        counts: dict[str, int] = page.evaluate(
+            """async () => {
+              for (let frame = 0; frame < 3; frame += 1) await new Promise(requestAnimationFrame);
+              return { ...scenegate.stage.renderer.info.memory };
+            }"""
+        )
+        return counts
+
+    publisher.box(["box"], RED, size=0.1)
+    shown.look_at("box")
+    before = drawn()
+    publish(0)
+    shown.look_at("mesh")
+    shown.until(lambda: drawn()["textures"] == before["textures"] + 3, "three textures")
+    first = drawn()
+    for count in range(1, 101):
+        revision = page.evaluate("scenegate.model.revision")
+        publish(count)
+        page.wait_for_function("before => scenegate.model.revision > before", arg=revision)
+    shown.until(lambda: drawn() == first, "three textures after 300 updates")
+    publisher.send(delete=[{"path": [name]} for name in ("image", "text", "mesh")])
+    shown.until(lambda: drawn() == before, "no texture after the deletes")
+    # An image may have been replaced before the page downloads it.
+    shown.faults = [fault for fault in shown.faults if "404" not in fault]
+
+
 @pytest.mark.parametrize("quaternion", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]])
 def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[float]) -> None:
     """A plane would be seen from the edge, or from behind."""

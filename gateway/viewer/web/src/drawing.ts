@@ -40,8 +40,8 @@ export class Drawing {
   private readonly chunks = new Map<number, BufferGeometry[]>();
   /** Geometries of lines of more than one pixel, by mesh id. */
   private readonly wideLines = new Map<number, LineSegmentsGeometry>();
-  /** Batches by mesh id and material key. */
-  private readonly batches = new Map<number, Map<string, Batch>>();
+  /** Batches by mesh id and key of the material. */
+  private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
   constructor(
@@ -75,12 +75,9 @@ export class Drawing {
   }
 
   forget(meshes: Iterable<number>): void {
-    for (const id of meshes) {
-      for (const batch of this.batches.get(id)?.values() ?? []) {
-        batch.dispose();
-        this.materials.release(batch.material);
-      }
-      this.batches.delete(id);
+    const ids = new Set(meshes);
+    for (const batch of this.batches.values()) if (ids.has(batch.meshId)) this.drop(batch);
+    for (const id of ids) {
       this.geometries.get(id)?.dispose();
       this.geometries.delete(id);
       for (const chunk of this.chunks.get(id) ?? []) chunk.dispose();
@@ -161,12 +158,17 @@ export class Drawing {
   }
 
   private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
-    let batchesOfMesh = this.batches.get(draw.mesh);
-    if (!batchesOfMesh) this.batches.set(draw.mesh, (batchesOfMesh = new Map<string, Batch>()));
-    const key = this.materials.key(draw.material, hasColors);
-    let batch = batchesOfMesh.get(key);
-    if (!batch) batchesOfMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, hasColors))));
+    const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
+    let batch = this.batches.get(key);
+    if (!batch) this.batches.set(key, (batch = new Batch(this.root, draw.mesh, key, geometry, this.materials.opaque(draw.material, hasColors))));
     return batch;
+  }
+
+  /** Dispose of a batch, unless `forget` did. */
+  private drop(batch: Batch): void {
+    if (!this.batches.delete(batch.key)) return;
+    batch.dispose();
+    this.materials.release(batch.material);
   }
 
   private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): Points {
@@ -217,7 +219,9 @@ export class Drawing {
   private erase(node: TreeNode): void {
     for (const drawn of this.drawn.get(node) ?? []) {
       if ("instance" in drawn) {
-        drawn.instance.batch.remove(drawn.instance);
+        const { batch } = drawn.instance;
+        batch.remove(drawn.instance);
+        if (!batch.instances.length) this.drop(batch);
         continue;
       }
       this.root.remove(drawn.object);

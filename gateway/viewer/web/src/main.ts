@@ -28,7 +28,7 @@ const FRAMING_MS = 2000;
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(stageElement);
+const stage = new Stage(stageElement, () => materials.disposeUnused());
 const materials = new Materials(redraw, () => stage.lights.environmentMap);
 const drawing = new Drawing(model, materials, stage.clouds, redraw);
 stage.content.add(drawing.root);
@@ -334,6 +334,7 @@ setInterval(() => {
   framesBefore = stage.frames;
   if (updates && chosen.shadows) placeShadows(); // the scene may have moved
   updates = 0;
+  if (document.hidden) materials.disposeUnused(); // nothing is drawn
   details.update();
 }, 1000);
 

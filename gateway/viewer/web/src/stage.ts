@@ -68,7 +68,11 @@ export class Stage {
   /** Objects of the scene, which `pick` searches. */
   readonly content = new Object3D();
 
-  constructor(private readonly holder: HTMLElement) {
+  /** @param drawn called after an image was drawn */
+  constructor(
+    private readonly holder: HTMLElement,
+    private readonly drawn: () => void,
+  ) {
     this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
     this.renderer.shadowMap.enabled = true;
     this.lights = new Lights(this.renderer);
@@ -301,6 +305,7 @@ export class Stage {
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
     else this.renderer.render(this.scene, this.camera);
+    this.drawn();
   }
 
   /** Add chunks of point clouds to the image. Its colours and depths are kept. */
