@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -188,6 +190,48 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
     shown.until(lambda: drawn() == before, "no texture after the deletes")
     # An image may have been replaced before the page downloads it.
     shown.faults = [fault for fault in shown.faults if "404" not in fault]
+
+
+def test_large_coordinates_are_as_precise_as_small_ones(
+    view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]
+) -> None:
+    """A survey grid in metres: boxes of 4 cm, 8 cm apart, are seen apart; details and files have its numbers."""
+    shown, publisher = view
+    x, y = 500_000.0, 5_400_000.0
+    for number in range(5):
+        path = ["far", str(number)]
+        box = {"type": "box", "lengths": [0.04] * 3, "color": RED}
+        publisher.send(
+            setgeometry=[{"path": path, "geometry": box}],
+            settransform=[
+                {"path": path, "transform": {"translation": [x + 0.08 * number, y, 0.123], "quaternion": [1, 0, 0, 0]}}
+            ],
+        )
+    shown.until(lambda: row(shown, ["far", "4"]).count() == 1, "five boxes")
+    shown.page.evaluate("for (const o of ['grid', 'axes']) scenegate.stage.show(scenegate.stage[o], false)")
+    shown.page.keyboard.press("2")  # along x, which hides all but one
+    shown.page.get_by_role("button", name="Side").click()
+
+    def red_columns() -> NDArray[np.bool_]:
+        pixels = shown.colors().astype(int)
+        found: NDArray[np.bool_] = (pixels[:, :, 0] > pixels[:, :, 1:].max(axis=2) + 60).any(axis=0)
+        return found
+
+    def count() -> int:
+        return int((np.diff(red_columns().astype(int)) == 1).sum())
+
+    shown.until(lambda: count() == 5, "five red boxes side by side")
+    columns = np.flatnonzero(red_columns())
+    assert columns[-1] - columns[0] > 0.5 * len(red_columns()), "they fill the view"
+    shown.page.evaluate("scenegate.select(scenegate.model.find(['far', '1']))")
+    values = shown.page.locator(".details dd")
+    assert values.nth(0).inner_text() == "500000.08  5400000  0.123"
+    assert values.nth(3).inner_text().startswith("500000.06  5399999.98  0.103")
+    with shown.page.expect_download() as scene:
+        shown.page.get_by_role("link", name=".glb").click()
+    camera = parse_qs(urlsplit(scene.value.url).query)["camera"][0]
+    target = [float(number) for number in re.search("target=([^;]*)", camera)[1].split(",")]  # type: ignore[index]
+    assert target == pytest.approx([x + 0.16, y, 0.123], abs=1e-3, rel=0)
 
 
 @pytest.mark.parametrize("quaternion", [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]])

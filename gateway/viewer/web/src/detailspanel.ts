@@ -93,7 +93,7 @@ export class DetailsPanel {
     const degrees = [angles.x, angles.y, angles.z].map((angle) => (angle * 180) / Math.PI);
     const box = this.actions.boundsOf(node);
     const size = box.getSize(new Vector3());
-    const metres = Math.max(size.x, size.y, size.z, position.length());
+    const metres = Math.min(1000, Math.max(size.x, size.y, size.z, position.length()));
     const rows: [string, string][] = [
       ["Position in the world (x y z, m)", shortRow(position.toArray(), metres)],
       ["Roll, pitch, yaw (degrees)", shortRow(degrees, 360)],

@@ -48,6 +48,8 @@ export class Drawing {
     private readonly model: Model,
     readonly materials: Materials,
     private readonly progress: CloudProgress,
+    /** Point of the world at which the page's scene has its origin. */
+    private readonly origin: Vector3,
     private readonly redraw: () => void,
   ) {
     this.root.matrixAutoUpdate = false;
@@ -95,12 +97,17 @@ export class Drawing {
     this.materials.forgetTextures();
   }
 
-  /** Return the world bounds of a subtree; empty if nothing is drawn. */
+  /** Place everything again, after the origin moved. */
+  moveAll(): void {
+    for (const node of this.drawn.keys()) this.move(node);
+  }
+
+  /** Return the bounds of a subtree in the page's scene; empty if nothing is drawn. */
   bounds(node: TreeNode): Box3 {
     return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
   }
 
-  /** Return the world bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
+  /** Return the bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
   focusBoxes(node: TreeNode): Box3[] {
     const size = (box: Box3) => box.getSize(new Vector3()).toArray();
     const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
@@ -117,15 +124,14 @@ export class Drawing {
     return hit.object.userData.node as TreeNode | undefined;
   }
 
-  /** Return the world bounds of each draw of a subtree. */
+  /** Return the bounds of each draw of a subtree. */
   boxes(node: TreeNode): Box3[] {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
       for (const drawn of this.drawn.get(each) ?? []) {
         const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
         if (!geometry.boundingBox) geometry.computeBoundingBox();
-        const matrix = drawn.local ? new Matrix4().multiplyMatrices(each.world, drawn.local) : each.world;
-        const box = geometry.boundingBox?.clone().applyMatrix4(matrix);
+        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, drawn.local));
         if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
       }
     return boxes;
@@ -135,12 +141,12 @@ export class Drawing {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
-    const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
+    const place = this.place(node, local);
     const hasColors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
     if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
-      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, world, new Color(...material.color.slice(0, 3))) };
+      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, place, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, hasColors, opacity));
     else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)
@@ -149,12 +155,23 @@ export class Drawing {
     else object = this.points(node, draw, payload, opacity);
     if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
-    object.matrix.copy(world);
+    object.matrix.copy(place);
     object.matrixWorldNeedsUpdate = true;
     object.userData.node = node;
     if (facesCamera) object.onBeforeRender = (_renderer, _scene, camera) => turnToCamera(object, camera);
     this.root.add(object);
     return { local, object };
+  }
+
+  /** Return the matrix of a draw in the page's scene, in double precision: the GPU gets it in single precision. */
+  private place(node: TreeNode, local: Matrix4 | null): Matrix4 {
+    const matrix = node.world.clone();
+    if (local) matrix.multiply(local);
+    const { elements } = matrix;
+    elements[12] -= this.origin.x;
+    elements[13] -= this.origin.y;
+    elements[14] -= this.origin.z;
+    return matrix;
   }
 
   private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
@@ -204,13 +221,11 @@ export class Drawing {
   }
 
   private move(node: TreeNode): void {
-    const world = new Matrix4();
     for (const drawn of this.drawn.get(node) ?? []) {
-      if (drawn.local) world.multiplyMatrices(node.world, drawn.local);
-      else world.copy(node.world);
-      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, world);
+      const place = this.place(node, drawn.local);
+      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, place);
       else {
-        drawn.object.matrix.copy(world);
+        drawn.object.matrix.copy(place);
         drawn.object.matrixWorldNeedsUpdate = true;
       }
     }

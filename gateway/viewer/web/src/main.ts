@@ -28,12 +28,20 @@ const FRAMING_MS = 2000;
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(stageElement, () => materials.disposeUnused());
+const stage = new Stage(
+  stageElement,
+  () => materials.disposeUnused(),
+  () => {
+    drawing.moveAll();
+    highlight();
+    placeShadows();
+  },
+);
 const materials = new Materials(redraw, () => stage.lights.environmentMap);
-const drawing = new Drawing(model, materials, stage.clouds, redraw);
+const drawing = new Drawing(model, materials, stage.clouds, stage.origin, redraw);
 stage.content.add(drawing.root);
 const frustum = new Frustum(redraw);
-stage.scene.add(frustum.object);
+stage.world.add(frustum.object);
 const status = new StatusBar();
 const lightbox = new Lightbox();
 const hint = h("p", { class: "hint", role: "status", hidden: true });
@@ -57,7 +65,7 @@ let lastHome = "";
 
 const tree = new TreePanel(model, select, refreshBelow, fit);
 const details = new DetailsPanel({
-  boundsOf: (node) => drawing.bounds(node),
+  boundsOf: (node) => drawing.bounds(node).translate(stage.origin),
   changed: refreshBelow,
   fit,
   close: () => select(null),
@@ -275,9 +283,10 @@ function showBackground(): void {
 
 /** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one. */
 function cameraText(): string {
-  const at = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
+  const text = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
+  const at = (v: Vector3) => text(v.clone().add(stage.origin));
   const fovy = stage.perspective.fov.toFixed(2);
-  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${at(stage.camera.up)};fovy=${fovy}`;
+  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${text(stage.camera.up)};fovy=${fovy}`;
 }
 
 /** Return this view as parameters of `/scene/render` and `/scene.glb`. */
@@ -306,7 +315,7 @@ layout.start();
 stage.onTap((x, y, button) => {
   const hit = stage.pick(x, y);
   const node = hit ? (drawing.nodeAt(hit) ?? null) : null;
-  if (hit && node) clicks.report(node, hit.point.toArray(), button);
+  if (hit && node) clicks.report(node, hit.point.add(stage.origin).toArray(), button);
   if (button !== "left") return;
   select(node);
   if (node) tree.select(node, true);

@@ -25,6 +25,9 @@ import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 /** Vertical field of view, degrees. */
 const FOV = 45;
 const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
+/** Distance between the origin of the page's scene and the view's target above which the origin moves, metres: in single
+ * precision, coordinates are 0.06 mm apart there. */
+const MAX_TARGET_DISTANCE = 1000;
 /** Size of the view as a multiple of that of the framed boxes. */
 const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
@@ -67,11 +70,19 @@ export class Stage {
 
   /** Objects of the scene, which `pick` searches. */
   readonly content = new Object3D();
+  /** Objects that are placed in the world: axes, the stereo camera. */
+  readonly world = new Object3D();
+  /** Point of the world at which `scene` has its origin. It is near the view's target, where coordinates have to be precise. */
+  readonly origin = new Vector3();
 
-  /** @param drawn called after an image was drawn */
+  /**
+   * @param drawn called after an image was drawn
+   * @param originMoved called after `origin` has changed
+   */
   constructor(
     private readonly holder: HTMLElement,
     private readonly drawn: () => void,
+    private readonly originMoved: () => void,
   ) {
     this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
     this.renderer.shadowMap.enabled = true;
@@ -89,7 +100,8 @@ export class Stage {
     for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
     for (const material of [this.axes.material].flat()) patch(material, BEFORE_SURFACE);
     this.highlight.visible = false;
-    this.scene.add(this.content, this.grid, this.axes, this.highlight, this.lights.object);
+    this.world.add(this.axes);
+    this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
@@ -141,14 +153,14 @@ export class Stage {
   /** Frame boxes from a named direction. */
   look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
-    this.frame(boxes.length ? boxes : [DEFAULT_BOX], new Vector3(...DIRECTIONS[direction]).normalize());
+    this.frame(boxes.length ? boxes : [DEFAULT_BOX.clone().translate(this.world.position)], new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
   /** Place the camera at a point. All vectors are in the world, metres. */
   placeCamera(eye: Vector3, target: Vector3, up: Vector3): void {
     this.setUp(up);
-    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye);
-    this.controls.target.copy(target);
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye).sub(this.origin);
+    this.controls.target.copy(target).sub(this.origin);
     this.finishPlacing(eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
@@ -290,8 +302,21 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
+  /** Move the origin to round coordinates near the view's target. */
+  private moveOrigin(): void {
+    const shift = this.controls.target.clone().divideScalar(MAX_TARGET_DISTANCE).round().multiplyScalar(MAX_TARGET_DISTANCE);
+    this.origin.add(shift);
+    for (const point of [this.perspective.position, this.orthographic.position, this.controls.target]) point.sub(shift);
+    this.world.position.copy(this.origin).negate();
+    this.grid.position.z = -this.origin.z; // near the target, at the world's height 0
+    this.controls.update();
+    this.originMoved();
+    this.redraw();
+  }
+
   private draw(): void {
     this.controls.update();
+    if (this.controls.target.length() > MAX_TARGET_DISTANCE) this.moveOrigin();
     if (this.dirty) this.drawImage();
     else if (this.clouds.refine(performance.now())) this.refineClouds();
     else return;
