@@ -584,6 +584,42 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
     assert shown.page.evaluate(drawn) == [False, False]
 
 
+def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> None:
+    """The camera of a tab, also after it is loaded again; the home view still follows the first nodes."""
+    shown, publisher = view
+    camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.stage)"""
+    orthographic = "scenegate.stage.camera.isOrthographicCamera"
+
+    def reload() -> None:
+        shown.page.reload()
+        shown.page.wait_for_function("window.scenegate?.model.revision > 0")
+
+    reload()
+    publisher.box(["far"], RED, x=30_000.0)
+    shown.until(lambda: row(shown, ["far"]).count() == 1, "the box")
+    shown.until(lambda: shown.page.evaluate(camera)[-1] == 30_000.0, "the first node is framed")
+    shown.open_display_menu()
+    shown.page.get_by_label("Orthographic").check()
+    shown.page.get_by_label("Grid on the ground").uncheck()
+    shown.page.keyboard.press("Escape")
+    shown.page.mouse.move(600, 400)
+    shown.page.mouse.wheel(0, -400)
+    shown.until(lambda: shown.page.evaluate("scenegate.stage.orthographic.zoom") > 1.0, "the wheel zooms")
+    shown.page.mouse.down()
+    shown.page.mouse.move(700, 450, steps=4)
+    shown.page.mouse.up()
+    shown.until(lambda: shown.page.evaluate(STILL), "the camera stands still")
+    before = shown.page.evaluate(camera)
+    reload()
+    shown.wait_for_node("far")
+    assert shown.page.evaluate(camera) == pytest.approx(before)
+    assert shown.page.evaluate(orthographic)
+    assert not shown.page.evaluate("scenegate.stage.grid.visible")
+    shown.open_display_menu()
+    assert shown.page.get_by_label("Orthographic").is_checked()
+    assert not shown.page.get_by_label("Grid on the ground").is_checked()
+
+
 def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["touch"], RED)
@@ -624,7 +660,11 @@ def test_page_reconnects_after_a_restart(browser: Any) -> None:
         shown.expect_outage = True
         assert process.stop() == 0
         shown.until(lambda: "reconnecting" in shown.page.locator(".status").inner_text(), "the page notices")
-        shown.page.get_by_text("this is the scene as it was").wait_for()
+        outage = shown.page.get_by_text("this is the scene as it was")
+        outage.wait_for()
+        shown.page.get_by_role("button", name="PNG").click()
+        outage.wait_for(state="detached")
+        outage.wait_for()
         second = stack.enter_context(_on_port(port))
         publisher = Publisher(url)
         publisher.box(["other"], GREEN, x=0.5)

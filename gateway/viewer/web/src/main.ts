@@ -1,4 +1,4 @@
-import { Box3, Vector3 } from "three";
+import { Box3, type Vector3 } from "three";
 import "./style.css";
 import { Clicks } from "./clicks";
 import { Connection } from "./connection";
@@ -14,10 +14,10 @@ import { Model, type TreeNode } from "./model";
 import type { Message, PageSettings, SceneUpdate, Status } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
-import { Stage, type Direction } from "./stage";
+import { Stage, type CameraView, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
-import { choice, keep } from "./options";
+import { isOn, keep, keepInTab, keptInTab } from "./options";
 import { backgroundColors, colorsOn, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
@@ -57,7 +57,7 @@ let stereoPanelOpened = false;
 /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
 let framingEnds = Infinity;
 /** `stage.placements` after the home view was last framed. */
-let framed = 0;
+let framed = stage.placements;
 let background = startingBackground();
 let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
 /** JSON of the last home camera that a client has set. */
@@ -73,12 +73,15 @@ const details = new DetailsPanel({
 const sensors = new SensorsPanel(lightbox);
 const renders = new RendersPanel(lightbox);
 const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, updateActivePanels);
-const SWITCH = ["off", "on"] as const;
 const chosen = {
   background,
   theme: startingTheme(),
-  shadows: choice("shadows", SWITCH, "off") === "on",
-  occlusion: choice("occlusion", SWITCH, "off") === "on",
+  grid: isOn("grid", true),
+  axes: isOn("axes", true),
+  wireframe: isOn("wireframe", false),
+  orthographic: isOn("orthographic", false),
+  shadows: isOn("shadows", false),
+  occlusion: isOn("occlusion", false),
 };
 const bar = toolbar(
   {
@@ -90,14 +93,10 @@ const bar = toolbar(
     axes: (on) => stage.show(stage.axes, on),
     wireframe: (on) => materials.setWireframe(on),
     shadows: (on) => {
-      keep("shadows", on ? "on" : "off");
       chosen.shadows = on;
       placeShadows();
     },
-    occlusion: (on) => {
-      keep("occlusion", on ? "on" : "off");
-      stage.setOcclusion(on);
-    },
+    occlusion: (on) => stage.setOcclusion(on),
     pointSize: (pixels) => materials.setPointSize(pixels),
     background: (name) => {
       keep("background", name);
@@ -166,10 +165,8 @@ function fit(node: TreeNode | null): void {
 }
 
 function look(direction: Direction): void {
-  if (direction === "home" && settings.home) {
-    const { eye, target, up } = settings.home;
-    stage.placeCamera(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
-  } else stage.look(direction, drawing.focusBoxes(model.root));
+  if (direction === "home" && settings.home) stage.placeCamera(settings.home);
+  else stage.look(direction, drawing.focusBoxes(model.root));
   if (direction === "home") framed = stage.placements;
 }
 
@@ -210,7 +207,7 @@ function update(message: SceneUpdate): void {
   if (!empty && (change.added.length || framingEnds === Infinity)) frameFirstNodes();
   if (change.added.length || change.removed.length) placeShadows();
   emptyState.setShown(empty);
-  showHint("", "centre");
+  showConnectionHint("");
   redraw();
 }
 
@@ -234,7 +231,7 @@ function showSettings(next: PageSettings): void {
   settings = next;
   clicks.setPaths(next.clickable);
   showBackground();
-  if (gridChanged) bar.setGrid(next.grid ?? true);
+  if (gridChanged) bar.setGrid(next.grid ?? isOn("grid", true));
   const home = JSON.stringify(next.home);
   if (next.home && home !== lastHome) {
     lastHome = home;
@@ -243,18 +240,29 @@ function showSettings(next: PageSettings): void {
 }
 
 let hintTimer = 0;
+/** Message about the connection. */
+let connectionHint = { text: "", where: "centre" };
+/** Message at the foot that replaces it for six seconds. */
+let passingHint = "";
 
-/** Show a message over the view. By default, one at the foot disappears after six seconds. */
-function showHint(text: string, where: "centre" | "foot", stays = where === "centre"): void {
-  if (where === "centre" && hintTimer) return;
-  hint.textContent = text;
-  hint.hidden = text === "";
-  hint.classList.toggle("centre", where === "centre");
-  if (!stays)
-    hintTimer = setTimeout(() => {
-      hintTimer = 0;
-      hint.hidden = true;
-    }, 6000);
+/** Show a message about the connection until the next one. */
+function showConnectionHint(text: string, where: "centre" | "foot" = "centre"): void {
+  connectionHint = { text, where };
+  showHint();
+}
+
+/** Show a message at the foot of the view for six seconds. */
+function showPassingHint(text: string): void {
+  passingHint = text;
+  clearTimeout(hintTimer);
+  if (text) hintTimer = setTimeout(() => showPassingHint(""), 6000);
+  showHint();
+}
+
+function showHint(): void {
+  hint.textContent = passingHint || connectionHint.text;
+  hint.hidden = hint.textContent === "";
+  hint.classList.toggle("centre", !passingHint && connectionHint.where === "centre");
 }
 
 const connection = new Connection(receive, (state, reason) => {
@@ -263,9 +271,9 @@ const connection = new Connection(receive, (state, reason) => {
     drawing.reset();
     sensors.connected();
     renders.connected();
-    showHint("Waiting for the scene …", "centre");
-  } else if (model.revision === 0) showHint(reason || "The gateway does not respond; this page keeps trying.", "centre");
-  else showHint(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
+    showConnectionHint("Waiting for the scene …");
+  } else if (model.revision === 0) showConnectionHint(reason || "The gateway does not respond; this page keeps trying.");
+  else showConnectionHint(reason || "The gateway does not respond; this is the scene as it was.", "foot");
 });
 
 const clicks = new Clicks(stage, drawing, (click) => connection.click(click));
@@ -298,7 +306,7 @@ function viewQuery(): URLSearchParams {
 async function snapshot(): Promise<void> {
   const response = await fetch(`scene/render?${viewQuery()}`).catch(() => null);
   if (!response?.ok) {
-    showHint(response ? await response.text() : "The gateway does not respond.", "foot");
+    showPassingHint(response ? await response.text() : "The gateway does not respond.");
     return;
   }
   const link = h("a", { href: URL.createObjectURL(await response.blob()), download: "scenegate.png" });
@@ -308,9 +316,20 @@ async function snapshot(): Promise<void> {
 
 document.querySelector("#app")?.append(bar.element, layout.element, status.element, lightbox.element);
 setTheme(chosen.theme);
-stage.setOcclusion(chosen.occlusion);
 tabs.show("Stereo");
 layout.start();
+
+/** The camera, and the home camera that a client had set, are kept until the tab is closed, unless it is the home view. */
+interface KeptView extends CameraView {
+  home: string;
+}
+const keptView = keptInTab<KeptView>("view");
+if (keptView) {
+  lastHome = keptView.home;
+  framingEnds = 0;
+  stage.placeCamera(keptView);
+}
+addEventListener("pagehide", () => keepInTab("view", stage.placements === framed ? null : { ...stage.view, home: lastHome }));
 
 stage.onTap((x, y, button) => {
   const hit = stage.pick(x, y);

@@ -41,6 +41,17 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
 const Z_UP = new Vector3(0, 0, 1);
 /** Box that is framed while the scene is empty. */
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
+type Vector = [number, number, number];
+
+/** A camera in the world, metres. */
+export interface CameraView {
+  eye: Vector;
+  target: Vector;
+  up: Vector;
+  /** Half the height of the orthographic view, metres. Default: as high as the perspective view at the target. */
+  halfHeight?: number;
+}
+
 export type Button = "left" | "middle" | "right";
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
@@ -156,12 +167,19 @@ export class Stage {
     this.frame(boxes.length ? boxes : [DEFAULT_BOX.clone().translate(this.world.position)], new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
-  /** Place the camera at a point. All vectors are in the world, metres. */
-  placeCamera(eye: Vector3, target: Vector3, up: Vector3): void {
+  /** The camera in the world. */
+  get view(): CameraView {
+    const [eye, target] = [this.camera.position, this.controls.target].map((at) => at.clone().add(this.origin).toArray()) as [Vector, Vector];
+    return { eye, target, up: this.camera.up.toArray(), halfHeight: this.halfHeight / this.orthographic.zoom };
+  }
+
+  /** Place the camera in the world. */
+  placeCamera(view: CameraView): void {
+    const [eye, target, up] = [view.eye, view.target, view.up].map((at) => new Vector3(...at)) as [Vector3, Vector3, Vector3];
     this.setUp(up);
     for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye).sub(this.origin);
     this.controls.target.copy(target).sub(this.origin);
-    this.finishPlacing(eye.distanceTo(target) * TAN_HALF_FOV);
+    this.finishPlacing(view.halfHeight ?? eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
   /** Set the direction that is up in the view. OrbitControls reads it only in its constructor. */
