@@ -327,6 +327,70 @@ def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) 
     assert row(shown, ["pick", "right"]).get_attribute("aria-selected") == "true"
 
 
+def test_search_finds_paths(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    for path in (["demo", "robot", "arm"], ["demo", "table"], ["robot"]):
+        publisher.box(path, RED)
+    shown.until(lambda: row(shown, ["demo", "table"]).count() == 1, "the tree")
+    search = shown.page.get_by_label("Search paths")
+    found = shown.page.locator(".tree .row .name")
+    for text, names in (
+        ("demo/robot", ["scene", "demo", "robot", "arm"]),
+        ("Demo / Rob", ["scene", "demo", "robot", "arm"]),
+        ("/robot", ["scene", "demo", "robot", "arm", "robot"]),
+        ("table", ["scene", "demo", "table"]),
+        ("demo/arm", []),
+        ("", ["scene", "demo", "robot", "table", "robot"]),
+    ):
+        search.fill(text)
+        shown.until(lambda names=names: found.all_inner_texts() == names, text)
+        assert shown.page.get_by_text(f"No path contains “{text}”.").is_visible() == (not names)
+
+
+def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["robot", "arm"], RED)
+    shown.wait_for_node("robot", "arm")
+    row(shown, ["robot", "arm"]).click()
+    heading = shown.page.locator(".details h2")
+    assert heading.inner_text() == "robot / arm"
+    shown.page.get_by_role("tab", name="Stereo").click()
+    publisher.send(delete=[{"path": ["robot"]}])
+    shown.until(lambda: row(shown, ["robot"]).count() == 0, "the robot is deleted")
+    publisher.box(["robot", "arm"], GREEN)
+    selected = shown.page.locator(".row[aria-selected=true] .name")
+    shown.until(lambda: selected.all_inner_texts() == ["arm"], "it is selected again")
+    assert shown.page.get_by_role("tab", name="Stereo").get_attribute("aria-selected") == "true", "the tab stays"
+    shown.page.get_by_role("tab", name="Selection").click()
+    assert heading.inner_text() == "robot / arm"
+    publisher.send(delete=[{"path": ["robot"]}])
+    shown.page.get_by_text("robot / arm is not in the scene any more").wait_for()
+    shown.page.keyboard.press("Escape")
+    publisher.box(["robot", "arm"], RED)
+    shown.wait_for_node("robot", "arm")
+    shown.page.get_by_text("Nothing is selected").wait_for()
+    assert selected.count() == 0
+
+
+def test_values_of_the_selection_can_be_copied(view: tuple[View, Publisher]) -> None:
+    """A selected text stays while the node moves; equal values are not replaced."""
+    shown, publisher = view
+    publisher.box(["moving"], RED)
+    shown.wait_for_node("moving")
+    row(shown, ["moving"]).click()
+    value = shown.page.locator(".details dd").first
+    assert value.inner_text() == "0  0  0"
+    shown.page.evaluate("window.first = document.querySelector('.details dd')")
+    shown.page.wait_for_timeout(1500)
+    assert shown.page.evaluate("first.isConnected")
+    shown.page.evaluate("getSelection().selectAllChildren(first)")
+    publisher.send(settransform=[publisher.at(["moving"], 1.5)])
+    shown.page.wait_for_timeout(2500)
+    assert shown.page.evaluate("getSelection().toString()").strip() == "0  0  0"
+    shown.page.evaluate("getSelection().removeAllRanges()")
+    shown.until(lambda: value.inner_text() == "1.5  0  0", "the new position")
+
+
 def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     shown.open_stereo_panel()

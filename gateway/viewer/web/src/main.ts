@@ -11,7 +11,7 @@ import { Layout } from "./layout";
 import { Lightbox } from "./lightbox";
 import { Materials } from "./materials";
 import { Model, type TreeNode } from "./model";
-import type { Message, PageSettings, SceneUpdate, Status } from "./protocol";
+import type { Message, PageSettings, Path, SceneUpdate, Status } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
 import { Stage, type CameraView, type Direction } from "./stage";
@@ -49,6 +49,8 @@ const emptyState = new EmptyState();
 stageElement.append(hint, emptyState.element);
 
 let selected: TreeNode | null = null;
+/** Path of a selected node that was removed: it is selected again when it is published. */
+let awaited: Path | null = null;
 let updates = 0;
 /** True while clients stream images of the stereo camera. */
 let streaming = false;
@@ -136,13 +138,28 @@ function showStreams(message: Status): void {
 }
 
 function select(node: TreeNode | null): void {
-  selected = node;
-  tree.select(node);
-  details.show(node);
-  highlight();
+  awaited = null;
+  showSelection(node);
   if (!node) return;
   tabs.show("Selection");
   layout.openIfWide("right");
+}
+
+function showSelection(node: TreeNode | null): void {
+  selected = node;
+  tree.select(node);
+  details.show(node, awaited);
+  highlight();
+}
+
+/** Select the node at the path of the selected one, after either was removed or added. */
+function followSelection(): void {
+  if (selected && model.nodes.get(selected.id) !== selected) awaited = selected.path;
+  if (!awaited) return highlight();
+  const node = model.find(awaited);
+  if (node === selected) return;
+  if (node) awaited = null;
+  showSelection(node);
 }
 
 function highlight(): void {
@@ -201,8 +218,7 @@ function update(message: SceneUpdate): void {
   drawing.apply(change);
   updates += 1;
   if (change.added.length || change.removed.length || change.changed.size) tree.update();
-  if (selected && model.nodes.get(selected.id) !== selected) select(model.find(selected.path));
-  else if (selected) highlight();
+  followSelection();
   const empty = model.root.children.size === 0 && !model.root.parts;
   if (!empty && (change.added.length || framingEnds === Infinity)) frameFirstNodes();
   if (change.added.length || change.removed.length) placeShadows();

@@ -19,6 +19,7 @@ export class TreePanel {
   private readonly search = h("input", { type: "search", placeholder: "Search paths", "aria-label": "Search paths" });
   private readonly list = h("div", { class: "rows", role: "tree", tabindex: 0, "aria-label": "Paths" });
   private readonly spacer = h("div", { class: "spacer" });
+  private readonly nothing = h("p", { class: "empty", role: "status" });
   private readonly families: FamiliesPanel;
   private readonly toggled = new Map<number, boolean>();
   private rows: Row[] = [];
@@ -36,7 +37,7 @@ export class TreePanel {
       this.onShow(node);
       this.paint();
     });
-    this.element.append(h("header", {}, this.search), this.families.element, this.list);
+    this.element.append(h("header", {}, this.search), this.families.element, this.nothing, this.list);
     this.list.append(this.spacer);
     this.search.addEventListener("input", () => this.update());
     this.list.addEventListener("scroll", () => this.paint());
@@ -71,10 +72,12 @@ export class TreePanel {
   }
 
   private listRows(): Row[] {
-    const wanted = this.search.value.trim().toLowerCase();
+    const wanted = this.search.value.trim().toLowerCase().replace(/\s*\/\s*/g, "/");
     const rows: Row[] = [];
     const stack: Row[] = [{ node: this.model.root, depth: 0 }];
     const matching = wanted ? this.matching(wanted) : null;
+    this.nothing.textContent = matching?.size === 0 ? `No path contains “${this.search.value.trim()}”.` : "";
+    this.nothing.hidden = matching?.size !== 0;
     for (let row = stack.pop(); row; row = stack.pop()) {
       if (matching && !matching.has(row.node)) continue;
       rows.push(row);
@@ -85,12 +88,16 @@ export class TreePanel {
     return rows;
   }
 
-  /** Return the nodes whose name contains the text, and their ancestors. */
+  /** Return the nodes whose path, such as /demo/robot, contains the text, and their ancestors. */
   private matching(text: string): Set<TreeNode> {
-    const found = new Set<TreeNode>([this.model.root]);
-    for (const node of this.model.nodes.values())
-      if (String(node.name).toLowerCase().includes(text))
-        for (let at: TreeNode | null = node; at && !found.has(at); at = at.parent) found.add(at);
+    const found = new Set<TreeNode>();
+    const paths = new Map<TreeNode, string>();
+    for (const node of this.model.nodes.values()) {
+      if (!node.parent) continue;
+      const path = `${paths.get(node.parent) ?? ""}/${String(node.name).toLowerCase()}`; // parents come first
+      paths.set(node, path);
+      if (path.includes(text)) for (let at: TreeNode | null = node; at && !found.has(at); at = at.parent) found.add(at);
+    }
     return found;
   }
 
@@ -136,7 +143,7 @@ export class TreePanel {
       },
     });
     eye.append(icon(node.isShown ? "eye" : "hidden"));
-    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name" }, name);
+    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name", title: name }, name);
     const kinds = h("span", { class: "kinds" }, counted(node.parts?.map((part) => part.kind) ?? []).join(", "));
     const element = h(
       "div",
