@@ -810,6 +810,22 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     page.close()
 
 
+def test_page_is_sent_compressed_and_may_only_use_its_gateway(view: tuple[View, Publisher]) -> None:
+    shown, _ = view
+    sizes = shown.page.evaluate(
+        """performance.getEntriesByType("resource")
+          .filter(({ name }) => name.includes("/view/assets/"))
+          .map(({ encodedBodySize, decodedBodySize }) => [encodedBodySize, decodedBodySize])"""
+    )
+    assert len(sizes) == 2
+    for encoded, decoded in sizes:
+        assert 0 < encoded < 0.4 * decoded
+    fetched = "fetch('https://example.org').then(() => '', (error) => error.name)"
+    assert shown.page.evaluate(fetched) == "TypeError"
+    assert any("Content Security Policy" in fault for fault in shown.faults)
+    shown.faults.clear()
+
+
 def test_failed_texture_download_is_repeated(browser: Any) -> None:
     with gateway_process("--only", "view", "--demo") as (_, url):
         page = new_page(browser)
