@@ -115,6 +115,6 @@ def tree_of(root: Node) -> dict[Path, tuple[Any, ...]]:
     found: dict[Path, tuple[Any, ...]] = {}
     for path, node in root.walk():
         parts = None if node.parts is None else [part.kind or type(part.shape).__name__.lower() for part in node.parts]
-        pose = node.matrix.T.ravel() if node.pose is None else node.pose
-        found[path] = (parts, (node.visible, node.opacity), tuple(np.array(pose, np.float32).tolist()))
+        pose = tuple(node.matrix.T.ravel().tolist() if node.pose is None else np.array(node.pose, np.float32).tolist())
+        found[path] = (parts, (node.visible, node.opacity), pose)
     return found

@@ -18,9 +18,10 @@ from PIL import Image
 
 from gateway.gltf import read_gltf
 from tests.support import clients
-from tests.support.browser import chromium, new_page
+from tests.support.browser import chromium, new_page, wait_in_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.waiting import wait_until
 from tests.viewer.page import Publisher, View, row
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -184,7 +185,7 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
     for count in range(1, 101):
         revision = page.evaluate("scenegate.model.revision")
         publish(count)
-        page.wait_for_function("before => scenegate.model.revision > before", arg=revision)
+        wait_in_page(page, "before => scenegate.model.revision > before", revision)
     shown.until(lambda: drawn() == first, "three textures after 300 updates")
     publisher.send(delete=[{"path": [name]} for name in ("image", "text", "mesh")])
     shown.until(lambda: drawn() == before, "no texture after the deletes")
@@ -588,7 +589,7 @@ def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> Non
 def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["home"], RED)
-    shown.page.wait_for_function("scenegate.model.find(['home'])?.parts != null")
+    wait_in_page(shown.page, "scenegate.model.find(['home'])?.parts != null")
     shown.page.keyboard.press("h")
     extent = shown.page.evaluate(
         """() => {
@@ -656,7 +657,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
 
     def reload() -> None:
         shown.page.reload()
-        shown.page.wait_for_function("window.scenegate?.model.revision > 0")
+        wait_in_page(shown.page, "window.scenegate?.model.revision > 0")
 
     reload()
     publisher.box(["far"], RED, x=30_000.0)
@@ -826,6 +827,51 @@ def test_page_is_sent_compressed_and_may_only_use_its_gateway(view: tuple[View, 
     shown.faults.clear()
 
 
+def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
+    _, url = gateway
+    publisher = Publisher(url)
+    publisher.send(delete=[{"path": []}])
+    publisher.box(["seen"], RED)
+    page = new_page(browser)
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(f"{url}/view")
+    page.get_by_text("This browser has no WebGL 2.").wait_for()
+    shown = page.locator(".stage > img")
+
+    def redness() -> float:
+        pixels = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB")).astype(int)
+        return float((pixels[:, :, 0] > pixels[:, :, 1] + 60).mean())
+
+    wait_until(lambda: redness() > 0.05)
+    camera = "new URL(document.querySelector('.stage > img').src).searchParams.get('camera')"
+    before = page.evaluate(camera)
+    page.get_by_role("button", name="Top").click()
+    wait_until(lambda: page.evaluate(camera) != before)
+    box = shown.bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.locator(".details h2", has_text="seen").wait_for()
+    publisher.send(delete=[{"path": ["seen"]}])
+    wait_until(lambda: redness() == 0.0)
+    page.close()
+    assert faults == []
+
+
+def test_view_returns_after_a_lost_context(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["box"], RED)
+    shown.look_at("box")
+    shown.until(lambda: shown.share("red") > 0.02, "a red box")
+    lose = "window.lost = scenegate.stage.renderer.getContext().getExtension('WEBGL_lose_context')"
+    shown.page.evaluate(f"({lose}).loseContext()")
+    message = shown.page.get_by_text("The browser has lost its graphics device.")
+    message.wait_for()
+    shown.page.evaluate("lost.restoreContext()")
+    message.wait_for(state="hidden")
+    shown.until(lambda: shown.share("red") > 0.02, "the red box is back")
+
+
 def test_failed_texture_download_is_repeated(browser: Any) -> None:
     with gateway_process("--only", "view", "--demo") as (_, url):
         page = new_page(browser)
@@ -839,5 +885,5 @@ def test_failed_texture_download_is_repeated(browser: Any) -> None:
         page.route("**/view/image/*", refuse_once)
         page.goto(f"{url}/view")
         came = "e => e.name.includes('/view/image/') && e.responseStatus === 200"
-        page.wait_for_function(f"performance.getEntriesByType('resource').some({came})")
+        wait_in_page(page, f"performance.getEntriesByType('resource').some({came})")
         page.close()

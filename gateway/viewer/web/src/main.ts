@@ -30,6 +30,7 @@ const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
 const stage = new Stage(
   stageElement,
+  () => `view/frame.jpg?${viewQuery()}`,
   () => materials.disposeUnused(),
   () => {
     drawing.moveAll();
@@ -260,6 +261,8 @@ let hintTimer = 0;
 let connectionHint = { text: "", where: "centre" };
 /** Message at the foot that replaces it for six seconds. */
 let passingHint = "";
+/** Message about the graphics device. */
+let graphicsHint = stage.renderer ? "" : "This browser has no WebGL 2. These are the gateway's own images of the scene.";
 
 /** Show a message about the connection until the next one. */
 function showConnectionHint(text: string, where: "centre" | "foot" = "centre"): void {
@@ -276,9 +279,9 @@ function showPassingHint(text: string): void {
 }
 
 function showHint(): void {
-  hint.textContent = passingHint || connectionHint.text;
+  hint.textContent = passingHint || connectionHint.text || graphicsHint;
   hint.hidden = hint.textContent === "";
-  hint.classList.toggle("centre", !passingHint && connectionHint.where === "centre");
+  hint.classList.toggle("centre", !passingHint && connectionHint.text !== "" && connectionHint.where === "centre");
 }
 
 const connection = new Connection(receive, (state, reason) => {
@@ -346,6 +349,18 @@ if (keptView) {
   stage.placeCamera(keptView);
 }
 addEventListener("pagehide", () => keepInTab("view", stage.placements === framed ? null : { ...stage.view, home: lastHome }));
+
+stage.canvas.addEventListener("webglcontextlost", () => {
+  graphicsHint = "The browser has lost its graphics device. The view returns when it is back.";
+  showHint();
+});
+stage.canvas.addEventListener("webglcontextrestored", () => {
+  stage.lights.forgetEnvironment();
+  materials.renewEnvironment();
+  graphicsHint = "";
+  showHint();
+  redraw();
+});
 
 stage.onTap((x, y, button) => {
   const hit = stage.pick(x, y);

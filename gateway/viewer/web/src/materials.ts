@@ -81,7 +81,7 @@ export class Materials {
   /** @param environmentMap returns the environment map that metals reflect, Y-up */
   constructor(
     private readonly redraw: () => void,
-    private readonly environmentMap: () => Texture,
+    private readonly environmentMap: () => Texture | null,
   ) {}
 
   /** Return the key of a batch: all properties but the colour. */
@@ -164,6 +164,12 @@ export class Materials {
     this.textures.clear();
     for (const { material } of this.shared.values()) material.dispose();
     this.shared.clear();
+  }
+
+  /** Use a new environment map. */
+  renewEnvironment(): void {
+    for (const { material } of this.shared.values())
+      if (material instanceof MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
   }
 
   setWireframe(on: boolean): void {

@@ -18,6 +18,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
+import { h } from "./dom";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
@@ -56,9 +57,22 @@ export type Button = "left" | "middle" | "right";
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
 
+/** Return a renderer, or null in a browser without WebGL 2. */
+function newRenderer(): WebGLRenderer | null {
+  const canvas = h("canvas");
+  const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+  if (!context) return null;
+  const renderer = new WebGLRenderer({ canvas, context });
+  renderer.shadowMap.enabled = true;
+  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+  return renderer;
+}
+
 export class Stage {
   readonly scene = new Scene();
-  readonly renderer: WebGLRenderer;
+  /** Null without WebGL: `canvas` is an image of the gateway then. */
+  readonly renderer = newRenderer();
+  readonly canvas: HTMLElement;
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
   readonly perspective = new PerspectiveCamera(FOV, 1, 0.01, 1000);
@@ -87,21 +101,21 @@ export class Stage {
   readonly origin = new Vector3();
 
   /**
+   * @param imageUrl returns the URL of the gateway's image of this view, which is shown without WebGL
    * @param drawn called after an image was drawn
    * @param originMoved called after `origin` has changed
    */
   constructor(
     private readonly holder: HTMLElement,
+    private readonly imageUrl: () => string,
     private readonly drawn: () => void,
     private readonly originMoved: () => void,
   ) {
-    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
-    this.renderer.shadowMap.enabled = true;
+    this.canvas = this.renderer?.domElement ?? h("img", { alt: "", draggable: "false" });
     this.lights = new Lights(this.renderer);
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.renderer.domElement.tabIndex = 0;
-    this.renderer.domElement.setAttribute("aria-label", "3D view of the scene");
-    holder.append(this.renderer.domElement);
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("aria-label", "3D view of the scene");
+    holder.append(this.canvas);
     for (const camera of [this.perspective, this.orthographic]) {
       camera.up.copy(Z_UP);
       camera.layers.enable(CLOUD_LAYER);
@@ -116,12 +130,16 @@ export class Stage {
     this.controls = this.newControls();
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
-    this.renderer.setAnimationLoop(() => this.draw());
+    const loop = () => {
+      this.draw();
+      requestAnimationFrame(loop);
+    };
+    requestAnimationFrame(loop);
   }
 
   private newControls(): OrbitControls {
-    const controls = new OrbitControls(this.camera, this.renderer.domElement);
-    controls.listenToKeyEvents(this.renderer.domElement);
+    const controls = new OrbitControls(this.camera, this.canvas);
+    controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => this.redraw());
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
@@ -138,7 +156,7 @@ export class Stage {
 
   /** Call back on clicks and taps, not on drags. */
   onTap(tapped: (x: number, y: number, button: Button) => void): void {
-    const canvas = this.renderer.domElement;
+    const { canvas } = this;
     let press = { x: 0, y: 0 };
     canvas.addEventListener("pointerdown", (event) => (press = { x: event.clientX, y: event.clientY }));
     const released = (event: MouseEvent) => {
@@ -256,7 +274,7 @@ export class Stage {
 
   setOcclusion(on: boolean): void {
     this.occlusion?.dispose();
-    this.occlusion = on ? new AmbientOcclusion(this.renderer, this.scene, this.camera) : null;
+    this.occlusion = on && this.renderer ? new AmbientOcclusion(this.renderer, this.scene, this.camera) : null;
     this.resize();
   }
 
@@ -282,7 +300,7 @@ export class Stage {
 
   /** Return the nearest hit at a point of the page, pixels. */
   pick(x: number, y: number): Intersection | undefined {
-    const rect = this.renderer.domElement.getBoundingClientRect();
+    const rect = this.canvas.getBoundingClientRect();
     const point = new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2);
     const caster = new Raycaster();
     caster.setFromCamera(point, this.camera);
@@ -297,8 +315,8 @@ export class Stage {
   resize(): void {
     const width = Math.max(1, this.holder.clientWidth);
     const height = Math.max(1, this.holder.clientHeight);
-    this.renderer.setSize(width, height);
-    this.occlusion?.setSize(width, height, this.renderer.getPixelRatio());
+    this.renderer?.setSize(width, height);
+    this.occlusion?.setSize(width, height, this.renderer?.getPixelRatio() ?? 1);
     this.perspective.aspect = width / height;
     this.perspective.updateProjectionMatrix();
     const half = this.halfHeight;
@@ -335,31 +353,42 @@ export class Stage {
   private draw(): void {
     this.controls.update();
     if (this.controls.target.length() > MAX_TARGET_DISTANCE) this.moveOrigin();
-    if (this.dirty) this.drawImage();
-    else if (this.clouds.refine(performance.now())) this.refineClouds();
+    if (this.dirty && this.renderer) this.drawImage(this.renderer);
+    else if (this.dirty) this.loadImage(this.canvas as HTMLImageElement);
+    else if (this.renderer && this.clouds.refine(performance.now())) this.refineClouds(this.renderer);
     else return;
     this.frames += 1;
   }
 
-  private drawImage(): void {
+  /** Show the gateway's image of this view, after the previous one has arrived. */
+  private loadImage(image: HTMLImageElement): void {
+    if (!image.complete) return;
+    this.dirty = false;
+    this.scene.updateMatrixWorld();
+    this.camera.updateMatrixWorld();
+    image.src = `${this.imageUrl()}&number=${this.frames}`;
+    this.drawn();
+  }
+
+  private drawImage(renderer: WebGLRenderer): void {
     this.dirty = false;
     this.updateClippingPlanes();
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
-    else this.renderer.render(this.scene, this.camera);
+    else renderer.render(this.scene, this.camera);
     this.drawn();
   }
 
   /** Add chunks of point clouds to the image. Its colours and depths are kept. */
-  private refineClouds(): void {
+  private refineClouds(renderer: WebGLRenderer): void {
     const { mask } = this.camera.layers;
     const { background } = this.scene;
     this.camera.layers.set(CLOUD_LAYER);
     this.scene.background = null; // three.js clears the image to a background, even without autoClear
-    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = false;
-    this.renderer.render(this.scene, this.camera);
-    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = true;
+    renderer.autoClear = renderer.shadowMap.autoUpdate = false;
+    renderer.render(this.scene, this.camera);
+    renderer.autoClear = renderer.shadowMap.autoUpdate = true;
     this.scene.background = background;
     this.camera.layers.mask = mask;
   }
