@@ -24,7 +24,7 @@ def test_the_page_shows_the_demo_scene(url: str) -> None:
         wait_in_page(
             shown.page,
             "before => JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements) != before",
-            arg=before,
+            before,
         )
         png = shown.page.locator(".stage canvas").screenshot()
         picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))

@@ -110,7 +110,7 @@ const bar = toolbar(
       keep("theme", name);
       setTheme(name);
     },
-    snapshot: () => void snapshot(),
+    snapshot,
     file: () => `scene.glb?${viewQuery()}`,
   },
   chosen,
@@ -256,11 +256,8 @@ function showSettings(next: PageSettings): void {
   }
 }
 
-let hintTimer = 0;
 /** Message about the connection. */
 let connectionHint = { text: "", where: "centre" };
-/** Message at the foot that replaces it for six seconds. */
-let passingHint = "";
 /** Message about the graphics device. */
 let graphicsHint = stage.renderer ? "" : "This browser has no WebGL 2. These are the gateway's own images of the scene.";
 
@@ -270,18 +267,10 @@ function showConnectionHint(text: string, where: "centre" | "foot" = "centre"): 
   showHint();
 }
 
-/** Show a message at the foot of the view for six seconds. */
-function showPassingHint(text: string): void {
-  passingHint = text;
-  clearTimeout(hintTimer);
-  if (text) hintTimer = setTimeout(() => showPassingHint(""), 6000);
-  showHint();
-}
-
 function showHint(): void {
-  hint.textContent = passingHint || connectionHint.text || graphicsHint;
+  hint.textContent = connectionHint.text || graphicsHint;
   hint.hidden = hint.textContent === "";
-  hint.classList.toggle("centre", !passingHint && connectionHint.text !== "" && connectionHint.where === "centre");
+  hint.classList.toggle("centre", connectionHint.text !== "" && connectionHint.where === "centre");
 }
 
 const connection = new Connection(receive, (state, reason) => {
@@ -308,7 +297,7 @@ function showBackground(): void {
   stage.setBackground(colors.background, colors.grid);
 }
 
-/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one. */
+/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one, as in glTF files. */
 function cameraText(): string {
   const text = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
   const at = (v: Vector3) => text(v.clone().add(stage.origin));
@@ -316,21 +305,24 @@ function cameraText(): string {
   return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${text(stage.camera.up)};fovy=${fovy}`;
 }
 
-/** Return this view as parameters of `/scene/render` and `/scene.glb`. */
+/** Return this view as parameters of `/scene.glb` and of the gateway's images. */
 function viewQuery(): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = stageElement;
-  return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}` });
+  const changed = [...model.nodes.values()].filter(({ shown, visible }) => (shown ?? visible) !== visible);
+  const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
+  return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
 }
 
-async function snapshot(): Promise<void> {
-  const response = await fetch(`scene/render?${viewQuery()}`).catch(() => null);
-  if (!response?.ok) {
-    showPassingHint(response ? await response.text() : "The gateway does not respond.");
-    return;
-  }
-  const link = h("a", { href: URL.createObjectURL(await response.blob()), download: "scenegate.png" });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+/** Download the view as it is shown; without WebGL, an image of the gateway. */
+function snapshot(): void {
+  const save = (href: string) => h("a", { href, download: "scenegate.png" }).click();
+  if (!stage.renderer) return save(`scene/render?${viewQuery()}`);
+  stage.renderer.domElement.toBlob((image) => {
+    if (!image) return;
+    const url = URL.createObjectURL(image);
+    save(url);
+    setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  });
 }
 
 document.querySelector("#app")?.append(bar.element, layout.element, status.element, lightbox.element);
