@@ -348,6 +348,37 @@ def test_search_finds_paths(view: tuple[View, Publisher]) -> None:
         assert shown.page.get_by_text(f"No path contains “{text}”.").is_visible() == (not names)
 
 
+def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    for path in (["demo", "robot", "arm"], ["demo", "table"], ["last"]):
+        publisher.box(path, RED)
+    shown.until(lambda: row(shown, ["last"]).count() == 1, "the tree")
+    page = shown.page
+    row(shown, []).click()
+    selected = page.locator(".row[aria-selected=true] .name")
+    page.get_by_role("tree").focus()
+    for key, name in (
+        ("ArrowRight", "demo"),
+        ("ArrowRight", "robot"),
+        ("ArrowRight", "robot"),  # opens
+        ("ArrowRight", "arm"),
+        ("ArrowRight", "arm"),
+        ("ArrowLeft", "robot"),
+        ("ArrowLeft", "robot"),  # closes
+        ("ArrowLeft", "demo"),
+    ):
+        page.keyboard.press(key)
+        assert selected.all_inner_texts() == [name], key
+    table = row(shown, ["demo", "table"])
+    assert [table.get_attribute(f"aria-{name}") for name in ("level", "posinset", "setsize")] == ["3", "2", "2"]
+    eye = table.locator(".eye")
+    assert (eye.get_attribute("aria-label"), eye.get_attribute("aria-pressed")) == ("Hide table", None)
+    page.emulate_media(forced_colors="active")
+    outline = "row => getComputedStyle(row).outlineStyle"
+    assert row(shown, ["demo"]).evaluate(outline) == "solid"
+    assert table.evaluate(outline) == "none"
+
+
 def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["robot", "arm"], RED)

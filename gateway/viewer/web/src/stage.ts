@@ -354,7 +354,7 @@ export class Stage {
     this.controls.update();
     if (this.controls.target.length() > MAX_TARGET_DISTANCE) this.moveOrigin();
     if (this.dirty && this.renderer) this.drawImage(this.renderer);
-    else if (this.dirty) this.loadImage(this.canvas as HTMLImageElement);
+    else if (this.dirty && (this.canvas as HTMLImageElement).complete) this.loadImage(this.canvas as HTMLImageElement);
     else if (this.renderer && this.clouds.refine(performance.now())) this.refineClouds(this.renderer);
     else return;
     this.frames += 1;
@@ -362,7 +362,6 @@ export class Stage {
 
   /** Show the gateway's image of this view, after the previous one has arrived. */
   private loadImage(image: HTMLImageElement): void {
-    if (!image.complete) return;
     this.dirty = false;
     this.scene.updateMatrixWorld();
     this.camera.updateMatrixWorld();
