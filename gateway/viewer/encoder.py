@@ -174,7 +174,13 @@ class _Transforms:
     def add(self, node_id: int, node: Node) -> None:
         """Add a node."""
         pose = node.pose
-        if pose is not None and max(pose[:3]) <= MAX_POSE_METRES and min(pose[:3]) >= -MAX_POSE_METRES:
+        limit = MAX_POSE_METRES
+        if (
+            pose is not None
+            and -limit <= pose[0] <= limit
+            and -limit <= pose[1] <= limit
+            and -limit <= pose[2] <= limit
+        ):
             self._pose_ids.append(node_id)
             self._poses.extend(pose)
         else:
