@@ -110,7 +110,7 @@ class Pictures:
         self, running: Gateway, theme: str, width: int = 1280, height: int = 800, nodes: int = 2
     ) -> Iterator[Any]:
         """Yield the page when it has a number of nodes. ``theme`` may have further parameters of the URL."""
-        page = self._browser.new_page(viewport={"width": width, "height": height})
+        page = self._browser.new_page(viewport={"width": width, "height": height}, bypass_csp=True)
         page.set_default_timeout(1e3 * SECONDS)
         page.goto(f"http://127.0.0.1:{running.port}/view?theme={theme}")
         page.wait_for_function(f"window.scenegate?.model.nodes.size >= {nodes}")

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
+import msgspec
+
 from gateway.scene.cameras import (
     CAMERA_PATTERN,
     DEFAULT_FOVY,
@@ -18,6 +20,7 @@ from gateway.scene.cameras import (
     parse_camera,
     quoted,
 )
+from gateway.scene.tree import Path
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
 from renderers.interface import LookName, SampleCount
@@ -25,7 +28,7 @@ from renderers.interface import LookName, SampleCount
 ImageType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
 
-FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far")
+FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far", "hide", "show")
 """Parameters of ``/scene.glb``."""
 
 
@@ -59,6 +62,10 @@ class ImageQuery:
     """Far plane in metres; None: fitted to the scene."""
     format: DepthFormat
     """File format of depth images."""
+    hide: tuple[Path, ...] = ()
+    """Nodes to hide with everything below them."""
+    show: tuple[Path, ...] = ()
+    """Hidden nodes to show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +93,14 @@ class Parameter:
                 return parse_camera(text)
             except CameraError as error:
                 raise QueryError(str(error)) from error
+        if self.name in ("hide", "show"):
+            try:
+                return msgspec.json.decode(text, type=tuple[Path, ...])
+            except (msgspec.DecodeError, UnicodeEncodeError) as error:
+                example_text = quoted(str(self.example))
+                raise QueryError(
+                    f"{self.name}={quoted(text)} is not a JSON list of paths such as {example_text}"
+                ) from error
         if "enum" in self.schema:
             choices = {str(choice): choice for choice in self.schema["enum"]}
             if text not in choices:
@@ -167,6 +182,8 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
             _choice_schema(get_args(DepthFormat), "tiff"),
             "tiff",
         ),
+        Parameter("hide", "JSON list of the paths of nodes to hide.", {"type": "string"}, '[["robot","arm"]]'),
+        Parameter("show", "JSON list of the paths of hidden nodes to show.", {"type": "string"}, '[["ghost"]]'),
     )
 
 
@@ -192,7 +209,7 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
     """
     parameters = image_parameters(config)
     _check_names(query, tuple(parameter.name for parameter in parameters))
-    values: dict[str, Any] = {"camera": parse_camera("fit")}
+    values: dict[str, Any] = {"camera": parse_camera("fit"), "hide": (), "show": ()}
     for parameter in parameters:
         if parameter.name in query:
             values[parameter.name] = parameter.parse(query[parameter.name])

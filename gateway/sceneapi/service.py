@@ -18,6 +18,7 @@ from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.tree import TreeEdit
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
@@ -118,10 +119,10 @@ class SceneApi:
             ExportError: The file would be too large.
             QueryError: The camera cannot be resolved in the scene.
         """
-        snapshot = self._tree.snapshot
+        snapshot, flattener = self._shown(query)
         camera = None
         if query is not None:
-            camera = self._camera(query, snapshot, self._flattener.flatten(snapshot))
+            camera = self._camera(query, snapshot, flattener.flatten(snapshot))
         body = export_glb(snapshot.root, camera=camera, max_bytes=self.config.max_export_bytes)
         return SceneResponse(body, "model/gltf-binary", snapshot.revision)
 
@@ -132,8 +133,8 @@ class SceneApi:
             QueryError: The camera cannot be resolved in the scene.
             ImageError: A texture of the scene cannot be decoded.
         """
-        snapshot = self._tree.snapshot
-        draw_list = self._flattener.flatten(snapshot)
+        snapshot, flattener = self._shown(query)
+        draw_list = flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
         config = self.config
         look = Look(query.look, config.background, query.samples, config.rig, config.alpha_threshold)
@@ -147,6 +148,18 @@ class SceneApi:
         with self._count_lock:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
+
+    def _shown(self, query: ImageQuery | None) -> tuple[Snapshot, Flattener]:
+        """Return the newest snapshot with the visibility of the query, and a flattener for it."""
+        snapshot = self._tree.snapshot
+        if query is None or not (query.hide or query.show):
+            return snapshot, self._flattener
+        edit = TreeEdit(snapshot.root)
+        for paths, visible in ((query.hide, False), (query.show, True)):
+            for path in paths:
+                if snapshot.root.find(path) is not None:
+                    edit.set_visible(path, visible)
+        return Snapshot(edit.commit(), snapshot.revision), Flattener(self._labels)
 
     def _camera(self, query: ImageQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         try:

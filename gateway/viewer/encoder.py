@@ -31,6 +31,8 @@ EMPTY_SNAPSHOT: Final = Snapshot(Node(), 0)
 """The snapshot of a page that has received no update."""
 MAX_BLOCKING_SECONDS: Final = 0.002
 """Maximum time that encoding blocks the event loop. Encoding a scene of 50,000 nodes takes two seconds in total."""
+MAX_POSE_METRES: Final = 1000.0
+"""Poses with larger coordinates are sent as matrices, which are float64: float32 has steps of 0.06 mm here."""
 MAX_UPDATES: Final = 8
 """Maximum number of encoded updates in the cache. Most browsers need one of the newest."""
 
@@ -156,7 +158,7 @@ class Encoder:
 
 
 class _Transforms:
-    """The ids (uint32) and transforms of nodes: a pose (7 float32) or a column-major matrix (16 float32) each.
+    """The ids (uint32) and transforms of nodes: a pose (7 float32) or a column-major matrix (16 float64) each.
 
     They are converted one by one: converting all of them at the end blocks the event loop.
     """
@@ -167,13 +169,20 @@ class _Transforms:
         self._pose_ids = array("I")
         self._poses = array("f")
         self._matrix_ids = array("I")
-        self._matrices = array("f")
+        self._matrices = array("d")
 
     def add(self, node_id: int, node: Node) -> None:
-        """Add a node. Values beyond float32 become infinite."""
-        if node.pose is not None:
+        """Add a node."""
+        pose = node.pose
+        limit = MAX_POSE_METRES
+        if (
+            pose is not None
+            and -limit <= pose[0] <= limit
+            and -limit <= pose[1] <= limit
+            and -limit <= pose[2] <= limit
+        ):
             self._pose_ids.append(node_id)
-            self._poses.extend(node.pose)
+            self._poses.extend(pose)
         else:
             self._matrix_ids.append(node_id)
             self._matrices.extend(node.matrix.T.ravel().tolist())

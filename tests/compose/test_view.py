@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.browser import Watched, chromium
+from tests.support.browser import Watched, chromium, wait_in_page
 
 pytestmark = [pytest.mark.compose, pytest.mark.browser]
 
@@ -19,10 +19,12 @@ pytestmark = [pytest.mark.compose, pytest.mark.browser]
 def test_the_page_shows_the_demo_scene(url: str) -> None:
     with chromium() as browser:
         shown = Watched(browser, url)
-        shown.page.wait_for_function("scenegate.model.find(['demo', 'robot'])?.parts != null")
+        wait_in_page(shown.page, "scenegate.model.find(['demo', 'robot'])?.parts != null")
         before = where(shown)
-        shown.page.wait_for_function(
-            "before => JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements) != before", arg=before
+        wait_in_page(
+            shown.page,
+            "before => JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements) != before",
+            before,
         )
         png = shown.page.locator(".stage canvas").screenshot()
         picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
 import math
 import threading
 from collections.abc import MutableMapping
@@ -144,6 +145,23 @@ async def test_glb_contains_the_requested_camera(world: World) -> None:
     ):
         refusal = await world.client.get(f"/scene.glb?{query}")
         assert (refusal.status_code, words in refusal.text) == (status, True), refusal.text
+
+
+async def test_images_and_files_with_the_visibility_of_the_query(world: World) -> None:
+    with world.tree.edit() as edit:
+        edit.set_visible(("robot", "head"), False)
+    query = """hide=[["robot","base"],["missing"]]&show=[["robot","head"]]"""
+    read = read_gltf((await world.client.get(f"/scene.glb?{query}")).content)
+    (path,) = (path for path, node in read.root.walk() if node.parts)
+    assert "head" in path
+    assert (await world.client.get(f"/scene/render?{query}")).status_code == 200
+    (scene, *_) = world.renderer.calls[-1]
+    assert len(scene.instances) == 1
+    assert not world.tree.snapshot.root.find(("robot", "head")).visible  # type: ignore[union-attr]
+    for text in ("robot", '["robot"]', "[[true]]", "[[1.5]]", "[" * 1000):
+        refusal = await world.client.get("/scene/render", params={"hide": text})
+        assert refusal.status_code == 400
+        assert "is not a JSON list of paths" in refusal.text
 
 
 async def test_glb_beyond_the_size_limit_is_413(world: World) -> None:
@@ -350,7 +368,20 @@ async def test_full_queue_is_503_with_retry_after(world: World) -> None:
 async def test_all_parameters_are_documented(world: World) -> None:
     document = (await world.client.get("/openapi.json")).json()
     names = [p["name"] for p in document["paths"]["/scene/render"]["get"]["parameters"]]
-    assert names == ["camera", "type", "width", "height", "look", "samples", "fovy", "near", "far", "format"]
+    assert names == [
+        "camera",
+        "type",
+        "width",
+        "height",
+        "look",
+        "samples",
+        "fovy",
+        "near",
+        "far",
+        "format",
+        "hide",
+        "show",
+    ]
 
 
 def test_documented_defaults_and_examples_are_valid() -> None:
@@ -360,7 +391,9 @@ def test_documented_defaults_and_examples_are_valid() -> None:
         name, schema, value = parameter["name"], parameter["schema"], parameter["examples"]["example"]["value"]
         query = parse_query({name: str(value)}, config)
         assert not parameter["required"]
-        if name != "camera":
+        if name in ("hide", "show"):
+            assert [list(path) for path in getattr(query, name)] == json.loads(value)
+        elif name != "camera":
             assert getattr(query, name) == value
             assert getattr(defaults, name) == schema.get("default", getattr(defaults, name))
         if "enum" in schema:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.waiting import MILLISECONDS
+from tests.support.waiting import MILLISECONDS, wait_until
 
 ARGUMENTS = (
     "--headless",
@@ -45,6 +45,14 @@ def new_page(browser: Any, **options: Any) -> Any:
     return page
 
 
+def wait_in_page(page: Any, condition: str, *argument: Any) -> None:
+    """Wait until JavaScript is true in a page.
+
+    Playwright's ``wait_for_function`` evaluates text in the page, which the page's content security policy forbids.
+    """
+    wait_until(lambda: page.evaluate(condition, *argument))
+
+
 class Watched:
     """A page and the errors that it must not have."""
 
@@ -58,7 +66,7 @@ class Watched:
         self.expect_outage = False
         """Ignore failed connections while the gateway is stopped on purpose."""
         self.page.goto(f"{url}/view?theme=light")
-        self.page.wait_for_function("window.scenegate !== undefined")
+        wait_in_page(self.page, "window.scenegate !== undefined")
 
     def _console(self, message: Any) -> None:
         if message.type == "error" and not (self.expect_outage and "ERR_CONNECTION" in message.text):

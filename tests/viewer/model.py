@@ -59,10 +59,10 @@ class Model:
             self._remove(number)
         for entry in header.get("nodes", ()):
             self._set_entry(entry)
-        for name, width in (("poses", 7), ("matrices", 16)):
+        for name, width, dtype in (("poses", 7, "<f4"), ("matrices", 16, "<f8")):
             if name in header:
                 ids = body_array(body, header[name]["ids"], "<u4")
-                values = body_array(body, header[name]["values"], "<f4").reshape(-1, width)
+                values = body_array(body, header[name]["values"], dtype).reshape(-1, width)
                 for number, row in zip(ids.tolist(), values.tolist(), strict=True):
                     self.nodes[number].pose = tuple(row)
         self.revision = header["revision"]
@@ -115,6 +115,6 @@ def tree_of(root: Node) -> dict[Path, tuple[Any, ...]]:
     found: dict[Path, tuple[Any, ...]] = {}
     for path, node in root.walk():
         parts = None if node.parts is None else [part.kind or type(part.shape).__name__.lower() for part in node.parts]
-        pose = node.matrix.T.ravel() if node.pose is None else node.pose
-        found[path] = (parts, (node.visible, node.opacity), tuple(np.array(pose, np.float32).tolist()))
+        pose = tuple(node.matrix.T.ravel().tolist() if node.pose is None else np.array(node.pose, np.float32).tolist())
+        found[path] = (parts, (node.visible, node.opacity), pose)
     return found

@@ -65,8 +65,12 @@ class View(Watched):
 
     def look_at(self, *path: str) -> None:
         """Wait for a node, then ``look``. (The page frames the first node by itself.)"""
-        self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
+        self.wait_for_node(*path)
         self.look()
+
+    def wait_for_node(self, *path: str) -> None:
+        """Wait for a node."""
+        self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
 
     def look(self) -> None:
         """Place the camera on the −Y side with x from −2 m to 2 m in view; hide grid, axes and frustum."""

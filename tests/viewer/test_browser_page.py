@@ -154,6 +154,15 @@ def test_warnings_are_yellow_and_can_be_read(shown: tuple[View, TreeViewer]) -> 
     viewer["bad"].set(Box((-1, 1, 1)))
     light = view.page.locator(".status summary", has_text="Tree viewer: 1 warning")
     light.wait_for()
+    cut = """() => [...document.querySelectorAll(".status .interfaces > *")].some((light) => {
+      const [inner, outer] = [light, light.parentElement].map((element) => element.getBoundingClientRect());
+      return inner.top < outer.bottom && (inner.right > outer.right + 1 || inner.bottom > outer.bottom + 1);
+    })"""
+    view.page.evaluate("document.querySelector('.status').style.fontSize = '15px'")  # as a larger font of the browser
+    for width in (700, 900, 1220, 1280, 1400, 1600):
+        view.page.set_viewport_size({"width": width, "height": 800})
+        assert not view.page.evaluate(cut), width
+        assert light.is_visible()
     light.click()
     sentence = view.page.get_by_text('setgeometry[0] ["bad"]: lengths has a negative number')
     sentence.wait_for()

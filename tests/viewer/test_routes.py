@@ -107,6 +107,12 @@ async def test_page_and_assets_are_served_with_caching_headers(world: World) -> 
         asset = await world.http.get(f"/view/assets/{name}")
         assert asset.status_code == 200
         assert "immutable" in asset.headers["cache-control"]
+        assert asset.headers["content-encoding"] == "gzip"
+        plain = await world.http.get(f"/view/assets/{name}", headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert plain.content == asset.content
+        assert plain.headers["etag"] != asset.headers["etag"]
+        assert plain.headers["vary"] == asset.headers["vary"] == "Accept-Encoding"
     again = await world.http.get("/view", headers={"If-None-Match": page.headers["etag"]})
     assert again.status_code == 304
     for path in ("nothing.js", "..%2Findex.html", "%2e%2e"):

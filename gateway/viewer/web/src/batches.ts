@@ -18,6 +18,8 @@ export class Batch {
 
   constructor(
     private readonly scene: Object3D,
+    readonly meshId: number,
+    readonly key: string,
     readonly geometry: BufferGeometry,
     readonly material: Material,
   ) {

@@ -18,13 +18,13 @@ export class Clicks {
     private readonly drawing: Drawing,
     private readonly send: (click: Click) => void,
   ) {
-    stage.renderer.domElement.addEventListener("pointermove", (event) => this.hover(event));
+    stage.canvas.addEventListener("pointermove", (event) => this.hover(event));
   }
 
   /** Set the paths at and below which geometry is clickable. */
   setPaths(paths: Path[]): void {
     this.paths = paths;
-    if (!paths.length) this.stage.renderer.domElement.style.cursor = "";
+    if (!paths.length) this.stage.canvas.style.cursor = "";
   }
 
   /** Report a click on a node if a client wants it. */
@@ -49,6 +49,6 @@ export class Clicks {
   private showCursor(x: number, y: number): void {
     const hit = this.stage.pick(x, y);
     const node = hit && this.drawing.nodeAt(hit);
-    this.stage.renderer.domElement.style.cursor = node && this.isClickable(node) ? "pointer" : "";
+    this.stage.canvas.style.cursor = node && this.isClickable(node) ? "pointer" : "";
   }
 }

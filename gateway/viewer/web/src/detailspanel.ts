@@ -6,6 +6,7 @@ import { COLOR_MAPS, ramp, type MapName } from "./colormaps";
 import { counted, h, pathText, short, shortRow } from "./dom";
 import { icon } from "./icons";
 import type { TreeNode } from "./model";
+import type { Path } from "./protocol";
 
 export interface DetailsActions {
   boundsOf(node: TreeNode): Box3;
@@ -19,16 +20,22 @@ export class DetailsPanel {
   readonly element = h("section", { class: "details", "aria-label": "Selection" });
   private node: TreeNode | null = null;
   private readonly values = h("dl");
+  /** JSON of the rows in `values`. */
+  private shown = "";
   private readonly ends = h("div", { class: "ramp-ends" });
 
   constructor(private readonly actions: DetailsActions) {
     this.show(null);
   }
 
-  show(node: TreeNode | null): void {
+  /** @param awaited path of a selected node that was removed */
+  show(node: TreeNode | null, awaited: Path | null = null): void {
     this.node = node;
     if (!node) {
-      this.element.replaceChildren(h("p", { class: "empty" }, "Nothing is selected. Click something in the view or in the tree."));
+      const text = awaited
+        ? `${pathText(awaited)} is not in the scene any more. It is selected again when it is published.`
+        : "Nothing is selected. Click something in the view or in the tree.";
+      this.element.replaceChildren(h("p", { class: "empty" }, text));
       return;
     }
     const { actions } = this;
@@ -93,7 +100,7 @@ export class DetailsPanel {
     const degrees = [angles.x, angles.y, angles.z].map((angle) => (angle * 180) / Math.PI);
     const box = this.actions.boundsOf(node);
     const size = box.getSize(new Vector3());
-    const metres = Math.max(size.x, size.y, size.z, position.length());
+    const metres = Math.min(1000, Math.max(size.x, size.y, size.z, position.length()));
     const rows: [string, string][] = [
       ["Position in the world (x y z, m)", shortRow(position.toArray(), metres)],
       ["Roll, pitch, yaw (degrees)", shortRow(degrees, 360)],
@@ -114,8 +121,12 @@ export class DetailsPanel {
     });
     rows.push(["Geometry", counted(parts).join("\n") || "none"]);
     if (node.children.size) rows.push(["Children", String(node.children.size)]);
-    this.values.replaceChildren(...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
     const range = node.cloudRange;
     this.ends.replaceChildren(...(range ? [h("span", {}, short(range.low)), h("span", {}, short(range.high))] : []));
+    const shown = JSON.stringify(rows);
+    const selection = getSelection();
+    if (shown === this.shown || (selection?.isCollapsed === false && selection.containsNode(this.values, true))) return;
+    this.shown = shown;
+    this.values.replaceChildren(...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
   }
 }

@@ -2,6 +2,7 @@
 
 import { h } from "./dom";
 import { icon } from "./icons";
+import { keep } from "./options";
 import type { Direction } from "./stage";
 import { BACKGROUNDS, type Background, type Theme } from "./theme";
 
@@ -9,15 +10,12 @@ import { BACKGROUNDS, type Background, type Theme } from "./theme";
 const MENU_WIDTH = 246;
 const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
 
+/** Settings that are on or off. The browser keeps them. */
+type Switch = "grid" | "axes" | "wireframe" | "orthographic" | "shadows" | "occlusion";
+
 /** Callbacks of the controls in the menu. */
-export interface DisplayActions {
+export interface DisplayActions extends Record<Switch, (on: boolean) => void> {
   look(direction: Direction): void;
-  orthographic(on: boolean): void;
-  grid(on: boolean): void;
-  axes(on: boolean): void;
-  wireframe(on: boolean): void;
-  shadows(on: boolean): void;
-  occlusion(on: boolean): void;
   /** 0: as published. */
   pointSize(pixels: number): void;
   background(name: Background): void;
@@ -25,11 +23,9 @@ export interface DisplayActions {
 }
 
 /** Settings at the start. */
-export interface DisplayChoices {
+export interface DisplayChoices extends Record<Switch, boolean> {
   background: Background;
   theme: Theme;
-  shadows: boolean;
-  occlusion: boolean;
 }
 
 export interface DisplayMenu {
@@ -49,7 +45,14 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
     const box = h("input", { type: "checkbox", checked: on, onchange: () => change(box.checked) });
     return h("label", { class: "check", title }, box, text);
   };
-  const grid = check("Grid on the ground", "", true, actions.grid);
+  const kept = (name: Switch, text: string, title = "") => {
+    actions[name](chosen[name]);
+    return check(text, title, chosen[name], (on) => {
+      keep(name, on ? "on" : "off");
+      actions[name](on);
+    });
+  };
+  const grid = kept("grid", "Grid on the ground");
   const points = h("input", {
     type: "range",
     min: 0,
@@ -78,14 +81,14 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
     group(
       "Show",
       grid,
-      check("Axes of the world", "x red, y green, z blue", true, actions.axes),
-      check("Wireframe", "", false, actions.wireframe),
-      check("Orthographic", "Parallel lines stay parallel", false, actions.orthographic),
+      kept("axes", "Axes of the world", "x red, y green, z blue"),
+      kept("wireframe", "Wireframe"),
+      kept("orthographic", "Orthographic", "Parallel lines stay parallel"),
     ),
     group(
       "Light",
-      check("Shadows", "Of a lamp on the left, behind the camera", chosen.shadows, actions.shadows),
-      check("Ambient occlusion", "Darkens corners and contacts; costs the most", chosen.occlusion, actions.occlusion),
+      kept("shadows", "Shadows", "Of a lamp on the left, behind the camera"),
+      kept("occlusion", "Ambient occlusion", "Darkens corners and contacts; costs the most"),
     ),
     group("Points", h("div", { class: "points" }, points, pixels)),
     group("Page", h("label", { class: "field" }, "Background", backgrounds), dark),

@@ -18,9 +18,10 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** Format a number with four significant digits, an integer with all digits. */
+/** Format a number with four significant digits, and at least three decimals from 1000; an integer with all digits. */
 export function short(value: number): string {
-  return Number.isFinite(value) && !Number.isInteger(value) ? String(Number(value.toPrecision(4))) : String(value);
+  if (!Number.isFinite(value) || Number.isInteger(value)) return String(value);
+  return String(Number(Math.abs(value) < 1000 ? value.toPrecision(4) : value.toFixed(3)));
 }
 
 /** Format numbers in a row; up to a millionth of `scale` (default: the largest) is shown as 0. */

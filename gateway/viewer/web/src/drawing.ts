@@ -40,14 +40,16 @@ export class Drawing {
   private readonly chunks = new Map<number, BufferGeometry[]>();
   /** Geometries of lines of more than one pixel, by mesh id. */
   private readonly wideLines = new Map<number, LineSegmentsGeometry>();
-  /** Batches by mesh id and material key. */
-  private readonly batches = new Map<number, Map<string, Batch>>();
+  /** Batches by mesh id and key of the material. */
+  private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
   constructor(
     private readonly model: Model,
     readonly materials: Materials,
     private readonly progress: CloudProgress,
+    /** Point of the world at which the page's scene has its origin. */
+    private readonly origin: Vector3,
     private readonly redraw: () => void,
   ) {
     this.root.matrixAutoUpdate = false;
@@ -75,12 +77,9 @@ export class Drawing {
   }
 
   forget(meshes: Iterable<number>): void {
-    for (const id of meshes) {
-      for (const batch of this.batches.get(id)?.values() ?? []) {
-        batch.dispose();
-        this.materials.release(batch.material);
-      }
-      this.batches.delete(id);
+    const ids = new Set(meshes);
+    for (const batch of this.batches.values()) if (ids.has(batch.meshId)) this.drop(batch);
+    for (const id of ids) {
       this.geometries.get(id)?.dispose();
       this.geometries.delete(id);
       for (const chunk of this.chunks.get(id) ?? []) chunk.dispose();
@@ -98,12 +97,17 @@ export class Drawing {
     this.materials.forgetTextures();
   }
 
-  /** Return the world bounds of a subtree; empty if nothing is drawn. */
+  /** Place everything again, after the origin moved. */
+  moveAll(): void {
+    for (const node of this.drawn.keys()) this.move(node);
+  }
+
+  /** Return the bounds of a subtree in the page's scene; empty if nothing is drawn. */
   bounds(node: TreeNode): Box3 {
     return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
   }
 
-  /** Return the world bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
+  /** Return the bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
   focusBoxes(node: TreeNode): Box3[] {
     const size = (box: Box3) => box.getSize(new Vector3()).toArray();
     const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
@@ -120,15 +124,14 @@ export class Drawing {
     return hit.object.userData.node as TreeNode | undefined;
   }
 
-  /** Return the world bounds of each draw of a subtree. */
+  /** Return the bounds of each draw of a subtree. */
   boxes(node: TreeNode): Box3[] {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
       for (const drawn of this.drawn.get(each) ?? []) {
         const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
         if (!geometry.boundingBox) geometry.computeBoundingBox();
-        const matrix = drawn.local ? new Matrix4().multiplyMatrices(each.world, drawn.local) : each.world;
-        const box = geometry.boundingBox?.clone().applyMatrix4(matrix);
+        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, drawn.local));
         if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
       }
     return boxes;
@@ -138,12 +141,12 @@ export class Drawing {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
-    const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
+    const place = this.place(node, local);
     const hasColors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
     if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
-      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, world, new Color(...material.color.slice(0, 3))) };
+      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, place, new Color(...material.color.slice(0, 3))) };
     let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, hasColors, opacity));
     else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)
@@ -152,7 +155,7 @@ export class Drawing {
     else object = this.points(node, draw, payload, opacity);
     if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
-    object.matrix.copy(world);
+    object.matrix.copy(place);
     object.matrixWorldNeedsUpdate = true;
     object.userData.node = node;
     if (facesCamera) object.onBeforeRender = (_renderer, _scene, camera) => turnToCamera(object, camera);
@@ -160,13 +163,29 @@ export class Drawing {
     return { local, object };
   }
 
+  /** Return the matrix of a draw in the page's scene, in double precision: the GPU gets it in single precision. */
+  private place(node: TreeNode, local: Matrix4 | null): Matrix4 {
+    const matrix = node.world.clone();
+    if (local) matrix.multiply(local);
+    const { elements } = matrix;
+    elements[12] -= this.origin.x;
+    elements[13] -= this.origin.y;
+    elements[14] -= this.origin.z;
+    return matrix;
+  }
+
   private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
-    let batchesOfMesh = this.batches.get(draw.mesh);
-    if (!batchesOfMesh) this.batches.set(draw.mesh, (batchesOfMesh = new Map<string, Batch>()));
-    const key = this.materials.key(draw.material, hasColors);
-    let batch = batchesOfMesh.get(key);
-    if (!batch) batchesOfMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, hasColors))));
+    const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
+    let batch = this.batches.get(key);
+    if (!batch) this.batches.set(key, (batch = new Batch(this.root, draw.mesh, key, geometry, this.materials.opaque(draw.material, hasColors))));
     return batch;
+  }
+
+  /** Dispose of a batch, unless `forget` did. */
+  private drop(batch: Batch): void {
+    if (!this.batches.delete(batch.key)) return;
+    batch.dispose();
+    this.materials.release(batch.material);
   }
 
   private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): Points {
@@ -202,13 +221,11 @@ export class Drawing {
   }
 
   private move(node: TreeNode): void {
-    const world = new Matrix4();
     for (const drawn of this.drawn.get(node) ?? []) {
-      if (drawn.local) world.multiplyMatrices(node.world, drawn.local);
-      else world.copy(node.world);
-      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, world);
+      const place = this.place(node, drawn.local);
+      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, place);
       else {
-        drawn.object.matrix.copy(world);
+        drawn.object.matrix.copy(place);
         drawn.object.matrixWorldNeedsUpdate = true;
       }
     }
@@ -217,7 +234,9 @@ export class Drawing {
   private erase(node: TreeNode): void {
     for (const drawn of this.drawn.get(node) ?? []) {
       if ("instance" in drawn) {
-        drawn.instance.batch.remove(drawn.instance);
+        const { batch } = drawn.instance;
+        batch.remove(drawn.instance);
+        if (!batch.instances.length) this.drop(batch);
         continue;
       }
       this.root.remove(drawn.object);

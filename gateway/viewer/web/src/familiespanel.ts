@@ -27,7 +27,7 @@ export class FamiliesPanel {
 
   private row(node: TreeNode): HTMLElement {
     const name = String(node.name);
-    const eye = h("button", { class: "eye", "aria-label": `${node.isShown ? "Hide" : "Show"} all ${name}`, "aria-pressed": String(node.isShown) });
+    const eye = h("button", { class: "eye", "aria-label": `${node.isShown ? "Hide" : "Show"} all ${name}` });
     eye.append(icon(node.isShown ? "eye" : "hidden"));
     eye.addEventListener("click", () => {
       node.shown = !node.isShown;

@@ -25,7 +25,7 @@ export class Lights {
   private readonly headlight = new DirectionalLight(0xffffff, 0.8);
   private environment: Texture | null = null;
 
-  constructor(private readonly renderer: WebGLRenderer) {
+  constructor(private readonly renderer: WebGLRenderer | null) {
     this.sky.position.set(0, 0, 1);
     this.lamp.position.copy(LAMP_DIRECTION);
     this.lamp.shadow.mapSize.setScalar(SHADOW_TEXELS);
@@ -34,8 +34,8 @@ export class Lights {
   }
 
   /** Environment map of a room, Y-up. The first use creates it, which takes seconds without a GPU. */
-  get environmentMap(): Texture {
-    if (!this.environment) {
+  get environmentMap(): Texture | null {
+    if (!this.environment && this.renderer) {
       const generator = new PMREMGenerator(this.renderer);
       const room = new RoomEnvironment();
       this.environment = generator.fromScene(room, 0.04).texture;
@@ -43,6 +43,12 @@ export class Lights {
       generator.dispose();
     }
     return this.environment;
+  }
+
+  /** Make the environment map anew at its next use, after the graphics device has lost it. */
+  forgetEnvironment(): void {
+    this.environment?.dispose();
+    this.environment = null;
   }
 
   /** Move the headlight to the camera. */

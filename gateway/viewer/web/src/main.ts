@@ -1,4 +1,4 @@
-import { Box3, Vector3 } from "three";
+import { Box3, type Vector3 } from "three";
 import "./style.css";
 import { Clicks } from "./clicks";
 import { Connection } from "./connection";
@@ -11,13 +11,13 @@ import { Layout } from "./layout";
 import { Lightbox } from "./lightbox";
 import { Materials } from "./materials";
 import { Model, type TreeNode } from "./model";
-import type { Message, PageSettings, SceneUpdate, Status } from "./protocol";
+import type { Message, PageSettings, Path, SceneUpdate, Status } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
-import { Stage, type Direction } from "./stage";
+import { Stage, type CameraView, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
-import { choice, keep } from "./options";
+import { isOn, keep, keepInTab, keptInTab } from "./options";
 import { backgroundColors, colorsOn, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
@@ -28,12 +28,21 @@ const FRAMING_MS = 2000;
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(stageElement);
+const stage = new Stage(
+  stageElement,
+  () => `view/frame.jpg?${viewQuery()}`,
+  () => materials.disposeUnused(),
+  () => {
+    drawing.moveAll();
+    highlight();
+    placeShadows();
+  },
+);
 const materials = new Materials(redraw, () => stage.lights.environmentMap);
-const drawing = new Drawing(model, materials, stage.clouds, redraw);
+const drawing = new Drawing(model, materials, stage.clouds, stage.origin, redraw);
 stage.content.add(drawing.root);
 const frustum = new Frustum(redraw);
-stage.scene.add(frustum.object);
+stage.world.add(frustum.object);
 const status = new StatusBar();
 const lightbox = new Lightbox();
 const hint = h("p", { class: "hint", role: "status", hidden: true });
@@ -41,6 +50,8 @@ const emptyState = new EmptyState();
 stageElement.append(hint, emptyState.element);
 
 let selected: TreeNode | null = null;
+/** Path of a selected node that was removed: it is selected again when it is published. */
+let awaited: Path | null = null;
 let updates = 0;
 /** True while clients stream images of the stereo camera. */
 let streaming = false;
@@ -49,7 +60,7 @@ let stereoPanelOpened = false;
 /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
 let framingEnds = Infinity;
 /** `stage.placements` after the home view was last framed. */
-let framed = 0;
+let framed = stage.placements;
 let background = startingBackground();
 let settings: PageSettings = { kind: "page", background: null, grid: null, home: null, clickable: [] };
 /** JSON of the last home camera that a client has set. */
@@ -57,7 +68,7 @@ let lastHome = "";
 
 const tree = new TreePanel(model, select, refreshBelow, fit);
 const details = new DetailsPanel({
-  boundsOf: (node) => drawing.bounds(node),
+  boundsOf: (node) => drawing.bounds(node).translate(stage.origin),
   changed: refreshBelow,
   fit,
   close: () => select(null),
@@ -65,12 +76,15 @@ const details = new DetailsPanel({
 const sensors = new SensorsPanel(lightbox);
 const renders = new RendersPanel(lightbox);
 const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, updateActivePanels);
-const SWITCH = ["off", "on"] as const;
 const chosen = {
   background,
   theme: startingTheme(),
-  shadows: choice("shadows", SWITCH, "off") === "on",
-  occlusion: choice("occlusion", SWITCH, "off") === "on",
+  grid: isOn("grid", true),
+  axes: isOn("axes", true),
+  wireframe: isOn("wireframe", false),
+  orthographic: isOn("orthographic", false),
+  shadows: isOn("shadows", false),
+  occlusion: isOn("occlusion", false),
 };
 const bar = toolbar(
   {
@@ -82,14 +96,10 @@ const bar = toolbar(
     axes: (on) => stage.show(stage.axes, on),
     wireframe: (on) => materials.setWireframe(on),
     shadows: (on) => {
-      keep("shadows", on ? "on" : "off");
       chosen.shadows = on;
       placeShadows();
     },
-    occlusion: (on) => {
-      keep("occlusion", on ? "on" : "off");
-      stage.setOcclusion(on);
-    },
+    occlusion: (on) => stage.setOcclusion(on),
     pointSize: (pixels) => materials.setPointSize(pixels),
     background: (name) => {
       keep("background", name);
@@ -100,7 +110,7 @@ const bar = toolbar(
       keep("theme", name);
       setTheme(name);
     },
-    snapshot: () => void snapshot(),
+    snapshot,
     file: () => `scene.glb?${viewQuery()}`,
   },
   chosen,
@@ -129,13 +139,28 @@ function showStreams(message: Status): void {
 }
 
 function select(node: TreeNode | null): void {
-  selected = node;
-  tree.select(node);
-  details.show(node);
-  highlight();
+  awaited = null;
+  showSelection(node);
   if (!node) return;
   tabs.show("Selection");
   layout.openIfWide("right");
+}
+
+function showSelection(node: TreeNode | null): void {
+  selected = node;
+  tree.select(node);
+  details.show(node, awaited);
+  highlight();
+}
+
+/** Select the node at the path of the selected one, after either was removed or added. */
+function followSelection(): void {
+  if (selected && model.nodes.get(selected.id) !== selected) awaited = selected.path;
+  if (!awaited) return highlight();
+  const node = model.find(awaited);
+  if (node === selected) return;
+  if (node) awaited = null;
+  showSelection(node);
 }
 
 function highlight(): void {
@@ -158,10 +183,8 @@ function fit(node: TreeNode | null): void {
 }
 
 function look(direction: Direction): void {
-  if (direction === "home" && settings.home) {
-    const { eye, target, up } = settings.home;
-    stage.placeCamera(new Vector3(...eye), new Vector3(...target), new Vector3(...up));
-  } else stage.look(direction, drawing.focusBoxes(model.root));
+  if (direction === "home" && settings.home) stage.placeCamera(settings.home);
+  else stage.look(direction, drawing.focusBoxes(model.root));
   if (direction === "home") framed = stage.placements;
 }
 
@@ -196,13 +219,12 @@ function update(message: SceneUpdate): void {
   drawing.apply(change);
   updates += 1;
   if (change.added.length || change.removed.length || change.changed.size) tree.update();
-  if (selected && model.nodes.get(selected.id) !== selected) select(model.find(selected.path));
-  else if (selected) highlight();
+  followSelection();
   const empty = model.root.children.size === 0 && !model.root.parts;
   if (!empty && (change.added.length || framingEnds === Infinity)) frameFirstNodes();
   if (change.added.length || change.removed.length) placeShadows();
   emptyState.setShown(empty);
-  showHint("", "centre");
+  showConnectionHint("");
   redraw();
 }
 
@@ -226,7 +248,7 @@ function showSettings(next: PageSettings): void {
   settings = next;
   clicks.setPaths(next.clickable);
   showBackground();
-  if (gridChanged) bar.setGrid(next.grid ?? true);
+  if (gridChanged) bar.setGrid(next.grid ?? isOn("grid", true));
   const home = JSON.stringify(next.home);
   if (next.home && home !== lastHome) {
     lastHome = home;
@@ -234,19 +256,21 @@ function showSettings(next: PageSettings): void {
   }
 }
 
-let hintTimer = 0;
+/** Message about the connection. */
+let connectionHint = { text: "", where: "centre" };
+/** Message about the graphics device. */
+let graphicsHint = stage.renderer ? "" : "This browser has no WebGL 2. These are the gateway's own images of the scene.";
 
-/** Show a message over the view. By default, one at the foot disappears after six seconds. */
-function showHint(text: string, where: "centre" | "foot", stays = where === "centre"): void {
-  if (where === "centre" && hintTimer) return;
-  hint.textContent = text;
-  hint.hidden = text === "";
-  hint.classList.toggle("centre", where === "centre");
-  if (!stays)
-    hintTimer = setTimeout(() => {
-      hintTimer = 0;
-      hint.hidden = true;
-    }, 6000);
+/** Show a message about the connection until the next one. */
+function showConnectionHint(text: string, where: "centre" | "foot" = "centre"): void {
+  connectionHint = { text, where };
+  showHint();
+}
+
+function showHint(): void {
+  hint.textContent = connectionHint.text || graphicsHint;
+  hint.hidden = hint.textContent === "";
+  hint.classList.toggle("centre", connectionHint.text !== "" && connectionHint.where === "centre");
 }
 
 const connection = new Connection(receive, (state, reason) => {
@@ -255,9 +279,9 @@ const connection = new Connection(receive, (state, reason) => {
     drawing.reset();
     sensors.connected();
     renders.connected();
-    showHint("Waiting for the scene …", "centre");
-  } else if (model.revision === 0) showHint(reason || "The gateway does not respond; this page keeps trying.", "centre");
-  else showHint(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
+    showConnectionHint("Waiting for the scene …");
+  } else if (model.revision === 0) showConnectionHint(reason || "The gateway does not respond; this page keeps trying.");
+  else showConnectionHint(reason || "The gateway does not respond; this is the scene as it was.", "foot");
 });
 
 const clicks = new Clicks(stage, drawing, (click) => connection.click(click));
@@ -273,40 +297,67 @@ function showBackground(): void {
   stage.setBackground(colors.background, colors.grid);
 }
 
-/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one. */
+/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one, as in glTF files. */
 function cameraText(): string {
-  const at = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
+  const text = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
+  const at = (v: Vector3) => text(v.clone().add(stage.origin));
   const fovy = stage.perspective.fov.toFixed(2);
-  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${at(stage.camera.up)};fovy=${fovy}`;
+  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${text(stage.camera.up)};fovy=${fovy}`;
 }
 
-/** Return this view as parameters of `/scene/render` and `/scene.glb`. */
+/** Return this view as parameters of `/scene.glb` and of the gateway's images. */
 function viewQuery(): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = stageElement;
-  return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}` });
+  const changed = [...model.nodes.values()].filter(({ shown, visible }) => (shown ?? visible) !== visible);
+  const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
+  return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
 }
 
-async function snapshot(): Promise<void> {
-  const response = await fetch(`scene/render?${viewQuery()}`).catch(() => null);
-  if (!response?.ok) {
-    showHint(response ? await response.text() : "The gateway does not respond.", "foot");
-    return;
-  }
-  const link = h("a", { href: URL.createObjectURL(await response.blob()), download: "scenegate.png" });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+/** Download the view as it is shown; without WebGL, an image of the gateway. */
+function snapshot(): void {
+  const save = (href: string) => h("a", { href, download: "scenegate.png" }).click();
+  if (!stage.renderer) return save(`scene/render?${viewQuery()}`);
+  stage.renderer.domElement.toBlob((image) => {
+    if (!image) return;
+    const url = URL.createObjectURL(image);
+    save(url);
+    setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  });
 }
 
 document.querySelector("#app")?.append(bar.element, layout.element, status.element, lightbox.element);
 setTheme(chosen.theme);
-stage.setOcclusion(chosen.occlusion);
 tabs.show("Stereo");
 layout.start();
+
+/** The camera, and the home camera that a client had set, are kept until the tab is closed, unless it is the home view. */
+interface KeptView extends CameraView {
+  home: string;
+}
+const keptView = keptInTab<KeptView>("view");
+if (keptView) {
+  lastHome = keptView.home;
+  framingEnds = 0;
+  stage.placeCamera(keptView);
+}
+addEventListener("pagehide", () => keepInTab("view", stage.placements === framed ? null : { ...stage.view, home: lastHome }));
+
+stage.canvas.addEventListener("webglcontextlost", () => {
+  graphicsHint = "The browser has lost its graphics device. The view returns when it is back.";
+  showHint();
+});
+stage.canvas.addEventListener("webglcontextrestored", () => {
+  stage.lights.forgetEnvironment();
+  materials.renewEnvironment();
+  graphicsHint = "";
+  showHint();
+  redraw();
+});
 
 stage.onTap((x, y, button) => {
   const hit = stage.pick(x, y);
   const node = hit ? (drawing.nodeAt(hit) ?? null) : null;
-  if (hit && node) clicks.report(node, hit.point.toArray(), button);
+  if (hit && node) clicks.report(node, hit.point.add(stage.origin).toArray(), button);
   if (button !== "left") return;
   select(node);
   if (node) tree.select(node, true);
@@ -334,6 +385,7 @@ setInterval(() => {
   framesBefore = stage.frames;
   if (updates && chosen.shadows) placeShadows(); // the scene may have moved
   updates = 0;
+  if (document.hidden) materials.disposeUnused(); // nothing is drawn
   details.update();
 }, 1000);
 

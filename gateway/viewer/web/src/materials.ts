@@ -32,7 +32,7 @@ const WRAP: Record<number, Wrapping> = {
   33071: ClampToEdgeWrapping,
   33648: MirroredRepeatWrapping,
 };
-/** Maximum number of unused materials kept, so that replaced geometry does not compile its shader again. */
+/** Number of materials up to which unused ones without textures are kept, so that geometry that returns does not compile its shader again. */
 const MAX_MATERIALS = 64;
 /** Milliseconds before a failed download of a texture is repeated. */
 const RETRY_MS = 2000;
@@ -64,6 +64,7 @@ function isMetallic({ metallic = 0 }: Material): boolean {
 interface SharedMaterial {
   material: ThreeMaterial;
   users: number;
+  textures: Texture[];
 }
 
 export class Materials {
@@ -71,6 +72,8 @@ export class Materials {
   private readonly keys = new WeakMap<ThreeMaterial, string>();
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new ImageLoader();
+  /** True if a material was released since the last `disposeUnused`. */
+  private released = false;
   private wireframe = false;
   /** Width of points, pixels; 0: as published. */
   private pointSize = 0;
@@ -78,7 +81,7 @@ export class Materials {
   /** @param environmentMap returns the environment map that metals reflect, Y-up */
   constructor(
     private readonly redraw: () => void,
-    private readonly environmentMap: () => Texture,
+    private readonly environmentMap: () => Texture | null,
   ) {}
 
   /** Return the key of a batch: all properties but the colour. */
@@ -131,13 +134,28 @@ export class Materials {
   release(material: ThreeMaterial): void {
     const shared = this.shared.get(this.keys.get(material) ?? "");
     if (shared) shared.users -= 1;
-    if (this.shared.size <= MAX_MATERIALS) return;
-    for (const [key, { material: unused, users }] of this.shared) {
-      if (users > 0) continue;
-      unused.dispose();
-      this.shared.delete(key);
-      if (this.shared.size <= MAX_MATERIALS) return;
-    }
+    this.released = true;
+  }
+
+  /**
+   * Dispose of textures that no draw uses. Called after an image is drawn: a material that replaces another one has taken over
+   * its shader by then.
+   */
+  disposeUnused(): void {
+    if (!this.released) return;
+    this.released = false;
+    const used = new Set<Texture>();
+    for (const [key, { material, users, textures }] of this.shared)
+      if (users > 0) for (const texture of textures) used.add(texture);
+      else if (textures.length || this.shared.size > MAX_MATERIALS) {
+        material.dispose();
+        this.shared.delete(key);
+      }
+    for (const [key, texture] of this.textures)
+      if (!used.has(texture)) {
+        texture.dispose();
+        this.textures.delete(key);
+      }
   }
 
   /** Drop all textures: another gateway uses other ids. */
@@ -146,6 +164,12 @@ export class Materials {
     this.textures.clear();
     for (const { material } of this.shared.values()) material.dispose();
     this.shared.clear();
+  }
+
+  /** Use a new environment map. */
+  renewEnvironment(): void {
+    for (const { material } of this.shared.values())
+      if (material instanceof MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
   }
 
   setWireframe(on: boolean): void {
@@ -216,7 +240,7 @@ export class Materials {
     const key = JSON.stringify(use) + colorSpace;
     let threeTexture = this.textures.get(key);
     if (!threeTexture) {
-      threeTexture = this.load(`view/image/${use.image}`);
+      threeTexture = this.load(key, `view/image/${use.image}`);
       threeTexture.colorSpace = colorSpace;
       threeTexture.flipY = false; // glTF: (0, 0) is the top-left corner
       threeTexture.wrapS = WRAP[use.wrap[0]] ?? RepeatWrapping;
@@ -233,7 +257,7 @@ export class Materials {
     return threeTexture;
   }
 
-  private load(url: string, tries = 3): Texture {
+  private load(key: string, url: string, tries = 3): Texture {
     const texture = new Texture<HTMLCanvasElement | HTMLImageElement>(placeholderImage());
     texture.needsUpdate = true;
     const download = () =>
@@ -246,7 +270,7 @@ export class Materials {
           this.redraw();
         },
         undefined,
-        () => (tries -= 1) > 0 && setTimeout(download, RETRY_MS),
+        () => (tries -= 1) > 0 && setTimeout(() => this.textures.get(key) === texture && download(), RETRY_MS),
       );
     download();
     return texture;
@@ -255,7 +279,9 @@ export class Materials {
   private acquire(key: string, make: () => ThreeMaterial): ThreeMaterial {
     let shared = this.shared.get(key);
     if (!shared) {
-      shared = { material: make(), users: 0 };
+      const material = make();
+      const { envMap: _, ...own } = material as ThreeMaterial & { envMap?: Texture };
+      shared = { material, users: 0, textures: Object.values(own).filter((value: unknown) => value instanceof Texture) };
       this.shared.set(key, shared);
       this.keys.set(shared.material, key);
     }

@@ -12,12 +12,35 @@ export function choice<T extends string>(name: string, allowed: readonly T[], fa
   return fallback;
 }
 
+/** Return true if a setting is on. */
+export function isOn(name: string, fallback: boolean): boolean {
+  return choice(name, ["off", "on"], fallback ? "on" : "off") === "on";
+}
+
 /** Store a setting for the next visit. */
 export function keep(name: string, value: string): void {
   try {
     localStorage.setItem(PREFIX + name, value);
   } catch {
     // The browser does not allow storage: the setting lasts as long as the page.
+  }
+}
+
+/** Store a value until the tab is closed. */
+export function keepInTab(name: string, value: unknown): void {
+  try {
+    sessionStorage.setItem(PREFIX + name, JSON.stringify(value));
+  } catch {
+    // As in `keep`.
+  }
+}
+
+/** Return a value of `keepInTab`, or null. */
+export function keptInTab<T>(name: string): T | null {
+  try {
+    return JSON.parse(sessionStorage.getItem(PREFIX + name) ?? "null") as T | null;
+  } catch {
+    return null;
   }
 }
 

@@ -81,7 +81,7 @@ export interface SceneUpdate {
   poses: Float32Array;
   matrixIds: Uint32Array;
   /** 4x4 column-major transform of each node in matrixIds */
-  matrices: Float32Array;
+  matrices: Float64Array;
 }
 
 export interface MeshPayload {
@@ -170,6 +170,7 @@ export function parse(buffer: ArrayBuffer): Message {
   const start = 8 + view.getUint32(4, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, start - 8))) as Header;
   const floats = (span: Span) => new Float32Array(buffer, start + span[0], span[1]);
+  const doubles = (span: Span) => new Float64Array(buffer, start + span[0], span[1]);
   const words = (span: Span) => new Uint32Array(buffer, start + span[0], span[1]);
   const bytes = (span: Span) => new Uint8Array(buffer, start + span[0], span[1]);
   switch (header.kind) {
@@ -185,7 +186,7 @@ export function parse(buffer: ArrayBuffer): Message {
         poseIds: poses ? words(poses.ids) : new Uint32Array(),
         poses: poses ? floats(poses.values) : new Float32Array(),
         matrixIds: matrices ? words(matrices.ids) : new Uint32Array(),
-        matrices: matrices ? floats(matrices.values) : new Float32Array(),
+        matrices: matrices ? doubles(matrices.values) : new Float64Array(),
       };
     }
     case "mesh":

@@ -18,6 +18,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
+import { h } from "./dom";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
@@ -25,6 +26,9 @@ import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 /** Vertical field of view, degrees. */
 const FOV = 45;
 const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
+/** Distance between the origin of the page's scene and the view's target above which the origin moves, metres: in single
+ * precision, coordinates are 0.06 mm apart there. */
+const MAX_TARGET_DISTANCE = 1000;
 /** Size of the view as a multiple of that of the framed boxes. */
 const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
@@ -38,13 +42,37 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
 const Z_UP = new Vector3(0, 0, 1);
 /** Box that is framed while the scene is empty. */
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
+type Vector = [number, number, number];
+
+/** A camera in the world, metres. */
+export interface CameraView {
+  eye: Vector;
+  target: Vector;
+  up: Vector;
+  /** Half the height of the orthographic view, metres. Default: as high as the perspective view at the target. */
+  halfHeight?: number;
+}
+
 export type Button = "left" | "middle" | "right";
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
 
+/** Return a renderer, or null in a browser without WebGL 2. */
+function newRenderer(): WebGLRenderer | null {
+  const canvas = h("canvas");
+  const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+  if (!context) return null;
+  const renderer = new WebGLRenderer({ canvas, context });
+  renderer.shadowMap.enabled = true;
+  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+  return renderer;
+}
+
 export class Stage {
   readonly scene = new Scene();
-  readonly renderer: WebGLRenderer;
+  /** Null without WebGL: `canvas` is an image of the gateway then. */
+  readonly renderer = newRenderer();
+  readonly canvas: HTMLElement;
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
   readonly perspective = new PerspectiveCamera(FOV, 1, 0.01, 1000);
@@ -67,15 +95,27 @@ export class Stage {
 
   /** Objects of the scene, which `pick` searches. */
   readonly content = new Object3D();
+  /** Objects that are placed in the world: axes, the stereo camera. */
+  readonly world = new Object3D();
+  /** Point of the world at which `scene` has its origin. It is near the view's target, where coordinates have to be precise. */
+  readonly origin = new Vector3();
 
-  constructor(private readonly holder: HTMLElement) {
-    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
-    this.renderer.shadowMap.enabled = true;
+  /**
+   * @param imageUrl returns the URL of the gateway's image of this view, which is shown without WebGL
+   * @param drawn called after an image was drawn
+   * @param originMoved called after `origin` has changed
+   */
+  constructor(
+    private readonly holder: HTMLElement,
+    private readonly imageUrl: () => string,
+    private readonly drawn: () => void,
+    private readonly originMoved: () => void,
+  ) {
+    this.canvas = this.renderer?.domElement ?? h("img", { alt: "", draggable: "false" });
     this.lights = new Lights(this.renderer);
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.renderer.domElement.tabIndex = 0;
-    this.renderer.domElement.setAttribute("aria-label", "3D view of the scene");
-    holder.append(this.renderer.domElement);
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("aria-label", "3D view of the scene");
+    holder.append(this.canvas);
     for (const camera of [this.perspective, this.orthographic]) {
       camera.up.copy(Z_UP);
       camera.layers.enable(CLOUD_LAYER);
@@ -85,16 +125,21 @@ export class Stage {
     for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
     for (const material of [this.axes.material].flat()) patch(material, BEFORE_SURFACE);
     this.highlight.visible = false;
-    this.scene.add(this.content, this.grid, this.axes, this.highlight, this.lights.object);
+    this.world.add(this.axes);
+    this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
-    this.renderer.setAnimationLoop(() => this.draw());
+    const loop = () => {
+      this.draw();
+      requestAnimationFrame(loop);
+    };
+    requestAnimationFrame(loop);
   }
 
   private newControls(): OrbitControls {
-    const controls = new OrbitControls(this.camera, this.renderer.domElement);
-    controls.listenToKeyEvents(this.renderer.domElement);
+    const controls = new OrbitControls(this.camera, this.canvas);
+    controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => this.redraw());
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
@@ -111,7 +156,7 @@ export class Stage {
 
   /** Call back on clicks and taps, not on drags. */
   onTap(tapped: (x: number, y: number, button: Button) => void): void {
-    const canvas = this.renderer.domElement;
+    const { canvas } = this;
     let press = { x: 0, y: 0 };
     canvas.addEventListener("pointerdown", (event) => (press = { x: event.clientX, y: event.clientY }));
     const released = (event: MouseEvent) => {
@@ -137,15 +182,22 @@ export class Stage {
   /** Frame boxes from a named direction. */
   look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
-    this.frame(boxes.length ? boxes : [DEFAULT_BOX], new Vector3(...DIRECTIONS[direction]).normalize());
+    this.frame(boxes.length ? boxes : [DEFAULT_BOX.clone().translate(this.world.position)], new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
-  /** Place the camera at a point. All vectors are in the world, metres. */
-  placeCamera(eye: Vector3, target: Vector3, up: Vector3): void {
+  /** The camera in the world. */
+  get view(): CameraView {
+    const [eye, target] = [this.camera.position, this.controls.target].map((at) => at.clone().add(this.origin).toArray()) as [Vector, Vector];
+    return { eye, target, up: this.camera.up.toArray(), halfHeight: this.halfHeight / this.orthographic.zoom };
+  }
+
+  /** Place the camera in the world. */
+  placeCamera(view: CameraView): void {
+    const [eye, target, up] = [view.eye, view.target, view.up].map((at) => new Vector3(...at)) as [Vector3, Vector3, Vector3];
     this.setUp(up);
-    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye);
-    this.controls.target.copy(target);
-    this.finishPlacing(eye.distanceTo(target) * TAN_HALF_FOV);
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(eye).sub(this.origin);
+    this.controls.target.copy(target).sub(this.origin);
+    this.finishPlacing(view.halfHeight ?? eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
   /** Set the direction that is up in the view. OrbitControls reads it only in its constructor. */
@@ -222,7 +274,7 @@ export class Stage {
 
   setOcclusion(on: boolean): void {
     this.occlusion?.dispose();
-    this.occlusion = on ? new AmbientOcclusion(this.renderer, this.scene, this.camera) : null;
+    this.occlusion = on && this.renderer ? new AmbientOcclusion(this.renderer, this.scene, this.camera) : null;
     this.resize();
   }
 
@@ -248,7 +300,7 @@ export class Stage {
 
   /** Return the nearest hit at a point of the page, pixels. */
   pick(x: number, y: number): Intersection | undefined {
-    const rect = this.renderer.domElement.getBoundingClientRect();
+    const rect = this.canvas.getBoundingClientRect();
     const point = new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2);
     const caster = new Raycaster();
     caster.setFromCamera(point, this.camera);
@@ -263,8 +315,8 @@ export class Stage {
   resize(): void {
     const width = Math.max(1, this.holder.clientWidth);
     const height = Math.max(1, this.holder.clientHeight);
-    this.renderer.setSize(width, height);
-    this.occlusion?.setSize(width, height, this.renderer.getPixelRatio());
+    this.renderer?.setSize(width, height);
+    this.occlusion?.setSize(width, height, this.renderer?.getPixelRatio() ?? 1);
     this.perspective.aspect = width / height;
     this.perspective.updateProjectionMatrix();
     const half = this.halfHeight;
@@ -286,32 +338,56 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
+  /** Move the origin to round coordinates near the view's target. */
+  private moveOrigin(): void {
+    const shift = this.controls.target.clone().divideScalar(MAX_TARGET_DISTANCE).round().multiplyScalar(MAX_TARGET_DISTANCE);
+    this.origin.add(shift);
+    for (const point of [this.perspective.position, this.orthographic.position, this.controls.target]) point.sub(shift);
+    this.world.position.copy(this.origin).negate();
+    this.grid.position.z = -this.origin.z; // near the target, at the world's height 0
+    this.controls.update();
+    this.originMoved();
+    this.redraw();
+  }
+
   private draw(): void {
     this.controls.update();
-    if (this.dirty) this.drawImage();
-    else if (this.clouds.refine(performance.now())) this.refineClouds();
+    if (this.controls.target.length() > MAX_TARGET_DISTANCE) this.moveOrigin();
+    if (this.dirty && this.renderer) this.drawImage(this.renderer);
+    else if (this.dirty && (this.canvas as HTMLImageElement).complete) this.loadImage(this.canvas as HTMLImageElement);
+    else if (this.renderer && this.clouds.refine(performance.now())) this.refineClouds(this.renderer);
     else return;
     this.frames += 1;
   }
 
-  private drawImage(): void {
+  /** Show the gateway's image of this view, after the previous one has arrived. */
+  private loadImage(image: HTMLImageElement): void {
+    this.dirty = false;
+    this.scene.updateMatrixWorld();
+    this.camera.updateMatrixWorld();
+    image.src = `${this.imageUrl()}&number=${this.frames}`;
+    this.drawn();
+  }
+
+  private drawImage(renderer: WebGLRenderer): void {
     this.dirty = false;
     this.updateClippingPlanes();
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
-    else this.renderer.render(this.scene, this.camera);
+    else renderer.render(this.scene, this.camera);
+    this.drawn();
   }
 
   /** Add chunks of point clouds to the image. Its colours and depths are kept. */
-  private refineClouds(): void {
+  private refineClouds(renderer: WebGLRenderer): void {
     const { mask } = this.camera.layers;
     const { background } = this.scene;
     this.camera.layers.set(CLOUD_LAYER);
     this.scene.background = null; // three.js clears the image to a background, even without autoClear
-    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = false;
-    this.renderer.render(this.scene, this.camera);
-    this.renderer.autoClear = this.renderer.shadowMap.autoUpdate = true;
+    renderer.autoClear = renderer.shadowMap.autoUpdate = false;
+    renderer.render(this.scene, this.camera);
+    renderer.autoClear = renderer.shadowMap.autoUpdate = true;
     this.scene.background = background;
     this.camera.layers.mask = mask;
   }

@@ -28,7 +28,7 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
   const right = button("panel", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
   const file = h(
     "a",
-    { class: "button", href: "scene.glb", download: "scene.glb", title: "The scene as .glb, with this view as its camera" },
+    { class: "button", href: "scene.glb", download: "scene.glb", title: "The visible scene as .glb, with this view as its camera" },
     icon("download"),
     h("span", { class: "word" }, ".glb"),
   );
@@ -45,7 +45,7 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
     h("span", { class: "space" }),
     h(
       "button",
-      { title: "This view as PNG, rendered by the gateway's own rasterizer", onclick: () => actions.snapshot() },
+      { title: "This view as PNG", onclick: () => actions.snapshot() },
       icon("snapshot"),
       h("span", { class: "word" }, "PNG"),
     ),

@@ -12,6 +12,9 @@ const OPEN_AT_FIRST = 2;
 interface Row {
   node: TreeNode;
   depth: number;
+  /** Number among its siblings, from 1. */
+  position: number;
+  siblings: number;
 }
 
 export class TreePanel {
@@ -19,6 +22,7 @@ export class TreePanel {
   private readonly search = h("input", { type: "search", placeholder: "Search paths", "aria-label": "Search paths" });
   private readonly list = h("div", { class: "rows", role: "tree", tabindex: 0, "aria-label": "Paths" });
   private readonly spacer = h("div", { class: "spacer" });
+  private readonly nothing = h("p", { class: "empty", role: "status" });
   private readonly families: FamiliesPanel;
   private readonly toggled = new Map<number, boolean>();
   private rows: Row[] = [];
@@ -36,7 +40,7 @@ export class TreePanel {
       this.onShow(node);
       this.paint();
     });
-    this.element.append(h("header", {}, this.search), this.families.element, this.list);
+    this.element.append(h("header", {}, this.search), this.families.element, this.nothing, this.list);
     this.list.append(this.spacer);
     this.search.addEventListener("input", () => this.update());
     this.list.addEventListener("scroll", () => this.paint());
@@ -71,31 +75,38 @@ export class TreePanel {
   }
 
   private listRows(): Row[] {
-    const wanted = this.search.value.trim().toLowerCase();
+    const wanted = this.search.value.trim().toLowerCase().replace(/\s*\/\s*/g, "/");
     const rows: Row[] = [];
-    const stack: Row[] = [{ node: this.model.root, depth: 0 }];
+    const stack: Row[] = [{ node: this.model.root, depth: 0, position: 1, siblings: 1 }];
     const matching = wanted ? this.matching(wanted) : null;
+    this.nothing.textContent = matching?.size === 0 ? `No path contains “${this.search.value.trim()}”.` : "";
+    this.nothing.hidden = matching?.size !== 0;
+    if (matching?.size === 0) return rows;
     for (let row = stack.pop(); row; row = stack.pop()) {
-      if (matching && !matching.has(row.node)) continue;
       rows.push(row);
-      if (!matching && !this.isOpen(row.node, row.depth)) continue;
-      const { depth } = row;
-      stack.push(...[...row.node.children].reverse().map((node) => ({ node, depth: depth + 1 })));
+      if (!this.isOpen(row.node, row.depth)) continue;
+      const depth = row.depth + 1;
+      const children = [...row.node.children].filter((node) => !matching || matching.has(node));
+      stack.push(...children.map((node, i) => ({ node, depth, position: i + 1, siblings: children.length })).reverse());
     }
     return rows;
   }
 
-  /** Return the nodes whose name contains the text, and their ancestors. */
+  /** Return the nodes whose path, such as /demo/robot, contains the text, and their ancestors. */
   private matching(text: string): Set<TreeNode> {
-    const found = new Set<TreeNode>([this.model.root]);
-    for (const node of this.model.nodes.values())
-      if (String(node.name).toLowerCase().includes(text))
-        for (let at: TreeNode | null = node; at && !found.has(at); at = at.parent) found.add(at);
+    const found = new Set<TreeNode>();
+    const paths = new Map<TreeNode, string>();
+    for (const node of this.model.nodes.values()) {
+      if (!node.parent) continue;
+      const path = `${paths.get(node.parent) ?? ""}/${String(node.name).toLowerCase()}`; // parents come first
+      paths.set(node, path);
+      if (path.includes(text)) for (let at: TreeNode | null = node; at && !found.has(at); at = at.parent) found.add(at);
+    }
     return found;
   }
 
   private isOpen(node: TreeNode, depth: number): boolean {
-    return this.toggled.get(node.id) ?? depth < OPEN_AT_FIRST;
+    return this.search.value.trim() !== "" || (this.toggled.get(node.id) ?? depth < OPEN_AT_FIRST);
   }
 
   private paint(): void {
@@ -109,8 +120,8 @@ export class TreePanel {
     else this.list.removeAttribute("aria-activedescendant");
   }
 
-  private row({ node, depth }: Row, top: number): HTMLElement {
-    const open = this.isOpen(node, depth) || this.search.value.trim() !== "";
+  private row({ node, depth, position, siblings }: Row, top: number): HTMLElement {
+    const open = this.isOpen(node, depth);
     const name = node.parent ? String(node.name) || '""' : "scene";
     const arrow = h("button", {
       class: "arrow",
@@ -127,7 +138,6 @@ export class TreePanel {
     const eye = h("button", {
       class: "eye",
       tabindex: -1,
-      "aria-pressed": String(node.isShown),
       "aria-label": `${node.isShown ? "Hide" : "Show"} ${name}`,
       title: node.isShown ? "Hide" : "Show",
       onclick: (event) => {
@@ -136,7 +146,7 @@ export class TreePanel {
       },
     });
     eye.append(icon(node.isShown ? "eye" : "hidden"));
-    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name" }, name);
+    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name", title: name }, name);
     const kinds = h("span", { class: "kinds" }, counted(node.parts?.map((part) => part.kind) ?? []).join(", "));
     const element = h(
       "div",
@@ -145,6 +155,8 @@ export class TreePanel {
         role: "treeitem",
         id: `row-${node.id}`,
         "aria-level": depth + 1,
+        "aria-posinset": position,
+        "aria-setsize": siblings,
         "aria-selected": String(node === this.selected),
         "data-path": JSON.stringify(node.path),
         onclick: () => this.onSelect(node),
@@ -189,8 +201,15 @@ export class TreePanel {
     else if (event.key === "Home") go(0);
     else if (event.key === "End") go(this.rows.length - 1);
     else if (!row) return;
-    else if (event.key === "ArrowRight" && !this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
-    else if (event.key === "ArrowLeft" && this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
+    else if (event.key === "ArrowRight") {
+      if (!row.node.children.size) return;
+      if (this.isOpen(row.node, row.depth)) go(index + 1);
+      else this.toggle(row.node, row.depth);
+    } else if (event.key === "ArrowLeft") {
+      const canClose = row.node.children.size && this.isOpen(row.node, row.depth) && this.search.value.trim() === "";
+      if (canClose) this.toggle(row.node, row.depth);
+      else go(this.rows.findIndex(({ node }) => node === row.node.parent));
+    }
     else if (event.key === "e" || event.key === " ") this.setShown(row.node, !row.node.isShown);
     else if (event.key === "f" || event.key === "Enter") this.onFocus(row.node);
     else return;
