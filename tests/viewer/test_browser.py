@@ -413,11 +413,11 @@ def test_values_of_the_selection_can_be_copied(view: tuple[View, Publisher]) -> 
     value = shown.page.locator(".details dd").first
     assert value.inner_text() == "0  0  0"
     shown.page.evaluate("window.first = document.querySelector('.details dd')")
-    shown.page.wait_for_timeout(1500)
+    shown.page.wait_for_timeout(1500)  # short: the details are drawn each second; a slow page is only tested less
     assert shown.page.evaluate("first.isConnected")
     shown.page.evaluate("getSelection().selectAllChildren(first)")
     publisher.send(settransform=[publisher.at(["moving"], 1.5)])
-    shown.page.wait_for_timeout(2500)
+    shown.page.wait_for_timeout(2500)  # short: likewise
     assert shown.page.evaluate("getSelection().toString()").strip() == "0  0  0"
     shown.page.evaluate("getSelection().removeAllRanges()")
     shown.until(lambda: value.inner_text() == "1.5  0  0", "the new position")
@@ -758,7 +758,7 @@ def test_page_reconnects_after_a_restart(browser: Any) -> None:
         outage = shown.page.get_by_text("this is the scene as it was")
         outage.wait_for()
         shown.page.get_by_role("button", name="PNG").click()
-        shown.page.wait_for_timeout(500)
+        shown.page.wait_for_timeout(500)  # short: a slow page is only tested less
         assert outage.is_visible()
         second = stack.enter_context(_on_port(port))
         publisher = Publisher(url)

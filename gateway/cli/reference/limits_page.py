@@ -80,7 +80,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ("MAX_CAMERA_CHARACTERS", "MIN_FOVY", "MIN_PLANE_DISTANCE", "MAX_COORDINATE"),
     ),
     ("glTF: strides", "gateway.gltf.accessors", ("_MAX_STRIDE",)),
-    ("glTF: warnings", "gateway.gltf.reader", ("_MAX_WARNINGS",)),
+    ("glTF: warnings", "gateway.gltf.reader", ("_MAX_LISTED_WARNINGS",)),
     ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_MAX_CANDIDATES")),
     ("glTF that is written", "gateway.gltf.export.glb_document", ("MAX_BYTES",)),
     ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MAX_FACES_PER_VERTEX",)),
