@@ -150,6 +150,8 @@ def _read_content(
         with as_warning(missing, "the node has no mesh"):
             mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
             primitives = mesh.primitives or []
+            if not primitives:
+                raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
             if own_pose is None and not document.merged_by_drake:
                 pose = Pose(tuple(mesh.weights or ()))
         primitive_count += len(primitives)
@@ -158,8 +160,6 @@ def _read_content(
         mesh_parts: list[Part] = []
         for number, primitive in enumerate(primitives):
             name = f"meshes[{mesh_index}].primitives[{number}]"
-            if primitive is None:
-                continue
             try:
                 primitive = checked_item(primitives, number, "primitives", name)
                 smooth = materials.is_from_vtk(primitive)

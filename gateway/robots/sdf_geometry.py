@@ -13,7 +13,7 @@ from gateway.robots.robot import GeometryUse
 from gateway.robots.sdf_frames import read_pose
 from gateway.robots.urdf_geometry import read_color
 from gateway.robots.urdf_shapes import read_shape, sizes
-from gateway.robots.xml_text import Element, InvalidAttributeError, numbers, with_attributes
+from gateway.robots.xml_text import Element, InvalidAttributeError, named_elements, numbers, with_attributes
 from gateway.scene.geometry import Box, Surface
 from gateway.scene.transforms import IDENTITY, scaling, translation
 from renderers import primitives
@@ -43,10 +43,9 @@ def read_geometries(
         X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
     """
     geometries = []
-    for element in link.findall(use):
+    for element, where in named_elements(link, use, f"link {name!r}, {use}"):
         if element.find("geometry/empty") is not None:
             continue
-        where = f"link {name!r}, {use}"
         X, relative_to = read_pose(element, where, warnings)
         if relative_to:
             X = X_link(relative_to) @ X

@@ -15,6 +15,7 @@ from gateway.robots.xml_text import (
     InvalidAttributeError,
     attribute,
     finite_numbers,
+    named_elements,
     numbers,
     origin,
 )
@@ -41,9 +42,8 @@ class UrdfGeometryReader:
 
     def geometries(self, link: Element, name: str) -> tuple[LinkGeometry, ...]:
         """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning."""
-        where = f"link {name!r}, {self._use}"
         geometries = []
-        for element in link.findall(self._use):
+        for element, where in named_elements(link, self._use, f"link {name!r}, {self._use}"):
             try:
                 shape = read_shape(element.find("geometry"), where, self._warnings)
             except InvalidAttributeError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import codecs
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -103,6 +103,14 @@ def _remove_comments(data: bytes) -> bytes:
         pieces.append(data[position:start])
         position = end + 3
     return b"".join((*pieces, data[position:]))
+
+
+def named_elements(parent: Element, tag: str, where: str) -> Iterator[tuple[Element, str]]:
+    """Yield the children of a tag with the start of their warnings: with name or number if there are several."""
+    elements = parent.findall(tag)
+    for number, element in enumerate(elements, 1):
+        name = element.get("name")
+        yield element, where if len(elements) == 1 else f"{where} {repr(name) if name else number}"
 
 
 class InvalidAttributeError(ValueError):

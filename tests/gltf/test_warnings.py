@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.gltf import GltfCache, GltfError, read_gltf
-from tests.gltf.builder import parts
+from tests.gltf.builder import Builder, meshes, parts
 
 
 def document() -> dict[str, Any]:
@@ -108,3 +108,14 @@ def test_at_most_100_warnings_are_listed(count: int, last: str) -> None:
     warnings = read_gltf(json.dumps(source).encode()).warnings
     assert len(warnings) == min(count, 101)
     assert last in warnings[-1]
+
+
+def test_meshes_without_primitives_have_a_warning() -> None:
+    b = Builder()
+    for mesh in (b.triangle(), b.mesh(), b.add("meshes", {"primitives": [None]})):
+        b.node(mesh=mesh)
+    scene = b.read()
+    assert len(meshes(scene)) == 1
+    empty, null = sorted(scene.warnings)
+    assert empty == "meshes[1].primitives: there are none; the node has no mesh"
+    assert null.startswith("meshes[2].primitives[0]")

@@ -314,7 +314,7 @@ def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:
     sdf = f"<sdf version='1.9'><model name='m'><link name='l'>{visuals}</link></model></sdf>"
     robot = read_robot(write(tmp_path, sdf, "m.sdf"))
     assert [part.material.base_color for part in robot.parts[0]] == [(1, 0, 0, 1), (0, 1, 0, 1)]
-    assert robot.warnings == ("link 'l', visual: diffuse='255 0 0 255' is read as 0 to 255",)
+    assert robot.warnings == ("link 'l', visual 'v': diffuse='255 0 0 255' is read as 0 to 255",)
 
 
 def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:

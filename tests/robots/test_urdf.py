@@ -110,17 +110,17 @@ BOX = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("<visual/>", "link 'a', visual: it has no shape; it is not shown"),
-        ("<visual><geometry/></visual>", "link 'a', visual: it has no shape"),
+        ("<visual/>", "link 'a', visual 1: it has no shape; it is not shown"),
+        ("<visual><geometry/></visual>", "link 'a', visual 1: it has no shape"),
         (shape("<cone/>"), "the shape <cone> is not supported; it is not shown"),
-        (shape("<box/>"), "link 'a', visual: <box> has no size; it is not shown"),
+        (shape("<box/>"), "link 'a', visual 1: <box> has no size; it is not shown"),
         (shape('<box size="1 1"/>'), "size='1 1' of <box> must be 3 finite numbers; it is not shown"),
         (shape('<box size="1 -1 1"/>'), "size='1 -1 1' of <box> must be above 0; it is not shown"),
         (shape('<sphere radius="-1"/>'), "radius='-1' of <sphere> must be above 0; it is not shown"),
         (shape('<sphere radius="nan"/>'), "radius='nan' of <sphere> must be a finite number; it is not shown"),
         (shape('<cylinder radius="1" length="$(arg l)"/>'), "length='$(arg l)' of <cylinder> must be a finite number"),
         (shape('<ellipsoid radii="1 0 1"/>'), "radii='1 0 1' of <ellipsoid> must be above 0"),
-        (shape("<mesh/>"), "link 'a', visual: <mesh> has no filename; it is not shown"),
+        (shape("<mesh/>"), "link 'a', visual 1: <mesh> has no filename; it is not shown"),
     ],
 )
 def test_geometry_that_cannot_be_drawn_is_left_out_with_a_warning(tmp_path: Path, content: str, message: str) -> None:
@@ -128,8 +128,14 @@ def test_geometry_that_cannot_be_drawn_is_left_out_with_a_warning(tmp_path: Path
     assert [part.shape for part in robot.parts[0]] == [Box((1.0, 2.0, 3.0))]
     (warning,) = robot.warnings
     assert message in warning
-    with pytest.raises(RobotFileError, match="link 'a', visual: "):
+    with pytest.raises(RobotFileError, match="link 'a', visual 1: "):
         read_robot(tmp_path / "robot.urdf", strict=True)
+
+
+def test_each_visual_without_a_shape_has_its_warning(tmp_path: Path) -> None:
+    robot = read(tmp_path, link('<visual/><visual name="lamp"/><visual/>' + BOX))
+    names = [warning.partition(":")[0] for warning in robot.warnings]
+    assert names == ["link 'a', visual 1", "link 'a', visual 'lamp'", "link 'a', visual 3"]
 
 
 @pytest.mark.parametrize(
