@@ -12,6 +12,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 from msgspec import inspect
 
+from gateway.gltf import schema
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.schema import Document, Extensions, Object
@@ -35,7 +36,12 @@ _TYPE_CHECKS: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]]
 this check, so that it fails for whatever is left."""
 
 _Object = TypeVar("_Object", bound=Object)
-_decoder: Final = functools.cache(msgspec.json.Decoder)
+_DECODERS: Final = {
+    each: msgspec.json.Decoder(each)
+    for each in vars(schema).values()
+    if isinstance(each, type) and issubclass(each, Object)
+}
+"""Decoder of each type. msgspec crashes if two threads make the first decoder of a type at the same time."""
 _type_info: Final = functools.cache(inspect.type_info)
 
 
@@ -96,7 +102,7 @@ def _decode(
     """
     try:
         try:
-            return _decoder(type_).decode(text)
+            return _DECODERS[type_].decode(text)
         except (msgspec.MsgspecError, ValueError):  # ValueError: text that is not UTF-8
             value = json.loads(bytes(text), parse_float=_parse_float)
         return convert(value, _type_info(type_), path, warnings)

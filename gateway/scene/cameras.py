@@ -44,8 +44,11 @@ _VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
 _NAME: Final = r'("[^"\\\x00-\x1f]*"|0|-?[1-9][0-9]{0,8})'
 _FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-9]{0,9})?)"
 _XMAG: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|[1-9][0-9]{0,8}(\.[0-9]{0,9})?)"
+_PATH: Final = rf"\[({_NAME}(, ?{_NAME})*)?\]"
+PATHS_PATTERN: Final = rf"^\[({_PATH}(, ?{_PATH})*)?\]$"
+"""Pattern of a JSON list of paths."""
 CAMERA_PATTERN: Final = (
-    rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?"
+    rf"^(stereo|fit|path:{_PATH}|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?"
     rf"(;fovy={_FOVY}|;xmag={_XMAG})?)$"
 )
 """Regular expression of the grammar, for API descriptions.

@@ -15,6 +15,7 @@ from gateway.scene.cameras import (
     MAX_COORDINATE,
     MIN_FOVY,
     MIN_PLANE_DISTANCE,
+    PATHS_PATTERN,
     CameraError,
     CameraSpec,
     parse_camera,
@@ -147,6 +148,7 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
     """Return the parameters of ``GET /scene/render``."""
     side = {"type": "integer", "minimum": 1, "maximum": config.max_side}
     pixels = f"Pixels; width x height is at most {config.max_pixels}."
+    paths = {"type": "string", "pattern": PATHS_PATTERN}
     plane = {"type": "number", "minimum": MIN_PLANE_DISTANCE, "maximum": MAX_COORDINATE}
     fovy = {"type": "number", "default": DEFAULT_FOVY, "minimum": MIN_FOVY, "exclusiveMaximum": 180}
     return (
@@ -182,8 +184,8 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
             _choice_schema(get_args(DepthFormat), "tiff"),
             "tiff",
         ),
-        Parameter("hide", "JSON list of the paths of nodes to hide.", {"type": "string"}, '[["robot","arm"]]'),
-        Parameter("show", "JSON list of the paths of hidden nodes to show.", {"type": "string"}, '[["ghost"]]'),
+        Parameter("hide", "JSON list of the paths of nodes to hide.", paths, '[["robot","arm"]]'),
+        Parameter("show", "JSON list of the paths of hidden nodes to show.", paths, '[["ghost"]]'),
     )
 
 
