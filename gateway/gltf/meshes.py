@@ -46,7 +46,7 @@ _CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats] | None]]] = 
     "COLOR_0": ("colors", rgba_colors),
     "TANGENT": ("tangents", unit_tangents),
 }
-"""By attribute: the field of ``Mesh``, and the function that converts finite numbers to the form of that field."""
+"""Field of ``Mesh`` and function that converts finite numbers to the form of that field, by attribute."""
 _RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart value, which glTF forbids as an index, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)

@@ -23,8 +23,11 @@ def without_broken_faces(data: bytes, warnings: list[str]) -> bytes:
     Raises:
         MeshFaultError: All faces are broken.
     """
-    lines = [line.partition(b"#")[0] for line in data.splitlines()]  # trimesh reads no comments behind faces
+    lines = data.splitlines()
     statements = [line.split(maxsplit=1)[:1] for line in lines]
+    for number, statement in enumerate(statements):
+        if statement == [b"f"]:
+            lines[number] = lines[number].partition(b"#")[0]  # trimesh reads no comments behind faces
     counts = [sum(statement == [kind] for statement in statements) for kind in _KINDS]
     broken = [
         number

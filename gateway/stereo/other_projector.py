@@ -21,7 +21,7 @@ class OtherProjector:
     """(4, 4) float64, pose of that camera's left optical frame."""
     model: StereoModel
     dot_light: float
-    """As ``StereoConfig.dot_light``."""
+    """Light that a full dot adds, relative to the rendered light."""
     settings: StreamSettings
     """Parameters of that camera, which switch the projector."""
 

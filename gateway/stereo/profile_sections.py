@@ -67,7 +67,7 @@ class ProjectorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     output: Literal["Low", "High", "ExposureActive", "ExposureAlternateActive"] = "Low"
     """Default of the parameter ``out1_mode``. Output 1 switches the projector on and off."""
     light: Annotated[float, msgspec.Meta(ge=0, le=100)] = 2.0
-    """As ``StereoConfig.dot_light``."""
+    """Light that a full dot adds, relative to the rendered light."""
 
 
 class ColorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

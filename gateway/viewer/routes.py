@@ -38,7 +38,7 @@ IMMUTABLE: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
 CONTENT_SECURITY_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; base-uri 'none'"
 )
-"""What the page may load and connect to: the gateway, and its icon."""
+"""Content security policy of the page: it uses its own gateway only; its icon is in the page."""
 REVALIDATE: Final = {"Cache-Control": "no-cache"}
 """Response headers: browsers check at every use whether the file has changed."""
 

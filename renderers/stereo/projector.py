@@ -12,15 +12,14 @@ albedo and angle. Dots fade with the square of the distance. Polished metal retu
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from functools import cache
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.compiler.jit import kernel
 from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Image, Instance
@@ -45,9 +44,8 @@ MAX_FADE: Final = 4.0
 """Maximum factor by which nearer dots are brighter."""
 _AVERAGED_TEXELS: Final = 256
 """Minimum number of texels along a texture's shorter side from which its means are computed."""
-_means_of_images: WeakKeyDictionary[Image, tuple[float, float]] = WeakKeyDictionary()
+_cached_means: Cache[Image, tuple[float, float]] = Cache("metal_means", weak=True)
 """Results of ``_metal_means``."""
-_lock: Final = threading.Lock()
 _ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
 """Kernel arguments for ``returned`` of None."""
 
@@ -146,15 +144,13 @@ def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
 
 def _metal_means(image: Image) -> tuple[float, float]:
     """Return the means of a metallic-roughness texture: of metalness, and of metalness times squared roughness."""
-    with _lock:
-        means = _means_of_images.get(image)
+    means = _cached_means.get(image)
     if means is None:
         pixels = image.decode()
         step = max(1, min(pixels.shape[:2]) // _AVERAGED_TEXELS)
         roughness, metal = (pixels[::step, ::step, channel] / 255.0 for channel in (1, 2))
         means = float(metal.mean()), float((metal * roughness**2).mean())
-        with _lock:
-            _means_of_images[image] = means
+        _cached_means.put(image, means, 2 * 8)
     return means
 
 

@@ -157,7 +157,9 @@ async def test_images_and_files_with_the_visibility_of_the_query(world: World) -
     assert (await world.client.get(f"/scene/render?{query}")).status_code == 200
     (scene, *_) = world.renderer.calls[-1]
     assert len(scene.instances) == 1
-    assert not world.tree.snapshot.root.find(("robot", "head")).visible  # type: ignore[union-attr]
+    head = world.tree.snapshot.root.find(("robot", "head"))
+    assert head is not None
+    assert not head.visible
     for text in ("robot", '["robot"]', "[[true]]", "[[1.5]]", "[" * 1000):
         refusal = await world.client.get("/scene/render", params={"hide": text})
         assert refusal.status_code == 400
