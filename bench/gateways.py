@@ -11,10 +11,12 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.render_requests import CONTENT_TYPE
 from gateway.testing.gateway import clean_environment
@@ -75,10 +77,15 @@ def post(port: int, body: bytes, *, pause: float = 0.0) -> Answer:
 class Gateway:
     """A running ``scenegate serve``."""
 
-    def __init__(self, *flags: str, environment: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        *flags: str,
+        environment: dict[str, str] | None = None,
+        program: tuple[str, ...] = ("-m", "gateway.cli"),
+    ) -> None:
         self.began = time.perf_counter()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.cli", "serve", "--http-port", "0", *flags],
+            [sys.executable, *program, "serve", "--http-port", "0", *flags],
             env={
                 **clean_environment(),
                 "SCENEGATE_LOG_FORMAT": "json",
@@ -114,6 +121,12 @@ class Gateway:
             if isinstance(entry, dict) and str(entry.get("event", "")).startswith(event):
                 return entry
         raise SystemExit(f"the gateway ended with {self.process.wait()}: {''.join(said)}")
+
+    def interface(self, name: str) -> dict[str, Any]:
+        """Return the entry of an interface in ``/healthz``."""
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/healthz", timeout=TIMEOUT) as response:
+            entry: dict[str, Any] = json.load(response)["interfaces"][name]
+        return entry
 
     def rss(self) -> float:
         """Resident memory, MB."""

@@ -60,7 +60,7 @@ class FrameScheduler:
         Args:
             on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
                 and X_world_left, (4, 4) float64.
-            on_streaming: called often, with True while clients stream.
+            on_streaming: called with True before the first frame for clients, and with False when there are none.
             has_messages_before: see ``StereoService``.
         """
         config = imaging.config
@@ -83,13 +83,19 @@ class FrameScheduler:
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
         self._frame_number = 0
+        self._settings = read_settings(parameters)
+        self._settings_version = parameters.version
+        self._streaming = False
         self._last: SceneState | None = None
         """Scene of the newest capture, for motion blur and rolling shutters."""
 
     @property
     def settings(self) -> StreamSettings:
         """Current parameters."""
-        return read_settings(self._parameters)
+        if self._settings_version != self._parameters.version:
+            self._settings_version = self._parameters.version
+            self._settings = read_settings(self._parameters)
+        return self._settings
 
     @property
     def counts(self) -> FrameCounts:
@@ -111,7 +117,7 @@ class FrameScheduler:
             while True:
                 await self._step()
         finally:
-            self._on_streaming(False)
+            self._set_streaming(False)
             tasks = self._camera_frames.tasks | self._depth_frames.tasks
             self._cancel_frames()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -120,8 +126,8 @@ class FrameScheduler:
         """Wait until a frame is due or a client changes, and capture a frame if one is due."""
         hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
         hub.changed.clear()
-        self._on_streaming(len(hub) > 0)
-        if len(hub) == 0:
+        self._set_streaming(len(hub) > 0)
+        if not self._streaming:
             self._cancel_frames()
             self._camera_frames.last = self._depth_frames.last = None
             clock.rest()
@@ -152,6 +158,11 @@ class FrameScheduler:
             await _wait(hub.changed, period)
         else:
             clock.skip_frame(period_ns)
+
+    def _set_streaming(self, streaming: bool) -> None:
+        if streaming != self._streaming:
+            self._streaming = streaming
+            self._on_streaming(streaming)
 
     def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
         """Return the timestamp of the frame that is due."""
@@ -325,8 +336,9 @@ class FrameScheduler:
 
     def _repeat_last_frames(self) -> None:
         """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
-        settings, publisher = self.settings, self._publisher
+        publisher = self._publisher
         for kind in self._hub.take_new_kinds():
+            settings = self.settings
             frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
             if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
                 continue

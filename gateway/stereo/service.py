@@ -54,7 +54,7 @@ class StereoService:
             workers: threads for rendering, depth, serialisation and ground truth.
             clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
-            on_streaming: called often, with True while clients stream images.
+            on_streaming: called with True when clients begin to stream images, and with False when there are none.
             has_messages_before: returns True if a message that arrived before a time, nanoseconds since the epoch, is
                 not part of the scene yet.
         """

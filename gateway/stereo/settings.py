@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 from gateway.stereo.parameter_specs import DeviceLimits, Value
@@ -42,7 +43,7 @@ class Region:
         return rows, slice(self.x // divisor, -(-(self.x + self.width) // divisor))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class StreamSettings:
     """Values of all parameters at one time."""
 
@@ -77,39 +78,39 @@ class StreamSettings:
     out2_mode: str
     """Mode of output 2."""
 
-    @property
+    @cached_property
     def alternate_exposure(self) -> bool:
         """True if camera and depth images are exposed in turn."""
         return self.out1_mode == "ExposureAlternateActive"
 
-    @property
+    @cached_property
     def meters_lit_images(self) -> bool:
         """True if metering needs the projector's light even for images without it."""
         return self.auto_exposure is not None and (self.alternate_exposure or self.auto_exposure_mode != "Normal")
 
-    @property
+    @cached_property
     def separate_depth(self) -> bool:
         """True if depth needs its own exposure, because an output is high for depth and low for camera images or vice
         versa."""
         return self.gpio(depth=False) != self.gpio(depth=True)
 
-    @property
+    @cached_property
     def camera_rate(self) -> float:
         """Camera image sets per second. In alternate exposure every second exposure is for depth."""
         fps = self.fps / HDR_IMAGES if self.manual_exposure.hdr else self.fps
         return min(fps, self.limits.fps / 2) if self.alternate_exposure else fps
 
-    @property
+    @cached_property
     def longest_exposure(self) -> float:
         """Longest time of an exposure, seconds."""
         return self.manual_exposure.time if self.auto_exposure is None else self.auto_exposure.max_time
 
-    @property
+    @cached_property
     def averaged_images(self) -> int:
         """Number of images averaged for depth. ``static_scene`` applies to full and high quality only (manual)."""
         return STATIC_IMAGES if self.static_scene and self.quality in (Quality.FULL, Quality.HIGH) else 1
 
-    @property
+    @cached_property
     def depth_rate(self) -> float:
         """Depth images per second of the device."""
         return min(self.camera_rate / self.averaged_images, self.limits.depth_rates[self.quality])
