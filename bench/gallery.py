@@ -26,7 +26,7 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import resolve_camera
-from gateway.stereo.profile import read_profile
+from gateway.stereo.device.profile import read_profile
 from renderers.camera import Camera
 from renderers.drawlist import (
     AlphaMode,
@@ -45,16 +45,16 @@ from renderers.fxaa import fxaa
 from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
-from renderers.stereo.downscale import fine_means
-from renderers.stereo.exposure import Exposure
-from renderers.stereo.matching import match_pair
+from renderers.stereo.depth.downscale import fine_means
+from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
+from renderers.stereo.lens.optics import SceneLight, light_on_sensor
+from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import NoiseStream, frame_key
-from renderers.stereo.optics import SceneLight, light_on_sensor
-from renderers.stereo.pixel_classes import ImageKind
-from renderers.stereo.projector import projected_dots
-from renderers.stereo.sensor import image_from_light
-from renderers.stereo.truth import DepthRange, true_disparity
+from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.sensor_image import image_from_light
 
 Picture = NDArray[np.uint8]
 PAPER: Final = (236, 239, 243)

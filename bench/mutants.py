@@ -45,7 +45,7 @@ ROOMS = {
     "server": ("tests/server", "tests/security"),
     "settings": ("tests/settings",),
     "state": ("tests/state",),
-    "stereo": ("tests/stereo",),
+    "stereo": ("tests/renderers/stereo", "tests/stereo"),
     "treeviewer": ("tests/treeviewer", "tests/lcm"),
     "viewer": ("tests/viewer", "tests/sceneapi"),
     "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
@@ -59,7 +59,7 @@ KERNEL_ROOMS = {
     "renderers": ("tests/renderers",),
     "scene": ("tests/scene",),
     "shading": ("tests/renderers/shading", "tests/renderers"),
-    "stereo": ("tests/stereo",),
+    "stereo": ("tests/renderers/stereo", "tests/stereo"),
     "treeviewer": ("tests/treeviewer",),
 }
 """Rooms with kernels, of ``renderers`` and of ``gateway``; "renderers" is what lies in no room."""

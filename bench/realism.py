@@ -23,15 +23,15 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Capture, ImageRequest
-from gateway.stereo.motion import SceneState
-from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import make_imaging
-from gateway.stereo.settings import read_settings
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.raster import CpuRenderer
-from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
+from renderers.stereo.sensor.noise import NoiseStream
 
 SECONDS: Final = 5.1
 """Time of the demo scene in the images, seconds."""

@@ -23,11 +23,11 @@ from bench.sensor_images import Sample, demo_samples, renderer, samples
 from bench.sensor_materials import report_materials, report_reach, report_response
 from bench.sensor_plot import write_plot
 from bench.sensor_time import report_over_time
-from gateway.stereo.depth import ground_truth_depth, modelled_depth
-from gateway.stereo.matched_depth import matched_depth
-from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.downscale import grey_levels
-from renderers.stereo.filters import Filters
+from gateway.stereo.depth.matched_depth import matched_depth
+from gateway.stereo.depth.rendered_depth import ground_truth_depth, modelled_depth
+from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.filters import Filters
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 
 SEEDS: Final = (1, 2, 3, 4, 5)

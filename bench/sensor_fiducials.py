@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Capture, ImageRequest
-from gateway.stereo.realistic_images import make_imaging
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from renderers.stereo.exposure import DISPLAY_GAMMA, Exposure
-from renderers.stereo.noise import NoiseStream
-from renderers.stereo.optics import LENS_BLUR
+from renderers.stereo.lens.optics import LENS_BLUR
 from renderers.stereo.realism import RealismPart
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
+from renderers.stereo.sensor.noise import NoiseStream
 
 TEXELS: Final = 24
 """Texels per cell of a tag: finer than the pixels of the image."""

@@ -1,4 +1,4 @@
-"""Fit ``renderers/stereo/matcher_statistics.json``, the statistics of our matcher: ``python -m bench.sensor_fit``.
+"""Fit ``renderers/stereo/depth/matcher_statistics.json``, our matcher's statistics: ``python -m bench.sensor_fit``.
 
 Matches images of the scenes of ``sensor_scenes``, and compares the matches with the exact disparity in each class
 of pixels (``pixel_classes``).
@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, samples
-from renderers.stereo.downscale import grey_levels
-from renderers.stereo.matcher_statistics import FILE
-from renderers.stereo.matching import find_matches
-from renderers.stereo.model import Quality
-from renderers.stereo.pixel_classes import (
+from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.matcher_statistics import FILE
+from renderers.stereo.depth.matching import find_matches
+from renderers.stereo.depth.pixel_classes import (
     CLASSES,
     DISAGREEMENTS,
     EDGES,
@@ -30,6 +29,7 @@ from renderers.stereo.pixel_classes import (
     classify,
     window_range,
 )
+from renderers.stereo.model import Quality
 
 SEEDS: Final = range(100, 106)
 """Seeds of the scenes."""

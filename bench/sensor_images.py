@@ -15,18 +15,18 @@ from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.depth import ImagePair, depth_noise_sigma, depth_pair, measurable_depths
-from gateway.stereo.images import Capture, ImageRequest, Imaging
-from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import make_imaging
-from gateway.stereo.settings import StreamSettings, read_settings
+from gateway.stereo.depth.rendered_depth import ImagePair, depth_noise_sigma, depth_pair, measurable_depths
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import StreamSettings, read_settings
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.true_disparity import true_disparity
 from renderers.stereo.model import Quality
-from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS
-from renderers.stereo.truth import true_disparity
+from renderers.stereo.sensor.noise import NoiseStream
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,18 +18,18 @@ from gateway.gltf import read_gltf
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.transforms import translation
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Capture, ImageRequest
-from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import make_imaging
-from gateway.stereo.settings import read_settings
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Output
-from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.exposure import Exposure
+from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS
+from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.noise import NoiseStream
 
 MATERIALS: Final = {
     "mirror": 1, "brushed metal": 2, "glass": 3, "black": 4, "chequer": 5, "weak texture": 6, "strong texture": 7,

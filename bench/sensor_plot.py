@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.sensor_images import Sample
 from bench.sensor_time import DISTANCE, Camera, deviation_of, time_scenes
-from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages
 
 FRAMES: Final = 50
 """Number of frames."""

@@ -24,14 +24,14 @@ from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.transforms import Matrix, translation
 from gateway.scene.tree import Node, TreeEdit
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Capture
-from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import make_imaging
-from gateway.stereo.settings import read_settings
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture
 from renderers.drawlist import DrawList, Instance
-from renderers.stereo.depth_images import DepthImages
-from renderers.stereo.filters import Filters
+from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.filters import Filters
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS
 

@@ -36,7 +36,7 @@ import numpy as np
 
 from bench.stream_servers import payload
 from gateway.runtime.process_tuning import tune
-from gateway.stereo import wire
+from gateway.stereo.stream import image_wire as wire
 
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
 HEAD = ROW.format(

@@ -22,19 +22,21 @@ import uvloop
 from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.process_tuning import tune
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo import messages, server, wire
-from gateway.stereo.config import Rate, StereoConfig
-from gateway.stereo.events import EventHub
-from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame_scheduler import SceneSource
-from gateway.stereo.hub import ImageSetHub, MailboxState
-from gateway.stereo.messages import ImageMetadata
-from gateway.stereo.motion import SceneState
-from gateway.stereo.profile import read_profile
+from gateway.stereo.device.camera_config import Rate, StereoConfig
+from gateway.stereo.device.profile import read_profile
+from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
+from gateway.stereo.stream import grpc_server as server
+from gateway.stereo.stream import image_messages as messages
+from gateway.stereo.stream import image_wire as wire
+from gateway.stereo.stream.faults import FaultInjector
+from gateway.stereo.stream.frame_scheduler import SceneSource
+from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.image_messages import ImageMetadata
+from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 from renderers.interface import LookName
-from renderers.stereo.exposure import Exposure
 from renderers.stereo.realism import parse_realism
+from renderers.stereo.sensor.exposure import Exposure
 
 PAYLOADS = {
     "A": "left mono",
@@ -172,7 +174,7 @@ def _demo() -> tuple[SceneSource, Any]:
     from gateway.scene.live import LiveTree
     from gateway.scene.mount import Mount, parse_mount_pose
     from gateway.settings import Settings
-    from gateway.stereo.scene_view import SceneView
+    from gateway.stereo.imaging.scene_view import SceneView
     from gateway.wiring.demo import DemoService
 
     tree = LiveTree()

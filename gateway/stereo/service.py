@@ -10,23 +10,23 @@ from typing import Any
 import structlog
 
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo import server
-from gateway.stereo.clock import Clock, SystemClock
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.events import EventHub
-from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame import Frame, FrameRecord
-from gateway.stereo.frame_publisher import FrameCounts
-from gateway.stereo.frame_scheduler import FrameScheduler, SceneSource
-from gateway.stereo.hub import ImageSetHub
-from gateway.stereo.images import Capture, Imaging, MeteredExposure
-from gateway.stereo.imu import Imu, PoseLog
-from gateway.stereo.other_projector import lit_projectors
-from gateway.stereo.pairs import PairImaging
-from gateway.stereo.parameters import Parameters
-from gateway.stereo.realistic_images import make_imaging
-from gateway.stereo.request import SetKind
-from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.clock import Clock, SystemClock
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
+from gateway.stereo.imaging.other_projector import lit_projectors
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.recorded_pairs import PairImaging
+from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
+from gateway.stereo.imu.imu_service import Imu, PoseLog
+from gateway.stereo.stream import grpc_server as server
+from gateway.stereo.stream.faults import FaultInjector
+from gateway.stereo.stream.frame import Frame, FrameRecord
+from gateway.stereo.stream.frame_publisher import FrameCounts
+from gateway.stereo.stream.frame_scheduler import FrameScheduler, SceneSource
+from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.set_kind import SetKind
+from gateway.stereo.stream.subscriptions import ImageSetHub
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("stereo")

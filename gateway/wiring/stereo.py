@@ -20,34 +20,34 @@ from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
 from gateway.settings import Settings
-from gateway.stereo.camera_routes import camera_router
-from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.config import StereoConfig, Tls
-from gateway.stereo.fault_routes import fault_router
-from gateway.stereo.imu import PoseLog
-from gateway.stereo.imu_routes import imu_router
-from gateway.stereo.motion import SceneState
-from gateway.stereo.node_routes import node_router
-from gateway.stereo.other_projector import OtherProjector
-from gateway.stereo.pair_files import find_pairs, read_geometry
-from gateway.stereo.pairs import PairImaging, pair_imaging
-from gateway.stereo.parameter_specs import NODES
-from gateway.stereo.profile import read_profile
-from gateway.stereo.request import SetKind
-from gateway.stereo.scene_view import SceneView
+from gateway.stereo.device.camera_config import StereoConfig, Tls
+from gateway.stereo.device.clock import SimulatedClock
+from gateway.stereo.device.parameter_specs import NODES
+from gateway.stereo.device.profile import read_profile
+from gateway.stereo.device.stream_settings import StreamSettings
+from gateway.stereo.imaging.other_projector import OtherProjector
+from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
+from gateway.stereo.imaging.recorded_pairs import PairImaging, pair_imaging
+from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.scene_view import SceneView
+from gateway.stereo.imu.imu_service import PoseLog
+from gateway.stereo.routes.camera_routes import camera_router
+from gateway.stereo.routes.fault_routes import fault_router
+from gateway.stereo.routes.imu_routes import imu_router
+from gateway.stereo.routes.node_routes import node_router
+from gateway.stereo.routes.system_routes import system_router
+from gateway.stereo.routes.truth_routes import truth_router
+from gateway.stereo.routes.upload_routes import upload_router
 from gateway.stereo.service import StereoService
-from gateway.stereo.settings import StreamSettings
-from gateway.stereo.system_routes import system_router
-from gateway.stereo.truth import truth_router
-from gateway.stereo.upload import upload_router
+from gateway.stereo.stream.set_kind import SetKind
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.scene_setting import read_scene_setting
-from renderers.stereo.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import NoiseStream
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
+from renderers.stereo.sensor.noise import NoiseStream
 
 ProjectorSource = Callable[[int | None], OtherProjector]
 """Returns a camera's projector at a time as for ``SceneView.state``."""

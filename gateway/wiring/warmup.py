@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
+from pkgutil import walk_packages
 from typing import Any, Final
 
 from gateway.runtime import kernel_cache, process_tuning
@@ -30,12 +31,14 @@ def _kernels_of(*names: str, excluding: tuple[str, ...] = (), modules: tuple[str
     Args:
         names: full names of the kernels, or of modules or packages with them.
         excluding: names as above, of kernels that are left out.
-        modules: modules that define the kernels, besides those of the rasterizer.
+        modules: modules and packages that define the kernels, besides those of the rasterizer.
     """
 
     def compile_or_load() -> None:
         for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *modules):
-            import_module(module)
+            package = import_module(module)
+            for each in walk_packages(getattr(package, "__path__", ()), f"{module}."):
+                import_module(each.name)
         from renderers.compiler.jit import KERNELS, compile_kernel
 
         for kernel in KERNELS:
@@ -50,23 +53,6 @@ _STUDIO: Final = ("renderers.shading.studio",)
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
 _SETUP: Final = ("renderers.raster.setup",)
-_STEREO: Final = tuple(
-    f"renderers.stereo.{name}"
-    for name in (
-        "errors",
-        "filters",
-        "key_light",
-        "matching",
-        "mesh",
-        "metric_depth",
-        "motion_blur",
-        "optics",
-        "posed_projector",
-        "projector",
-        "sensor",
-        "truth",
-    )
-)
 _FORMATS: Final = (
     "gateway.gltf.meshopt_kernels",
     "gateway.gltf.skinning",
@@ -86,7 +72,7 @@ NEEDED: Final[Mapping[str, Callable[[], None]]] = {
 """Parts that the default settings need; the longest first, so that the children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
     "studio": _kernels_of(*_STUDIO),
-    "stereo": _kernels_of("renderers.stereo", modules=_STEREO),
+    "stereo": _kernels_of("renderers.stereo", modules=("renderers.stereo",)),
     "normals": _kernels_of(*_NORMALS),
     "antialiasing": _kernels_of(*_ANTIALIASING),
     "formats": _kernels_of(*_FORMATS, modules=_FORMATS),

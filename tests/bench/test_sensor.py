@@ -9,9 +9,9 @@ import pytest
 
 from bench import sensor, sensor_fit, sensor_materials
 from bench.sensor_images import Sample, samples
-from renderers.stereo import matcher_statistics
+from renderers.stereo.depth import matcher_statistics
+from renderers.stereo.depth.pixel_classes import CLASSES, ImageKind
 from renderers.stereo.model import Quality
-from renderers.stereo.pixel_classes import CLASSES, ImageKind
 from tests.support.corpus import corpus_dir
 
 

@@ -18,8 +18,8 @@ from gateway.client.channel import Credentials
 from gateway.client.imu import ImuFailure, ImuRecorder
 from gateway.client.stream import StreamOptions, receive_all
 from gateway.server.http_server import PortService
-from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.imu_routes import imu_router
+from gateway.stereo.device.clock import SimulatedClock
+from gateway.stereo.routes.imu_routes import imu_router
 from gateway.stereo.service import StereoService
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until

@@ -22,9 +22,9 @@ from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
-from gateway.stereo.pair_files import read_geometry
-from gateway.stereo.profile import read_profile
-from gateway.stereo.truth import truth_router
+from gateway.stereo.device.profile import read_profile
+from gateway.stereo.imaging.pair_files import read_geometry
+from gateway.stereo.routes.truth_routes import truth_router
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until
 

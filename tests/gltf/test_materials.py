@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.gltf import DEFAULT_MATERIAL, GltfCache, GltfError, GltfLimits, GltfScene, label_from_material
-from gateway.stereo.images import DOT_ALPHA
+from gateway.stereo.imaging.rendered_images import DOT_ALPHA
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material, Sampler, Texture, Wrap
 from tests.gltf.builder import Builder, data_uri, parts
 

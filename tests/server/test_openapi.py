@@ -15,7 +15,7 @@ from gateway.app import create_app
 from gateway.scene.cameras import CAMERA_PATTERN, CameraError, parse_camera
 from gateway.server.openapi import SECURITY_SCHEMES
 from gateway.settings import Settings
-from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
+from gateway.stereo.device.parameter_specs import NODE_ALIASES, NODES
 from tests.conftest import DemoGateway
 from tests.support import clients
 

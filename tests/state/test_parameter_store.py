@@ -8,8 +8,8 @@ import structlog.testing
 
 from gateway.state.database import Database
 from gateway.state.parameter_store import ParameterStore
-from gateway.stereo.parameter_specs import NODES
-from gateway.stereo.parameters import Parameters
+from gateway.stereo.device.parameter_specs import NODES
+from gateway.stereo.device.parameters import Parameters
 
 
 @pytest.fixture

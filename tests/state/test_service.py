@@ -10,7 +10,7 @@ from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.service import PersistentState
-from gateway.stereo.parameters import Parameters
+from gateway.stereo.device.parameters import Parameters
 from renderers.drawlist import Material
 from tests.support.waiting import until
 

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.profile import read_profile
-from renderers.stereo.exposure import DISPLAY_GAMMA, Exposure
-from renderers.stereo.optics import SceneLight, light_on_sensor, relative_light
-from renderers.stereo.sensor import SensorImage, image_from_light
+from gateway.stereo.device.profile import read_profile
+from renderers.stereo.lens.optics import SceneLight, light_on_sensor, relative_light
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
+from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
 
 K: Final = read_profile("rc_visard_160c").model.intrinsics()
 

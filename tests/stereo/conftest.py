@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo.clock import Clock
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.frame_scheduler import SceneSource
-from gateway.stereo.motion import SceneState
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.clock import Clock
+from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
+from gateway.stereo.stream.frame_scheduler import SceneSource
 from gateway.wiring.warmup import PARTS
 from renderers.drawlist import DrawList
 from renderers.interface import Renderer

@@ -24,9 +24,9 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.settings import Settings
-from gateway.stereo.config import StereoConfig
-from gateway.stereo.profile import read_profile
-from gateway.stereo.scene_view import SceneView
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.profile import read_profile
+from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.service import StereoService
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
 from gateway.wiring.context import Context

@@ -1,0 +1,45 @@
+"""Images of the stereo cameras before rectification, for calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.stereo.imaging.rendered_images import Capture, Imaging
+from renderers.camera import Camera
+from renderers.interface import Output
+from renderers.stereo.lens.distortion import distorted_image, raw_pose
+from renderers.stereo.lens.optics import light_on_sensor
+from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
+
+
+def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: bool) -> SensorImage:
+    """Return the grey image of one camera before rectification, without projector and realism.
+
+    Args:
+        imaging: source of the images.
+        capture: scene and pose.
+        exposure: exposure of the image.
+        right: the right camera instead of the left one.
+
+    Raises:
+        ImageError: a texture cannot be decoded.
+    """
+    config = imaging.config
+    offset = config.model.baseline if right else 0.0
+    camera = config.model.camera(capture.X_world_left, offset=offset, divisor=1, near=config.near, far=config.far)
+    camera = replace(camera, X_world_camera=raw_pose(camera.X_world_camera, config.distortion, right=right))
+
+    def render(pinhole: Camera) -> NDArray[np.uint8]:
+        with imaging.renderer.render(capture.scene, pinhole, Output.COLOR, imaging.look) as frame:
+            assert frame.color is not None
+            return frame.color.copy()
+
+    k = config.model.intrinsics()
+    light = light_on_sensor(distorted_image(render, camera, k, config.distortion), k, exposure, color=False)
+    key = frame_key(config.seed, capture.frame_number, NoiseStream.RAW_RIGHT if right else NoiseStream.RAW_LEFT)
+    return image_from_light(light, exposure, key, noise_factor=config.noise_factor)

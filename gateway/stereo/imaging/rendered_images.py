@@ -1,0 +1,365 @@
+"""Make the images, depth and meshes of a frame, in worker threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.stereo.depth import rendered_depth as depth
+from gateway.stereo.depth.rendered_depth import ImagePair
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.stream_settings import StreamSettings
+from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
+from gateway.stereo.imaging.other_projector import OtherProjector
+from gateway.stereo.imaging.scene_motion import SceneState
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, ImageError
+from renderers.interface import Frame, Look, Output, Renderer
+from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.lens.color_camera import ColorCamera
+from renderers.stereo.lens.optics import Lens, SceneLight, light_on_sensor, relative_light
+from renderers.stereo.light.posed_projector import Surfaces, add_dots
+from renderers.stereo.light.projector import projected_dots, returned_shares
+from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
+from renderers.stereo.sensor.exposure import LUMA, Exposure, auto_exposure
+from renderers.stereo.sensor.fixed_pattern import FixedPattern
+from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """Scene, camera pose and digital outputs at one instant."""
+
+    timestamp: int
+    """Nanoseconds since the epoch."""
+    scene: DrawList
+    revision: int
+    """Revision of the scene."""
+    X_world_left: NDArray[np.float64]
+    """(4, 4) float64, pose of the left optical frame in the world."""
+    gpio: int
+    """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
+    frame_number: int = 0
+    earlier: SceneState | None = None
+    """Frame before this one, for motion blur and rolling shutters; None: there is none, or nothing needs it."""
+    projectors: tuple[OtherProjector, ...] = ()
+    """Projectors of other cameras that are on."""
+
+    @property
+    def out1_high(self) -> bool:
+        """True if Out1 is high."""
+        return bool(self.gpio & 1)
+
+    def has_projection(self, config: StereoConfig) -> bool:
+        """Return True if there is a projector and it is on. It is connected to Out1."""
+        return config.projector and config.dot_light > 0.0 and self.out1_high
+
+
+DOT_ALPHA: Final = 0.5
+"""Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
+METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
+"""Pixels of a colour camera's image that it meters."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageRequest:
+    """Images to make from one rendering of one camera."""
+
+    exposure: Exposure
+    stream: NoiseStream
+    """Stream of random numbers for the noise; it also selects the left or right camera."""
+    colors: frozenset[bool]
+    """Images to make: True for one in colour, False for one in grey."""
+    averaged_images: int = 1
+    """Number of images to average, which reduces the noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeteredExposure:
+    """Result of automatic exposure."""
+
+    exposure: Exposure
+    brightness: float
+    """Mean of the exposed image, 0 to 1."""
+    out1_reduction: float = 0.0
+    """See ``auto_exposure``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColorImage:
+    """Image of a colour camera."""
+
+    sensor_image: SensorImage
+    exposure: Exposure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imaging:
+    """Source of images and depth: the rendered scene."""
+
+    config: StereoConfig
+    renderer: Renderer
+    exposure_memory: ExposureMemory = field(default_factory=ExposureMemory)
+    """State of automatic exposure."""
+
+    @property
+    def look(self) -> Look:
+        """Look of the rendered images, depth and labels."""
+        config = self.config
+        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
+
+    def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
+
+        Args:
+            capture: scene and pose.
+            offset: metres along the left camera's x axis.
+            divisor: width of the camera images divided by that of the rendered images.
+            outputs: images to render.
+        """
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
+
+    def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """Render the surfaces that a matcher measures and that dots fall on; the arguments are those of ``render``.
+
+        Depth and instances ignore surfaces that are mostly transparent.
+        """
+        return self._render_lit(capture.scene, self.camera(capture, offset, divisor), outputs)
+
+    def _render_lit(self, scene: DrawList, camera: Camera, outputs: Output) -> Frame:
+        """Render as ``render_lit``, with any camera."""
+        look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+        return self.renderer.render(scene, camera, outputs, look)
+
+    def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
+        """Return the camera of ``render`` with the same arguments."""
+        config = self.config
+        return config.model.camera(
+            capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far
+        )
+
+    def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
+        """Return the exposure of a capture's images, and the mean brightness of the left image.
+
+        The exposure is the manual one if a texture cannot be decoded.
+        """
+        # Metering may need the light of the camera's own projector while it is off.
+        lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
+        try:
+            frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
+        except ImageError:
+            return MeteredExposure(settings.manual_exposure, 0.0)
+        with frame:
+            other_dots = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
+            dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
+            unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
+        exposure, out1_reduction = choose_exposure(
+            unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
+        )
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.light).mean()
+        return MeteredExposure(exposure, float(brightness), out1_reduction)
+
+    def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
+        """Return the requested images of one camera at full resolution; keys are True for colour, False for grey."""
+        config, exposure = self.config, request.exposure
+        right = request.stream.is_right
+        offset = config.model.baseline if right else 0.0
+        key = frame_key(config.seed, capture.frame_number, request.stream)
+        k, pattern = config.model.intrinsics(), self._fixed_pattern(right=right)
+        noise_factor = config.noise_factor / request.averaged_images**0.5
+        with self.render_lit(capture, offset, 1, self._outputs(capture)) as frame:
+            assert frame.color is not None
+            self._blur_motion(capture, offset, exposure.time, frame.color)
+            dots = self._projected_dots(frame, capture, offset, 1)
+            scene_light = self._scene_light(capture.scene, self.camera(capture, offset, 2), dots)
+            return {
+                color: image_from_light(
+                    light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
+                    exposure,
+                    key,
+                    pattern,
+                    noise_factor,
+                )
+                for color in request.colors
+            }
+
+    def develop(
+        self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
+    ) -> ColorImage:
+        """Return the colour camera's image of a rendered image, (H, W, 3) uint8, which it meters itself."""
+        config, manual = self.config, settings.manual_exposure
+        camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far, divisor=2)
+        scene_light = self._scene_light(capture.scene, camera, None)
+        light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, self._lens, color=True)
+        exposure = own_exposure(relative_light(light[METERED_PIXELS]) @ LUMA.astype(np.float32), settings)
+        key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
+        return ColorImage(
+            image_from_light(light, exposure, key, noise_factor=self._noise_factor(color_camera)), exposure
+        )
+
+    def _noise_factor(self, color_camera: ColorCamera) -> float:
+        return color_camera.noise if self.config.noise else 0.0
+
+    def image_kind(self, capture: Capture) -> ImageKind:
+        """Return the kind of a capture's images."""
+        dots = capture.has_projection(self.config) or bool(capture.projectors)
+        return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
+
+    def measure(self, left: Frame, right: Frame, settings: StreamSettings, pair: ImagePair | None) -> DepthImages:
+        """Return depth images from two frames with depth, and close the frames.
+
+        Args:
+            left: frame of the left camera.
+            right: frame of the right camera.
+            settings: parameters of the frame.
+            pair: images of the same exposure, for modelled errors; None: no errors.
+        """
+        with left, right:
+            assert left.depth is not None
+            assert right.depth is not None
+            if pair is None:
+                return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
+            return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings)
+
+    def mesh(
+        self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None
+    ) -> tuple[bytes, memoryview, memoryview]:
+        """Return a mesh as the parts of a PLY file.
+
+        Args:
+            images: depth images.
+            divisor: width of the camera images divided by that of the depth images.
+            options: mesh options of the request.
+            left: left image, for a textured mesh.
+        """
+        model = self.config.model
+        return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
+
+    def _metered_light(
+        self,
+        frame: Frame,
+        capture: Capture,
+        other_dots: NDArray[np.uint16] | None,
+        dots: NDArray[np.uint16] | None,
+        manual: Exposure,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the light of a frame for metering, without and with the own projector's light; (h, w) float32 each.
+
+        Args:
+            frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
+            capture: capture of the frame.
+            other_dots: (h, w) uint16, light of other cameras' projectors; None: all are off.
+            dots: (h, w) uint16, light of all projectors; None: all are off.
+            manual: exposure whose white balance applies.
+        """
+        rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
+        assert rendered is not None
+        lens = Lens(vignetting=self._lens.vignetting)
+        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), other_dots)
+
+        def light(scene_light: SceneLight) -> NDArray[np.float32]:
+            return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
+
+        unlit = light(scene_light)
+        return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
+
+    def _scene_light(self, scene: DrawList, half: Camera, dots: NDArray[np.uint16] | None) -> SceneLight:
+        """Return the light on the scene besides the rendered one.
+
+        Args:
+            scene: scene of the image.
+            half: camera with half the resolution of the image.
+            dots: (H, W) uint16, light of projectors; None: all are off.
+        """
+        return SceneLight(dots, self._dot_light, self._light_factors(scene, half), self.config.background)
+
+    @property
+    def _dot_light(self) -> float:
+        """Light that a full dot adds, relative to the rendered light; 1 if the camera's own dots add none."""
+        return self.config.dot_light or 1.0
+
+    @property
+    def _lens(self) -> Lens:
+        """Lens of all cameras."""
+        return Lens()
+
+    def _fixed_pattern(self, *, right: bool) -> FixedPattern | None:
+        """Return the fixed pattern of the left or right sensor; None: all pixels are alike."""
+        return None
+
+    def _light_factors(self, scene: DrawList, half: Camera) -> NDArray[np.uint8] | None:
+        """Return ``key_light.light_factors`` for a camera with half the resolution of an image; None: all are 1."""
+        return None
+
+    def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
+        """Blur the parts of a rendered image in which something moves.
+
+        Args:
+            capture: scene and pose of this frame and of the frame before.
+            offset: metres along the left camera's x axis.
+            exposure_time: seconds.
+            color: (H, W, 3) uint8, rendered image, changed.
+        """
+
+    def _outputs(self, capture: Capture) -> Output:
+        """Return the outputs to render for a camera image: colour, and what the light of projectors depends on."""
+        outputs = Output.COLOR
+        if capture.projectors:
+            outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
+        if capture.has_projection(self.config):
+            outputs |= Output.DEPTH | Output.INSTANCE
+        return outputs
+
+    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint16] | None:
+        """Return the light of the projectors at each pixel of a frame; None if all are off.
+
+        The arguments are those with which the frame was rendered.
+        """
+        has_own = capture.has_projection(self.config)
+        if frame.depth is None or frame.instance is None or not (has_own or capture.projectors):
+            return None
+        returned = frame.instance, returned_shares(capture.scene.instances)
+        model, soft = self.config.model, "projector" in self.config.realism
+        k, projector_offset = model.intrinsics(divisor), model.baseline / 2
+        right = offset > projector_offset
+        dots = np.zeros(frame.depth.shape, np.uint16)
+        if has_own:
+            with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
+                assert projector_view.depth is not None
+                dots = projected_dots(
+                    frame.depth,
+                    k.focal_length,
+                    k.cx,
+                    k.cy,
+                    offset - projector_offset,
+                    projector_view.depth,
+                    soft=soft,
+                    right=right,
+                    point_samples=soft and divisor == METERING_DIVISOR,
+                    returned=returned,
+                )
+        for other in capture.projectors:
+            assert frame.normal is not None
+            surfaces = Surfaces(self.camera(capture, offset, divisor), frame.depth, frame.normal, returned)
+            projector = other.camera(divisor, near=self.config.near, far=self.config.far)
+            with self._render_lit(capture.scene, projector, Output.DEPTH) as projector_view:
+                assert projector_view.depth is not None
+                strength = other.dot_light / self._dot_light
+                add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
+        return dots
+
+
+def own_exposure(light: NDArray[np.float32], settings: StreamSettings) -> Exposure:
+    """Return the exposure of an image that is metered by itself, or the manual one.
+
+    Args:
+        light: float32 of any shape, 1 is white.
+        settings: parameters of the frame.
+    """
+    manual, limits = settings.manual_exposure, settings.auto_exposure
+    return manual if limits is None else auto_exposure(light, limits, manual)

@@ -1,0 +1,54 @@
+"""Scene and pose of a stereo camera: the live tree or a fixed scene, seen from a mount."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.flatten import Flattener
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.mount import Mount
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.imaging.scene_motion import SceneState
+from renderers.camera import Camera
+
+
+class SceneView:
+    """Scene and camera pose at any recent time."""
+
+    def __init__(self, tree: LiveTree, flattener: Flattener, mount: Mount) -> None:
+        """
+        Args:
+            tree: the scene.
+            flattener: makes the draw list of a snapshot.
+            mount: pose of the camera in the scene.
+        """
+        self.tree = tree
+        self._flattener = flattener
+        self._mount = mount
+
+    def state(self, timestamp: int | None = None) -> SceneState:
+        """Return scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones."""
+        snapshot = self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp)
+        scene, pose = self._flattener.flatten(snapshot), self.pose_in(snapshot)
+        time = snapshot.timestamp if timestamp is None else timestamp
+        return SceneState(time, scene, pose, snapshot.revision, snapshot.timestamp)
+
+    def pose_at(self, timestamp: int | None = None) -> NDArray[np.float64]:
+        """Return X_world_left, (4, 4) float64, at a time as for ``state``."""
+        return self.pose_in(self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp))
+
+    def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
+        """Return X_world_left, (4, 4) float64, in a snapshot."""
+        return self._mount.pose(snapshot.root)
+
+    def warning(self) -> str:
+        """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
+        self._mount.pose(self.tree.snapshot.root)
+        return self._mount.warning
+
+    def camera(self, config: StereoConfig) -> Camera:
+        """Return the left camera in the current snapshot."""
+        k = config.model.intrinsics()
+        pose = self.pose_in(self.tree.snapshot)
+        return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

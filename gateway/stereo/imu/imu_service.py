@@ -1,0 +1,138 @@
+"""The camera's IMU: publishes samples while clients are connected.
+
+With the system clock, each change of the live tree gives a pose at that time (``PoseLog``), and samples are published
+every ``PUBLISH_SECONDS``. With the simulated clock, each captured frame gives a pose, and samples are published at each
+frame.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.imu.imu_hub import ImuHub
+from gateway.stereo.imu.imu_sampler import ImuSampler
+from renderers.stereo.imu.imu_model import ImuNoise
+
+PUBLISH_SECONDS: Final = 0.05
+"""Interval between batches with the system clock, seconds: ten samples each."""
+
+_log = structlog.get_logger("stereo")
+
+
+class PoseLog:
+    """Poses of the camera, with the times of the changes of the scene."""
+
+    def __init__(
+        self,
+        tree: LiveTree,
+        pose_in: Callable[[Snapshot], NDArray[np.float64]],
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """
+        Args:
+            tree: scene whose changes are recorded.
+            pose_in: returns X_world_left, (4, 4) float64, in a snapshot.
+            clock: returns the time, nanoseconds since the epoch.
+        """
+        self.clock = clock
+        self._pose_in = pose_in
+        self._tree = tree
+        self._entries: deque[tuple[int, Snapshot]] = deque()
+        """Times, nanoseconds since the epoch, and snapshots. The threads that change the tree append them."""
+        self._stop_listening: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Record the current pose, and every change from now on."""
+        snapshot = self._tree.snapshot
+        begin = max(self.clock(), snapshot.timestamp)
+        self._entries.append((begin, snapshot))
+        # A change whose message arrived before ``begin`` counts from then on.
+        self._stop_listening = self._tree.listen(
+            lambda snapshot: self._entries.append((max(snapshot.timestamp, begin), snapshot))
+        )
+
+    def stop(self) -> None:
+        """Stop recording, and discard the poses that were not taken."""
+        self._stop_listening()
+        self._entries.clear()
+
+    def take(self) -> list[tuple[int, NDArray[np.float64]]]:
+        """Return the poses since the last call: time, nanoseconds since the epoch, and (4, 4) float64 X_world_left."""
+        poses = []
+        while self._entries:
+            timestamp, snapshot = self._entries.popleft()
+            poses.append((timestamp, self._pose_in(snapshot)))
+        return poses
+
+
+class Imu:
+    """IMU of one camera."""
+
+    def __init__(self, config: StereoConfig, poses: PoseLog | None) -> None:
+        """
+        Args:
+            config: fixed configuration.
+            poses: source of poses; None: those of the captured frames (``frame_captured``).
+        """
+        self.hub = ImuHub(config.max_clients, config.max_imu_samples)
+        self._config = config
+        self._poses = poses
+        self._sampler: ImuSampler | None = None
+        """Sampler of the captured frames' poses; None while there is no client."""
+
+    async def run(self) -> None:
+        """Publish samples until cancelled."""
+        if self._poses is None:
+            return
+        while True:
+            await self.hub.connected.wait()
+            try:
+                await self._publish_while_connected(self._poses)
+            except Exception:  # noqa: BLE001 - the image streams continue
+                _log.exception("the IMU has ended")
+                self.hub.close("the IMU has ended by an internal error")
+                return
+
+    async def _publish_while_connected(self, poses: PoseLog) -> None:
+        """Publish samples of the recorded poses until the last client disconnects."""
+        sampler = self._new_sampler()
+        poses.start()
+        try:
+            while self.hub.connected.is_set():
+                await asyncio.sleep(PUBLISH_SECONDS)
+                now = poses.clock()
+                for timestamp, pose in poses.take():
+                    sampler.add(timestamp, pose)
+                self.hub.publish(sampler.take(now))
+        finally:
+            poses.stop()
+
+    def frame_captured(self, timestamp: int, pose: NDArray[np.float64]) -> None:
+        """Publish samples up to a captured frame. Does nothing if a ``PoseLog`` is the source of poses.
+
+        Args:
+            timestamp: nanoseconds since the epoch.
+            pose: (4, 4) float64 X_world_left.
+        """
+        if self._poses is not None:
+            return
+        if not self.hub.connected.is_set():
+            self._sampler = None
+            return
+        if self._sampler is None:
+            self._sampler = self._new_sampler()
+        self._sampler.add(timestamp, pose)
+        self.hub.publish(self._sampler.take(timestamp))
+
+    def _new_sampler(self) -> ImuSampler:
+        return ImuSampler(ImuNoise() if self._config.noise else None, self._config.seed)

@@ -1,0 +1,101 @@
+"""REST routes of fault injection. They respond with 403 unless the gateway was started with ``--stereo-faults``."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import msgspec
+from fastapi import APIRouter, Request
+
+from gateway.server.openapi import example, json_example
+from gateway.stereo.routes.rest_common import (
+    Pipeline,
+    RestError,
+    error_responses,
+    find_pipeline,
+    read_body,
+    with_error_responses,
+)
+from gateway.stereo.service import StereoService
+from gateway.stereo.stream.faults import CUT_REASON, FaultInjector, Faults
+
+MAX_BODY: Final = 4096
+"""Maximum size of a body, bytes. All fields together take about 200."""
+FAULTS_OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
+
+_EXAMPLE_STATUS: Final = {**msgspec.to_builtins(Faults(drop=0.1, delay=0.5)), "dropped": 12}
+_BODY: Final = {
+    "requestBody": {
+        "required": True,
+        "description": "Faults from now on. A field that is left out means no such fault.",
+        "content": {
+            "application/json": {
+                "schema": msgspec.json.schema_components([Faults])[1]["Faults"],
+                "examples": example({"drop": 0.1, "delay": 0.5}),
+            }
+        },
+    }
+}
+
+_NOT_AVAILABLE: Final = error_responses(
+    {403: "Fault injection is off (--stereo-faults).", 404: "There is no such pipeline."}
+)
+_INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the reason.", 413: "The body is too large."})
+
+
+def fault_router(*services: StereoService) -> APIRouter:
+    """Return the routes: GET, PUT and DELETE ``/stereo/faults``, and POST ``/stereo/faults/disconnect``, which cuts all
+    streams."""
+    api = APIRouter(tags=["Stereo camera"], responses=_NOT_AVAILABLE)
+
+    def find_service(pipeline: int) -> StereoService:
+        service = find_pipeline(services, pipeline)
+        if not service.config.faults:
+            raise RestError(403, FAULTS_OFF)
+        return service
+
+    @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
+    @with_error_responses
+    async def get_faults(pipeline: Pipeline = 0) -> Any:
+        return _status(find_service(pipeline).injector)
+
+    @api.put(
+        "/stereo/faults",
+        summary="Inject faults",
+        responses=json_example(_EXAMPLE_STATUS) | _INVALID_BODY,
+        openapi_extra=_BODY,
+    )
+    @with_error_responses
+    async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
+        injector = find_service(pipeline).injector
+        try:
+            injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
+        except msgspec.DecodeError as error:
+            raise RestError(400, f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}') from None
+        return _status(injector)
+
+    @api.delete(
+        "/stereo/faults",
+        summary="End all faults",
+        responses=json_example({**msgspec.to_builtins(Faults()), "dropped": 12}),
+    )
+    @with_error_responses
+    async def delete_faults(pipeline: Pipeline = 0) -> Any:
+        injector = find_service(pipeline).injector
+        injector.set(Faults())
+        return _status(injector)
+
+    @api.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
+    @with_error_responses
+    async def disconnect(pipeline: Pipeline = 0) -> Any:
+        hub = find_service(pipeline).hub
+        streams = len(hub)
+        for kind in hub.kinds():
+            hub.end_streams(kind, CUT_REASON)
+        return {"streams": streams}
+
+    return api
+
+
+def _status(injector: FaultInjector) -> dict[str, Any]:
+    return {**msgspec.to_builtins(injector.faults), "dropped": injector.dropped}

@@ -1,0 +1,173 @@
+"""REST routes of the device's nodes: parameters, status values and services."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+
+from gateway.stereo.device.parameter_specs import NODE_ALIASES, NODES
+from gateway.stereo.device.parameters import ParameterError, UnknownParameterError
+from gateway.stereo.routes import device_content as device
+from gateway.stereo.routes import node_schemas as schemas
+from gateway.stereo.routes.node_bodies import check_call, read_assignments, read_value
+from gateway.stereo.routes.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, node_errors
+from gateway.stereo.routes.rest_common import RestError, with_error_responses
+from gateway.stereo.service import StereoService
+
+
+def node_router(*services: StereoService) -> APIRouter:
+    """Return the routes below ``/api``: version 2 for every pipeline, version 1 for the first one.
+
+    Args:
+        services: pipeline 0, 1, …; at least one.
+    """
+    api = APIRouter(tags=["Stereo camera"])
+    for number, service in enumerate(services):
+        _add_routes(api, f"/api/v2/pipelines/{number}/nodes", service)
+    _add_routes(api, "/api/v1/nodes", services[0])
+    return api
+
+
+def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
+    @api.get(base, summary="Nodes", responses=schemas.NODES_RESPONSE)
+    async def nodes() -> Any:
+        return [device.node_info(name) for name in NODES]
+
+    @api.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | node_errors(404))
+    @with_error_responses
+    async def node_info(node: NodeName) -> Any:
+        return device.node_info(_current_name(node))
+
+    @api.get(
+        base + "/{node}/status",
+        summary="Status values of a node",
+        responses=schemas.STATUS_RESPONSE | node_errors(404),
+    )
+    @with_error_responses
+    async def status(node: NodeName) -> Any:
+        return device.node_status(service, _current_name(node))
+
+    @api.get(
+        base + "/{node}/parameters",
+        summary="Parameters of a node",
+        responses=schemas.PARAMETERS_RESPONSE | node_errors(404),
+    )
+    @with_error_responses
+    async def parameters(node: NodeName, names: ParameterNames = []) -> Any:  # noqa: B006 - FastAPI copies it
+        return _describe(service, _current_name(node), names)
+
+    @api.put(
+        base + "/{node}/parameters",
+        summary="Set parameters: all or none",
+        responses=schemas.ASSIGNED_RESPONSE | node_errors(400, 404, 413, 507),
+        openapi_extra=schemas.ASSIGNMENTS_BODY,
+    )
+    # The manual's examples, which users copy, have these wrong paths.
+    @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
+    @api.put(base + "/{node}/services/parameters", include_in_schema=False)
+    @with_error_responses
+    async def put_parameters(node: NodeName, request: Request) -> Any:
+        return await _set_parameters(service, _current_name(node), await read_assignments(request))
+
+    @api.get(
+        base + "/{node}/parameters/{name}",
+        summary="A parameter",
+        responses=schemas.PARAMETER_RESPONSE | node_errors(404),
+    )
+    @with_error_responses
+    async def parameter(node: NodeName, name: ParameterName) -> Any:
+        return _describe(service, _current_name(node), [name])[0]
+
+    @api.put(
+        base + "/{node}/parameters/{name}",
+        summary="Set a parameter",
+        responses=schemas.PARAMETER_RESPONSE | node_errors(400, 404, 413, 507),
+        openapi_extra=schemas.VALUE_BODY,
+    )
+    @with_error_responses
+    async def put_parameter(node: NodeName, name: ParameterName, request: Request) -> Any:
+        value = await read_value(request)
+        return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
+
+    @api.get(
+        base + "/{node}/services",
+        summary="Services of a node",
+        responses=schemas.SERVICES_RESPONSE | node_errors(404),
+    )
+    @with_error_responses
+    async def services(node: NodeName) -> Any:
+        name = _current_name(node)
+        return [device.service_info(name, service_name) for service_name in device.SERVICES[name]]
+
+    @api.get(
+        base + "/{node}/services/{name}",
+        summary="A service",
+        responses=schemas.SERVICE_RESPONSE | node_errors(404),
+    )
+    @with_error_responses
+    async def service_info(node: NodeName, name: ServiceName) -> Any:
+        return device.service_info(*_find_service(node, name))
+
+    @api.put(
+        base + "/{node}/services/{name}",
+        summary="Call a service",
+        responses=schemas.CALL_RESPONSE | node_errors(400, 404, 413, 507),
+        openapi_extra=schemas.CALL_BODY,
+    )
+    @with_error_responses
+    async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
+        await check_call(request)
+        result = device.call_service(service, *_find_service(node, name))
+        await _wait_until_stored(service)
+        return result
+
+
+def _current_name(node: str) -> str:
+    """Return the name of a node in current firmware for a current or older name.
+
+    Raises:
+        RestError: unknown node.
+    """
+    node = NODE_ALIASES.get(node, node)
+    if node not in NODES:
+        raise RestError(404, f"there is no node {node[:80]!r}; there are {', '.join(NODES)}")
+    return node
+
+
+def _find_service(node: str, name: str) -> tuple[str, str]:
+    """Return the current name of a node and the name of its service.
+
+    Raises:
+        RestError: unknown node or service.
+    """
+    node = _current_name(node)
+    if name not in device.SERVICES[node]:
+        raise RestError(404, f"{node} has no service {name[:80]!r}")
+    return node, name
+
+
+def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[str, Any]]:
+    """Return descriptions of the named parameters, or of all parameters if ``names`` is empty."""
+    try:
+        return [service.parameters.describe(node, name) for name in names or NODES[node]]
+    except UnknownParameterError as error:
+        raise RestError(404, str(error)) from None
+
+
+async def _set_parameters(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
+    """Set and store parameters, and return their descriptions."""
+    try:
+        names = service.set_parameters(node, values)
+    except UnknownParameterError as error:
+        raise RestError(404, str(error)) from None
+    except ParameterError as error:
+        raise RestError(400, str(error)) from None
+    await _wait_until_stored(service)
+    return _describe(service, node, names)
+
+
+async def _wait_until_stored(service: StereoService) -> None:
+    problem = await service.wait_until_stored() if service.wait_until_stored is not None else ""
+    if problem:
+        raise RestError(507, f"the values are set, but could not be stored: {problem}")

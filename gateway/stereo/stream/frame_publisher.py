@@ -1,0 +1,143 @@
+"""Makes the image sets of captured frames in tasks and publishes them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Coroutine
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final
+
+import structlog
+
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.stereo.device.camera_config import Rate
+from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.imaging.rendered_images import MeteredExposure
+from gateway.stereo.stream.faults import FaultInjector
+from gateway.stereo.stream.frame import Frame
+from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.set_kind import SetKind
+from gateway.stereo.stream.subscriptions import ImageSetHub
+
+_log = structlog.get_logger("stereo")
+_EXPECTED_ERRORS: Final = (ValueError, OSError, DeadlineExceeded, PoolClosed)
+"""Errors that are logged without a traceback."""
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """Counters since start."""
+
+    frames: int = 0
+    """Number of frames made."""
+    depth_frames: int = 0
+    """Number of frames made with depth."""
+    skipped: int = 0
+    """Number of frames that were due, but missed, or not made because too many were in flight."""
+    busy: int = 0
+    """Number of sets and captures dropped because the worker queue was full."""
+    problem: str = ""
+    """Error of the last frame; empty if the frame was made."""
+    depth_seconds: float = 0.0
+    """Seconds from capture to publication of the last depth frame."""
+
+
+@dataclass(slots=True, eq=False)
+class FramesInFlight:
+    """Camera or depth frames that are being made."""
+
+    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    """One task per frame."""
+    last: Frame | None = None
+    """Newest frame, finished or not."""
+
+    def __len__(self) -> int:
+        return len(self.tasks)
+
+    def cancel(self) -> None:
+        """Cancel the frames in flight."""
+        for task in self.tasks:
+            task.cancel()
+
+
+class FramePublisher:
+    """Makes each kind of image set of a frame once, and publishes it to all clients."""
+
+    def __init__(
+        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
+    ) -> None:
+        """
+        Args:
+            hub: receives the sets.
+            events: receives the image events.
+            injector: delays and drops sets.
+            rate: see ``StereoConfig.rate``.
+            simulated: True if timestamps are simulated.
+        """
+        self.counts = FrameCounts()
+        self.last_metered: MeteredExposure | None = None
+        """Exposure of the newest left image."""
+        self._hub = hub
+        self._events = events
+        self._injector = injector
+        self._rate = rate
+        self._simulated = simulated
+
+    def spawn(self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None]) -> None:
+        """Run ``make_frame`` in a task that is one of ``frames``."""
+        task = asyncio.get_running_loop().create_task(make_frame)
+        frames.tasks.add(task)
+        task.add_done_callback(frames.tasks.discard)
+        task.add_done_callback(self._ended)
+
+    async def publish_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
+        """Make and publish the sets of a frame. If cancelled, cancel the frame."""
+        start = asyncio.get_running_loop().time()
+        try:
+            await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
+        except asyncio.CancelledError:
+            frame.cancel()
+            raise
+        if any(kind.has_depth for kind in kinds):
+            self.counts.depth_frames += 1
+            self.counts.depth_seconds = asyncio.get_running_loop().time() - start
+        self.counts.frames += 1
+        if frame.left_metered is not None:
+            self.last_metered = frame.left_metered
+
+    async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
+        """Wait for the last exposure of a depth frame, send the image event, then make and publish the sets."""
+        # The timestamp of a depth frame is that of the first image in the average.
+        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS_PER_SECOND)
+        if self._rate == "device":
+            await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
+        timestamp = frame.depth_capture.timestamp
+        self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
+        await self.publish_sets(frame, kinds)
+
+    def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
+        """End the streams of a kind and log the reason, with a traceback for unexpected errors."""
+        message = f"{problem}: {error}"
+        _log.warning(message, exc_info=None if isinstance(error, _EXPECTED_ERRORS) else error)
+        self.counts.problem = message
+        self._hub.end_streams(kind, message)
+
+    async def _publish(self, frame: Frame, kind: SetKind) -> None:
+        try:
+            data = await frame.serialised(kind)
+        except QueueFull:
+            self.counts.busy += 1
+        except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever
+            self.fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
+        else:
+            self.counts.problem = ""
+            publish = partial(self._hub.publish, kind, frame.number, data, frame.generation)
+            self._injector.deliver(frame.number, data, publish)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self.counts.problem = str(error)
+            _log.error(f"a frame could not be made: {error}", exc_info=error)
+        self._hub.changed.set()

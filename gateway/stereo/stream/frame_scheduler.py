@@ -1,0 +1,357 @@
+"""Frame scheduler: captures the scene while clients stream, whenever a frame is due and not too many are in flight."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.runtime.kernel_wait import until_compiled
+from gateway.runtime.worker_pool import QueueFull, WorkerPool
+from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
+from gateway.stereo.imaging.other_projector import lit_projectors
+from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
+from gateway.stereo.imaging.scene_motion import SceneState, state_before
+from gateway.stereo.stream.faults import FaultInjector
+from gateway.stereo.stream.frame import Frame, FrameRecord
+from gateway.stereo.stream.frame_clock import FrameClock
+from gateway.stereo.stream.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
+from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.set_kind import SetKind
+from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
+
+SceneSource = Callable[[int | None], SceneState]
+"""Returns scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones. Called in
+worker threads."""
+
+MAX_SETTLING: Final = 30_000_000
+"""Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
+_POLL_SECONDS: Final = 0.002
+_KERNEL_PARTS: Final = ("stereo", "normals")
+"""Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
+
+
+class FrameScheduler:
+    """Captures frames while clients stream."""
+
+    def __init__(
+        self,
+        imaging: Imaging,
+        workers: WorkerPool,
+        hub: ImageSetHub,
+        events: EventHub,
+        injector: FaultInjector,
+        parameters: Parameters,
+        scene: SceneSource,
+        clock: Clock,
+        on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
+        on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
+    ) -> None:
+        """
+        Args:
+            on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
+                and X_world_left, (4, 4) float64.
+            on_streaming: called with True before the first frame for clients, and with False when there are none.
+            has_messages_before: see ``StereoService``.
+        """
+        config = imaging.config
+        self.imaging = imaging
+        """Image source of the next frames."""
+        self.history: deque[FrameRecord] = deque(maxlen=config.history)
+        """The last frames, oldest first, for ground truth."""
+        self.trigger_time: float | None = None
+        """Time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None after its capture."""
+        self._workers = workers
+        self._hub = hub
+        self._injector = injector
+        self._parameters = parameters
+        self._scene = scene
+        self._on_capture = on_capture
+        self._on_streaming = on_streaming
+        self._has_messages_before = has_messages_before
+        self._clock = FrameClock(clock, config.rate)
+        self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
+        self._camera_frames = FramesInFlight()
+        self._depth_frames = FramesInFlight()
+        self._frame_number = 0
+        self._settings = read_settings(parameters)
+        self._settings_version = parameters.version
+        self._streaming = False
+        self._last: SceneState | None = None
+        """Scene of the newest capture, for motion blur and rolling shutters."""
+
+    @property
+    def settings(self) -> StreamSettings:
+        """Current parameters."""
+        if self._settings_version != self._parameters.version:
+            self._settings_version = self._parameters.version
+            self._settings = read_settings(self._parameters)
+        return self._settings
+
+    @property
+    def counts(self) -> FrameCounts:
+        """Counters since start."""
+        return self._publisher.counts
+
+    @property
+    def last_metered(self) -> MeteredExposure | None:
+        """Exposure of the newest left image."""
+        return self._publisher.last_metered
+
+    async def run(self) -> None:
+        """Capture frames until cancelled.
+
+        The first one waits for the kernels: compiling them is not part of a frame's time limit.
+        """
+        try:
+            await until_compiled(*_KERNEL_PARTS)
+            while True:
+                await self._step()
+        finally:
+            self._set_streaming(False)
+            tasks = self._camera_frames.tasks | self._depth_frames.tasks
+            self._cancel_frames()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _step(self) -> None:
+        """Wait until a frame is due or a client changes, and capture a frame if one is due."""
+        hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
+        hub.changed.clear()
+        self._set_streaming(len(hub) > 0)
+        if not self._streaming:
+            self._cancel_frames()
+            self._camera_frames.last = self._depth_frames.last = None
+            clock.rest()
+        self._repeat_last_frames()
+        kinds = self._urgent_kinds() if unlimited_rate else hub.kinds()
+        if not kinds:
+            await hub.changed.wait()
+            return
+        settings, now = self.settings, asyncio.get_running_loop().time()
+        period = 1.0 / settings.camera_rate
+        if not unlimited_rate or all(kind.empty for kind in kinds):
+            if (delay := clock.seconds_until_frame(now)) > 0:
+                await _wait(hub.changed, delay)
+                return
+            missed = clock.take_frame(now, period)
+            self.counts.skipped += 0 if unlimited_rate else missed
+        period_ns = round(period * NANOSECONDS_PER_SECOND)
+        timestamp = self._next_timestamp(settings, period_ns)
+        exposed_from = (now if unlimited_rate else clock.frame_due) - settings.longest_exposure
+        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposed_from)
+        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
+        depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
+        camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
+        if depth_kinds or camera_kinds:
+            # Read the settings again: they may have changed while ``_admit`` waited.
+            await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
+        elif unlimited_rate:  # only depth is requested, and it waits for its trigger
+            await _wait(hub.changed, period)
+        else:
+            clock.skip_frame(period_ns)
+
+    def _set_streaming(self, streaming: bool) -> None:
+        if streaming != self._streaming:
+            self._streaming = streaming
+            self._on_streaming(streaming)
+
+    def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
+        """Return the timestamp of the frame that is due."""
+        now = None if self.imaging.config.rate == "max" else asyncio.get_running_loop().time()
+        return self._clock.next_timestamp(period_ns, now, settings.longest_exposure)
+
+    def _urgent_kinds(self) -> set[SetKind]:
+        """Return the kinds to make at rate ``max``.
+
+        While a frame is in flight, a further frame is useful only to clients that wait for a set.
+        """
+        if self._camera_frames or self._depth_frames:
+            return self._hub.kinds_with_mailbox(MailboxState.WAITING)
+        return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
+
+    async def _admit(self, frames: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
+        """Return the kinds, or none if too many frames are in flight. If frames must not be skipped, wait instead."""
+        config = self.imaging.config
+        matching = config.depth_mode == "matched" and frames is self._depth_frames
+        limit = 1 if matching or self._clock.simulated else config.frames_in_flight
+        while kinds and len(frames) >= limit:
+            if config.rate == "device" and not self._clock.simulated:
+                self.counts.skipped += 1
+                return set()
+            self._hub.changed.clear()
+            changed = asyncio.ensure_future(self._hub.changed.wait())
+            await asyncio.wait((*frames.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
+            changed.cancel()
+            if len(self._hub) == 0:
+                self._cancel_frames()
+                return set()
+        return kinds
+
+    def _cancel_frames(self) -> None:
+        self._camera_frames.cancel()
+        self._depth_frames.cancel()
+
+    async def _capture(
+        self, settings: StreamSettings, camera_kinds: set[SetKind], depth_kinds: set[SetKind], period_ns: int
+    ) -> None:
+        """Capture the scene and start the tasks that make the sets.
+
+        Args:
+            settings: parameters of the frame.
+            camera_kinds: kinds without depth.
+            depth_kinds: kinds with depth.
+            period_ns: nanoseconds between camera frames.
+        """
+        clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
+        timestamp = self._next_timestamp(settings, period_ns)
+        capture = await self._capture_scene(
+            self._frame_number + 1,
+            timestamp,
+            self._injector.timestamp(timestamp),
+            settings,
+            camera_kinds | depth_kinds,
+        )
+        if capture is None:
+            return
+        self._frame_number += 1
+        clock.timestamp = timestamp
+        self._on_capture(timestamp, capture.X_world_left)
+        frame = None
+        if camera_kinds:
+            kinds = camera_kinds if settings.separate_depth else camera_kinds | depth_kinds
+            self._camera_frames.last = frame = self._new_frame(settings, capture, capture, kinds, generation)
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
+        if not depth_kinds:
+            return
+        clock.schedule_next_depth(timestamp, settings.depth_rate)
+        self.trigger_time = None
+        if settings.separate_depth:
+            clock.delay_for_alternate_exposure(period_ns)
+            publisher.spawn(
+                self._depth_frames, self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
+            )
+            return
+        self._depth_frames.last = frame = frame or self._new_frame(settings, capture, capture, depth_kinds, generation)
+        publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
+
+    async def _expose_depth(
+        self, settings: StreamSettings, camera: Capture, timestamp: int, kinds: set[SetKind], generation: int
+    ) -> None:
+        """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
+
+        Args:
+            timestamp: true timestamp of the camera images, nanoseconds since the epoch.
+        """
+        await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND if self.imaging.config.rate == "device" else 0)
+        timestamp, sent_timestamp = (each + ALTERNATE_GAP_NS for each in (timestamp, camera.timestamp))
+        depth = await self._capture_scene(camera.frame_number, timestamp, sent_timestamp, settings, kinds, depth=True)
+        if depth is not None:
+            self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
+            await self._publisher.publish_depth_sets(frame, kinds)
+
+    def _new_frame(
+        self,
+        settings: StreamSettings,
+        camera: Capture,
+        depth: Capture,
+        kinds: set[SetKind],
+        generation: int,
+    ) -> Frame:
+        self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
+        return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
+
+    async def read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
+        """Return the scene at a time, and an earlier one if images depend on motion.
+
+        Args:
+            timestamp: nanoseconds since the epoch. With simulated time, the scene is the current one.
+
+        Raises:
+            QueueFull: the worker queue is full.
+        """
+        while (  # noqa: ASYNC110 - at most 30 ms
+            self._has_messages_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
+        ):
+            await asyncio.sleep(_POLL_SECONDS)
+        return await self._workers.run(self._read_scene, timestamp)
+
+    def _read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
+        if not self.imaging.config.uses_motion:
+            return self._scene(None if self._clock.simulated else timestamp), None
+        if self._clock.simulated:
+            return replace(self._scene(None), timestamp=timestamp), self._last
+        state = self._scene(timestamp)
+        return state, state_before(state, self._last, self._scene)
+
+    async def _capture_scene(
+        self,
+        frame_number: int,
+        timestamp: int,
+        sent_timestamp: int,
+        settings: StreamSettings,
+        kinds: set[SetKind],
+        *,
+        depth: bool = False,
+    ) -> Capture | None:
+        """Return scene and pose at a time, or None if they cannot be read.
+
+        An error ends the streams of ``kinds``; a full worker queue does not.
+
+        Args:
+            timestamp: true time, nanoseconds since the epoch.
+            sent_timestamp: time that clients get; a fault may falsify it.
+            depth: the exposure is for depth alone.
+        """
+        try:
+            state, earlier = await self.read_scene(timestamp)
+        except QueueFull:
+            self.counts.busy += 1
+        except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
+            for kind in kinds:
+                self._publisher.fail(kind, "the scene could not be read", error)
+        else:
+            self._last = state
+            if earlier is not None:
+                earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
+            return Capture(
+                sent_timestamp,
+                state.scene,
+                state.revision,
+                state.X_world_left,
+                settings.gpio(depth=depth),
+                frame_number,
+                earlier,
+                lit_projectors(state.projectors, depth=depth),
+            )
+        return None
+
+    def _repeat_last_frames(self) -> None:
+        """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
+        publisher = self._publisher
+        for kind in self._hub.take_new_kinds():
+            settings = self.settings
+            frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
+            if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
+                continue
+            rate = settings.depth_rate if kind.has_depth else settings.camera_rate
+            now = self._injector.timestamp(self._clock.next_timestamp(0))
+            if now - frame.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
+
+
+async def _wait(event: asyncio.Event, seconds: float) -> None:
+    """Wait for an event, at most ``seconds``."""
+    try:
+        async with asyncio.timeout(seconds):
+            await event.wait()
+    except TimeoutError:
+        pass

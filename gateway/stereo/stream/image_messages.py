@@ -1,0 +1,113 @@
+"""Messages of the image stream, ``Image``, ``DisparityImage`` and ``Mesh``, as chunks of protobuf wire format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.stream import image_wire as wire
+from gateway.stereo.stream.image_wire import Chunk
+from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
+from renderers.stereo.sensor.exposure import Exposure
+
+OUTPUT_MASK = 0b0011
+"""GPIO bits of Out1 and Out2."""
+INPUT_MASK = 0b1100
+"""GPIO bits of In1 and In2."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageMetadata:
+    """Time and exposure of an image."""
+
+    timestamp: int
+    """Middle of the exposure, nanoseconds since the epoch."""
+    exposure: Exposure
+    noise: float
+    """Standard deviation of the noise, grey levels."""
+    brightness: float
+    """Mean of the image, 0 to 1; rounded to 0.01 in the message, as on the device."""
+    gpio: int
+    """GPIO values; see ``OUTPUT_MASK``."""
+    out1_reduction: float = 0.0
+    """Share by which images with Out1 low are exposed less, 0 to 1."""
+
+
+def timestamp_field(nanoseconds: int) -> bytes:
+    """Return a timestamp as field 1 of an ``ImageSet``."""
+    return b"".join(wire.field(1, [time_message(nanoseconds).SerializeToString()]))
+
+
+def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadata: ImageMetadata) -> list[Chunk]:
+    """Return an ``Image``. The chunks share memory with ``pixels``.
+
+    Args:
+        pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8.
+        k: intrinsics of this image.
+        metadata: time and exposure.
+    """
+    height, width = pixels.shape[:2]
+    if pixels.dtype == np.uint16:
+        encoding, step = "mono16", 2 * width
+        pixels = np.ascontiguousarray(pixels, "<u2")
+    else:
+        channels = pixels.shape[2] if pixels.ndim == 3 else 1
+        encoding, step = ("rgb8" if channels == 3 else "mono8"), channels * width
+    header = pb.Image(
+        timestamp=time_message(metadata.timestamp),
+        height=height,
+        width=width,
+        focal_length=k.focal_length,
+        principal_point_u=k.cx,
+        principal_point_v=k.cy,
+        encoding=encoding,
+        is_bigendian=False,
+        step=step,
+        gpios=pb.Gpios(inputs=INPUT_MASK, outputs=OUTPUT_MASK, values=metadata.gpio),
+        exposure_time=metadata.exposure.time,
+        gain=metadata.exposure.gain,
+        noise=metadata.noise,
+        out1_reduction=metadata.out1_reduction,
+        brightness=round(metadata.brightness, 2),
+        gamma=metadata.exposure.gamma,
+        auto_exposure_adapting=False,
+    )
+    data: Any = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8).data
+    return [header.SerializeToString(), *wire.field(10, [data])]
+
+
+def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE) -> list[Chunk]:
+    """Return a ``DisparityImage``.
+
+    Args:
+        image: chunks of the ``Image`` that holds the disparities.
+        timestamp: nanoseconds since the epoch.
+        baseline: metres.
+        scale: pixels per unit of the disparity and error images.
+    """
+    header = pb.DisparityImage(
+        timestamp=time_message(timestamp),
+        scale=scale,
+        offset=0.0,
+        invalid_data_value=0.0,
+        baseline=baseline,
+        delta_d=DISPARITY_SCALE,
+    )
+    return [header.SerializeToString(), *wire.field(7, image)]
+
+
+def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
+    """Return a ``Mesh`` of the parts of a PLY file. The timestamp is in nanoseconds since the epoch."""
+    header = pb.Mesh(timestamp=time_message(timestamp), format="ply")
+    return [header.SerializeToString(), *wire.field(3, list(ply))]
+
+
+def time_message(nanoseconds: int) -> pb.Time:
+    """Return a timestamp as a ``Time`` message."""
+    sec, nsec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
+    return pb.Time(sec=sec, nsec=nsec)

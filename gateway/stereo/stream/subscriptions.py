@@ -1,0 +1,199 @@
+"""Subscriptions of streaming clients. Each has a mailbox for the newest image set: slow clients delay no others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+
+from gateway.stereo.stream.set_kind import SetKind
+
+
+class LimitError(RuntimeError):
+    """A new client is refused because of a limit, which the message names."""
+
+
+class StreamError(RuntimeError):
+    """The stream has ended; the message is the reason."""
+
+
+class MailboxState(Enum):
+    """State of a client's mailbox."""
+
+    EMPTY = "empty"
+    """No set is stored, and the previous set is being sent."""
+    WAITING = "waiting"
+    """The previous set has been sent, and the stream waits for the next one."""
+    FULL = "full"
+    """A set is stored."""
+    CLOSED = "closed"
+    """The stream has ended."""
+
+
+class Subscription:
+    """One client's mailbox."""
+
+    def __init__(self, kind: SetKind, changed: asyncio.Event, generation: int) -> None:
+        """
+        Args:
+            kind: contents of the sets.
+            changed: event that is set when the client takes a set or starts to wait for one.
+            generation: generation of the hub at subscription.
+        """
+        self.kind = kind
+        self.generation = generation
+        self.state = MailboxState.EMPTY
+        self.sent = 0
+        """Number of sets taken by the client."""
+        self.skipped = 0
+        """Number of sets replaced by newer ones."""
+        self._changed = changed
+        self._frame_number = -1
+        """Frame of the newest set."""
+        self._data = b""
+        self._close_reason = ""
+        self._ready = asyncio.Event()
+
+    def put(self, frame_number: int, data: bytes) -> None:
+        """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
+        if frame_number <= self._frame_number or self.state is MailboxState.CLOSED:
+            return
+        self.skipped += self.state is MailboxState.FULL
+        self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
+        self._ready.set()
+
+    def close(self, reason: str) -> None:
+        """End the stream."""
+        self.state, self._data, self._close_reason = MailboxState.CLOSED, b"", reason
+        self._ready.set()
+
+    async def get(self) -> bytes:
+        """Wait for a set that was not taken yet, and return it. Cancelling is safe: no set is lost.
+
+        Raises:
+            StreamError: the stream has ended.
+        """
+        if self.state is MailboxState.EMPTY:
+            self.state = MailboxState.WAITING
+            self._changed.set()
+            try:
+                await self._ready.wait()
+            finally:
+                if self.state is MailboxState.WAITING:
+                    self.state = MailboxState.EMPTY
+        if self.state is MailboxState.CLOSED:
+            raise StreamError(self._close_reason)
+        data, self._data = self._data, b""
+        self.state = MailboxState.EMPTY
+        self._ready.clear()
+        self._changed.set()
+        self.sent += 1
+        return data
+
+
+class ImageSetHub:
+    """All subscriptions of one camera."""
+
+    def __init__(self, max_clients: int, max_kinds: int, generation: Callable[[], int] = lambda: 0) -> None:
+        """
+        Args:
+            max_clients: maximum number of subscriptions.
+            max_kinds: maximum number of different kinds of set.
+            generation: returns a number that grows with every change of parameters, faults or image source.
+        """
+        self.generation = generation
+        self.changed = asyncio.Event()
+        """Set when a client subscribes, disconnects, takes a set or starts to wait for one."""
+        self._max_clients = max_clients
+        self._max_kinds = max_kinds
+        self._subscriptions: set[Subscription] = set()
+        self._new_subscriptions: set[Subscription] = set()
+        self._ended_sent = 0
+        """Number of sets taken by clients whose subscription has ended."""
+        self._ended_skipped = 0
+        self._close_reason = ""
+        """Reason for refusing new subscriptions; empty while the hub is open."""
+
+    @property
+    def sent(self) -> int:
+        """Number of sets taken by all clients since start."""
+        return self._ended_sent + sum(subscription.sent for subscription in self._subscriptions)
+
+    @property
+    def skipped(self) -> int:
+        """Number of sets that were replaced by newer ones before their clients took them, since start."""
+        return self._ended_skipped + sum(subscription.skipped for subscription in self._subscriptions)
+
+    def __iter__(self) -> Iterator[Subscription]:
+        return iter(tuple(self._subscriptions))
+
+    def __len__(self) -> int:
+        return len(self._subscriptions)
+
+    @contextmanager
+    def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
+        """Return a subscription for the duration of the block.
+
+        Raises:
+            LimitError: too many clients, or too many different requests.
+            StreamError: the hub is closed.
+        """
+        if self._close_reason:
+            raise StreamError(self._close_reason)
+        if len(self._subscriptions) >= self._max_clients:
+            raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
+        kinds = self.kinds()
+        if kind not in kinds and len(kinds) >= self._max_kinds:
+            raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
+        subscription = Subscription(kind, self.changed, self.generation())
+        self._subscriptions.add(subscription)
+        self._new_subscriptions.add(subscription)
+        self.changed.set()
+        try:
+            yield subscription
+        finally:
+            self._subscriptions.discard(subscription)
+            self._new_subscriptions.discard(subscription)
+            self.changed.set()
+            self._ended_sent += subscription.sent
+            self._ended_skipped += subscription.skipped
+
+    def kinds(self) -> set[SetKind]:
+        """Return the kinds of all subscriptions."""
+        return {s.kind for s in self._subscriptions}
+
+    def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
+        """Return the kinds of subscriptions whose mailbox is in one of these states."""
+        return {s.kind for s in self._subscriptions if s.state in states}
+
+    def take_new_kinds(self) -> set[SetKind]:
+        """Return the kinds of subscriptions made since the last call."""
+        new, self._new_subscriptions = self._new_subscriptions, set()
+        return {s.kind for s in new}
+
+    def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
+        """Store a set in every mailbox of this kind.
+
+        Args:
+            kind: contents of the set.
+            frame_number: number of the frame; sets of later frames replace those of earlier ones.
+            data: serialised set.
+            generation: generation of the hub when the frame was captured. Subscriptions of a later generation do not
+                get the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
+        """
+        for subscription in self._subscriptions:
+            if subscription.kind == kind and subscription.generation <= generation:
+                subscription.put(frame_number, data)
+
+    def end_streams(self, kind: SetKind, reason: str) -> None:
+        """End the streams of this kind."""
+        for subscription in tuple(self._subscriptions):
+            if subscription.kind == kind:
+                subscription.close(reason)
+
+    def close(self, reason: str) -> None:
+        """End all streams and refuse new ones."""
+        self._close_reason = reason
+        for subscription in tuple(self._subscriptions):
+            subscription.close(reason)

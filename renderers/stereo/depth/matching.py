@@ -1,0 +1,99 @@
+"""Semi-global matching of a rectified pair, with an error and a confidence for each match.
+
+OpenCV's matcher finds the disparities. Its interpolation prefers whole pixels by up to 0.2 pixels, so two steps of
+``residual_shift`` refine them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.stereo.depth import matcher_statistics as statistics
+from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA, ImageKind, classify, window_range
+from renderers.stereo.depth.residual_shift import residual_shift
+from renderers.stereo.model import DISPARITY_SCALE
+from renderers.stop import check_stop
+
+WINDOW: Final = 5
+"""Side of the matching window, pixels."""
+REFINEMENT_RADIUS: Final = 4
+"""Radius of the windows of the refinement, pixels."""
+REFINEMENTS: Final = 2
+"""Steps of the refinement. More change disparities by less than 1/16 pixel."""
+MAX_REFINEMENT: Final = 0.5
+"""Maximum change of a disparity by the refinement, pixels. A larger one follows another surface."""
+
+
+def match_pair(
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, kind: ImageKind
+) -> DepthImages:
+    """Return depth images by matching a pair.
+
+    Error and confidence of a match are those of its class in ten rendered scenes (``matcher_statistics``).
+
+    Args:
+        left: (H, W) uint16, rectified: a point's row is the same in both images; units of 1/16 grey level.
+        right: (H, W) uint16, likewise.
+        disparity_count: number of disparities to search, one per pixel from 0.
+        noise_sigma: standard deviation of the image noise, grey levels.
+        kind: kind of the images.
+    """
+    disparity = find_matches(left, right, disparity_count, noise_sigma)
+    noise = max(noise_sigma, MIN_NOISE_SIGMA)
+    classes = classify(grey_levels(left), grey_levels(right), disparity, *window_range(disparity), noise)
+    found = disparity > 0
+    table = statistics.table(kind)
+    error = np.clip(np.rint(table["matched_error"] / DISPARITY_SCALE), 1, 255).astype(np.uint8)
+    confidence = np.floor(table["matched_right"] * 255.0).astype(np.uint8)
+    return DepthImages(disparity, error[classes] * found, confidence[classes] * found)
+
+
+def find_matches(
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+) -> NDArray[np.uint16]:
+    """Return the disparities of a pair, (H, W) uint16, units of 1/16 pixel, 0 where there is no match.
+
+    A pixel has a match if the matches from left to right and from right to left agree. Arguments are those of
+    ``match_pair``.
+    """
+    matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
+    start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
+    refined = start
+    for _ in range(REFINEMENTS):
+        shift = residual_shift(left, right, refined, REFINEMENT_RADIUS, noise_sigma)
+        refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
+    is_refined = np.abs(refined - start) <= MAX_REFINEMENT
+    return np.where(is_refined, np.rint(refined / np.float32(DISPARITY_SCALE)), matches).astype(np.uint16)
+
+
+def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:
+    """Return the disparities of OpenCV's matcher for images in grey levels; see ``find_matches``."""
+    check_stop()
+    searched_count = -(-disparity_count // 16) * 16
+    # OpenCV leaves the first `searched_count` columns invalid. Padding of that width keeps all columns of the image.
+    padded = [cv2.copyMakeBorder(image, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0,
+        numDisparities=searched_count,
+        blockSize=WINDOW,
+        P1=8 * WINDOW * WINDOW,
+        P2=32 * WINDOW * WINDOW,
+        disp12MaxDiff=1,
+        preFilterCap=31,
+        uniquenessRatio=5,
+        speckleWindowSize=0,
+        speckleRange=0,
+        mode=cv2.StereoSGBM_MODE_SGBM,
+    )
+    matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched_count:]
+    check_stop()  # OpenCV cannot be stopped while it matches: half a second for 1280 x 960 pixels
+    # No match (0 or less), or a match with the padding beyond the left edge of the right image.
+    is_match = (matches > 0) & (matches <= disparity_count * 16)
+    is_match &= matches <= np.arange(left.shape[1], dtype=np.int32) * 16
+    return np.where(is_match, matches, 0).astype(np.uint16)

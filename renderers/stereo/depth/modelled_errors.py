@@ -1,0 +1,317 @@
+"""Error model of the disparity: turns exact disparities into those that a window matcher would measure.
+
+The device's manual defines the disparity error (d_eps) as the standard deviation of the measured disparity, and the
+confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Each pixel of
+the left image has a class: its texture, the agreement of both images at the exact disparity, and edges in its window
+(``pixel_classes``). For each class ``matcher_statistics`` has the share of pixels with a match, and the share of right
+matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
+
+* Hole: no match, as on surfaces without texture, in highlights, on translucent surfaces and in repeated patterns.
+* Right: with the error that a local matcher would make in these images (``residual_shift``), scaled so that its
+  standard deviation is the disparity error times the relative error of the class.
+* Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
+  the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
+  part of the matching window.
+* Wrong, elsewhere: off by more than 3 disparity errors.
+
+There are no random numbers. Errors follow from the texture, the dots and the sub-pixel phase, so they stay while the
+scene is static; the image noise adds a small part that differs from frame to frame. The holes and wrong pixels of a
+class are its pixels that are brightest relative to their surroundings and have the largest errors. They form blobs that
+move with the surface. The confidence is the share of right pixels among those that look alike to the device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo.depth import matcher_statistics as statistics
+from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.matcher_statistics import HIDDEN_CLASS
+from renderers.stereo.depth.pixel_classes import EDGE_STEP, MIN_NOISE_SIGMA, ImageKind, classify, window_range
+from renderers.stereo.depth.repetition import repeated_texture
+from renderers.stereo.depth.residual_shift import residual_shift
+from renderers.stereo.model import DISPARITY_SCALE
+
+ERROR_TOLERANCE: Final = 0.05
+"""Maximum relative difference between a pixel's error and the value in the error image."""
+ERROR_RADIUS: Final = 5
+"""Radius of the windows of ``residual_shift``, pixels. Semi-global matching is smoother than its own windows."""
+ERROR_BLUR: Final = 7
+"""Side of the box over which errors are averaged, pixels."""
+ERROR_BANDS: Final = (5, 11)
+"""Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
+semi-global matching depends on the surroundings."""
+WEAK_SHIFT: Final = 0.02
+"""Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels."""
+OUTCOME_BANDS: Final = (11, 31)
+"""Sides of the boxes for holes and wrong pixels, pixels: our choice."""
+LOCKING: Final = 0.36
+"""Preference for whole disparities: amplitude of the mean error by sub-pixel phase, relative to the disparity error.
+Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase is 0."""
+_LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astype(np.float32)
+"""(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
+REPEATED: Final = 0.6
+"""Added to the rank of pixels in repeated texture: about this share of them has no match."""
+RANK_BINS: Final = 256
+"""Bins of the histogram by which the pixels of a class are ordered."""
+MAX_NOISE: Final = 3.0
+"""Maximum error of a right pixel, standard deviations."""
+SUMS: Final = 4
+"""Number of partial sums of each group, which the CPU adds independently."""
+_WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
+"""Columns of the class table (``_class_table``)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """Parameters of the errors of one frame."""
+
+    sigma: float
+    """Standard deviation of the disparity on good texture, rounding included, pixels; above 0."""
+    noise_sigma: float
+    """Standard deviation of the image noise, grey levels."""
+    kind: ImageKind
+    """Kind of the images."""
+    error_scale: float = DISPARITY_SCALE
+    """Pixels per unit of the error image (``choose_error_scale``)."""
+
+
+def choose_error_scale(sigma: float, disparity_count: int) -> float:
+    """Return the pixels per unit of an error image.
+
+    The device's unit is 1/16 pixel. The unit is halved until rounding to it changes ``sigma`` by at most
+    ``ERROR_TOLERANCE``. The disparity message has the same unit and 16 bits, which limits the halving.
+
+    Args:
+        sigma: standard deviation of the disparity, pixels; 0: no noise.
+        disparity_count: number of disparities that the camera measures, and therefore the largest one, pixels.
+    """
+    scale = DISPARITY_SCALE
+    largest = disparity_count + 4.0 * sigma + 1.0  # noise and outliers included
+    while abs(round(sigma / scale) * scale - sigma) > ERROR_TOLERANCE * sigma and largest / scale * 2 <= 65535:
+        scale /= 2
+    return scale
+
+
+def exact_images(true_disparity: NDArray[np.float32]) -> DepthImages:
+    """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1.
+
+    Args:
+        true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
+    """
+    disparity = _sixteenths(true_disparity)
+    valid = disparity > 0
+    return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)))
+
+
+def measured_images(
+    true_disparity: NDArray[np.float32], left: NDArray[np.uint16], right: NDArray[np.uint16], model: ErrorModel
+) -> DepthImages:
+    """Return the depth images that a camera measures with the errors of this model.
+
+    Args:
+        true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
+        left: (H, W) uint16, left image, units of 1/16 grey level.
+        right: (H, W) uint16, right image, likewise.
+        model: parameters of the errors.
+    """
+    wait_until_compiled("stereo")
+    exact = _sixteenths(true_disparity)
+    nearest, farthest = window_range(exact)
+    levels, right_levels = grey_levels(left), grey_levels(right)
+    noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
+    classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
+    classes[exact == 0] = HIDDEN_CLASS
+    phases = np.where(exact > 0, exact & np.uint16(15), np.uint16(16)).astype(np.uint8)
+    expected = _contrast(levels, ERROR_BANDS)
+    _standardise(expected, classes)
+    expected *= np.float32(WEAK_SHIFT)
+    shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
+    noise = np.asarray(cv2.blur(shift, (ERROR_BLUR, ERROR_BLUR)), np.float32)
+    _standardise(noise, classes)
+    _standardise(noise, phases)
+    outcome = _contrast(levels, OUTCOME_BANDS)
+    _standardise(outcome, classes)
+    outcome += np.float32(0.5) * noise
+    _rank(outcome, classes)
+    outcome[repeated_texture(levels, right_levels, true_disparity)] += np.float32(REPEATED)
+    images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
+    _write_measured(
+        true_disparity, nearest, farthest, classes, phases, noise, outcome, _LOCKING_BY_PHASE, _class_table(model),
+        statistics.wrong_spread(), images.disparity, images.error, images.confidence,
+    )  # fmt: skip
+    return images
+
+
+def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
+    units = np.floor(np.clip(disparity * np.float32(16.0), 1.0, 65535.0) + np.float32(0.5))
+    return np.where(disparity > 0.0, units, np.float32(0.0)).astype(np.uint16)
+
+
+def _class_table(model: ErrorModel) -> NDArray[np.float32]:
+    """Return (``CLASSES`` + 1, 7) float32, a row for each class, the last one for ``HIDDEN_CLASS``.
+
+    Columns:
+
+    * ``_WRONG_FROM``, ``_HOLE_FROM``: rank in the class from which a pixel is wrong, and from which it is a hole.
+    * ``_SIGMA``: standard deviation of the error before rounding, units of 1/16 pixel.
+    * ``_MIN_WRONG``: minimum error of a wrong pixel away from edges, units of 1/16 pixel.
+    * ``_ERROR``: disparity error, units of the error image.
+    * ``_CONFIDENCE``, ``_NEIGHBOUR_CONFIDENCE``: confidence of a pixel with the disparity of its own surface, and with
+      that of the other side of an edge, units of 1/255.
+    """
+    table = statistics.table(model.kind)
+    found, right = table["found"], table["right"]
+    sigma = model.sigma * table["relative_error"]
+    units = np.clip(np.rint(sigma / model.error_scale), 1, 255)
+    # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit.
+    before_rounding = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
+    wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
+    confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
+    columns = (found * right, found, before_rounding, wrong, units, *confidences)
+    return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+
+
+def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the difference between the means over two boxes around each pixel, (H, W) float32, grey levels."""
+    small, large = (cv2.boxFilter(levels, cv2.CV_32F, (side, side)) for side in sides)
+    return np.asarray(small - large, np.float32)
+
+
+@kernel("void(float32[:,::1], uint8[:,::1])")
+def _standardise(values, groups):
+    """Change values in place so that in each group their mean is 0 and their variance 1, within ``MAX_NOISE``.
+
+    Args:
+        values: (H, W) float32.
+        groups: (H, W) uint8, group of each value.
+    """
+    height, width = values.shape
+    # Neighbouring pixels are often in one group. With partial sums, their additions do not wait for each other.
+    sums, squares, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
+    for row in range(height):
+        for column in range(width):
+            part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
+            value = np.float64(values[row, column])
+            sums[part, group] += value
+            squares[part, group] += value * value
+            counts[part, group] += 1.0
+    means, factors = np.empty(256, np.float32), np.empty(256, np.float32)
+    for index in range(256):
+        count = max(counts[:, index].sum(), 1.0)
+        mean = sums[:, index].sum() / count
+        means[index] = mean
+        factors[index] = 1.0 / np.sqrt(max(squares[:, index].sum() / count - mean * mean, 1e-12))
+    limit = np.float32(MAX_NOISE)
+    for row in range(height):
+        for column in range(width):
+            group = np.uint64(groups[row, column])
+            value = (values[row, column] - means[group]) * factors[group]
+            values[row, column] = min(max(value, -limit), limit)
+
+
+@kernel("void(float32[:,::1], uint8[:,::1])")
+def _rank(values, groups):
+    """Replace values in place by the share of smaller ones in their group, 0 to 1.
+
+    Args:
+        values: (H, W) float32.
+        groups: (H, W) uint8, group of each value.
+    """
+    height, width = values.shape
+    sums, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
+    for row in range(height):
+        for column in range(width):
+            part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
+            sums[part, group] += np.float64(abs(values[row, column]))
+            counts[part, group] += 1.0
+    # Map values from -1 to 1 by x / (spread + |x|), then to bins: many small and few large values fill all bins.
+    spreads, totals = np.empty(256, np.float32), np.empty(256, np.float32)
+    for index in range(256):
+        totals[index] = max(counts[:, index].sum(), 1.0)
+        spreads[index] = 0.5 * sums[:, index].sum() / totals[index] + 1e-6
+    half, last = np.float32(RANK_BINS / 2), np.float32(RANK_BINS - 0.01)
+    histogram = np.zeros((256, RANK_BINS + 1), np.float32)
+    for row in range(height):
+        for column in range(width):
+            group, value = np.uint64(groups[row, column]), values[row, column]
+            position = min((np.float32(1.0) + value / (abs(value) + spreads[group])) * half, last)
+            values[row, column] = position
+            histogram[group, np.uint64(position) + np.uint64(1)] += np.float32(1.0)
+    for index in range(256):
+        for position_bin in range(RANK_BINS):
+            histogram[index, position_bin + 1] += histogram[index, position_bin]
+        for position_bin in range(RANK_BINS + 1):
+            histogram[index, position_bin] /= totals[index]
+    for row in range(height):
+        for column in range(width):
+            group, position = np.uint64(groups[row, column]), values[row, column]
+            whole = np.uint64(position)
+            below, up_to = histogram[group, whole], histogram[group, whole + np.uint64(1)]
+            values[row, column] = below + (up_to - below) * (position - np.float32(whole))
+
+
+@kernel(
+    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
+    "float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+)
+def _write_measured(
+    true_disparity, nearest, farthest, classes, phases, noise, outcome, locking, class_table, wrong_spread,
+    disparity, error, confidence,
+):  # fmt: skip
+    """Write the measured disparity with its error and confidence.
+
+    Args:
+        true_disparity: (H, W) float32, pixels, 0: not measurable.
+        nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
+        farthest: (H, W) uint16, likewise.
+        classes: (H, W) uint8, row of ``class_table``.
+        phases: (H, W) uint8, index of ``locking``.
+        noise: (H, W) float32, error, of variance 1 in each class.
+        outcome: (H, W) float32, rank in the class, 0 to 1: small ones are right, large ones holes.
+        locking: (17,) float32, ``_LOCKING_BY_PHASE``.
+        class_table: (``CLASSES`` + 1, 7) float32, ``_class_table``.
+        wrong_spread: spread of wrong pixels beyond 3 errors, units of 1/16 pixel.
+        disparity: (H, W) uint16, output, units of 1/16 pixel.
+        error: (H, W) uint8, output, units of the error image.
+        confidence: (H, W) uint8, output, units of 1/255.
+    """
+    height, width = true_disparity.shape
+    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    noise_share = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5)
+    for row in range(height):
+        for column in range(width):
+            entry = class_table[np.uint64(classes[row, column])]
+            pixel_outcome = outcome[row, column]
+            pixel_noise = noise_share * noise[row, column] - locking[np.uint64(phases[row, column])]
+            units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
+            if pixel_outcome < entry[_HOLE_FROM]:
+                measured = true_disparity[row, column] * np.float32(16.0)
+                deviation = entry[_SIGMA] * pixel_noise
+                error_units, confidence_units = entry[_ERROR], entry[_CONFIDENCE]
+                if pixel_outcome >= entry[_WRONG_FROM]:
+                    front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
+                    is_behind = front >= measured + np.float32(EDGE_STEP)
+                    if is_behind or measured >= back + np.float32(EDGE_STEP):
+                        measured = front if is_behind else back
+                        confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
+                    else:
+                        deviation = entry[_MIN_WRONG] + np.float32(wrong_spread) * abs(pixel_noise)
+                        if pixel_noise < zero:
+                            deviation = -deviation
+                if measured > zero:
+                    units = int(min(max(measured + deviation, one), np.float32(65535.0)) + half)
+                if units > column * 16 + 8:
+                    units = 0  # the match would lie beyond the left edge of the right image
+            disparity[row, column] = units
+            error[row, column] = int(error_units) if units > 0 else 0
+            confidence[row, column] = int(confidence_units) if units > 0 else 0

@@ -1,0 +1,106 @@
+"""Light on the sensor from a rendered image: adds the projector, key light, lens blur and vignetting.
+
+Light is linear; 1 is rendered white (``exposure.LIGHT_OF_LEVEL``). ``sensor.image_from_light`` makes a camera image of
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo.lens import optics_kernels as kernels
+from renderers.stereo.light.key_light import FACTOR_ONE
+from renderers.stereo.light.projector import FULL_LIGHT
+from renderers.stereo.model import Intrinsics
+from renderers.stereo.sensor.exposure import LIGHT_OF_LEVEL, LIGHT_WHITE, LUMA, Exposure
+
+LENS_BLUR: Final = 0.7
+"""Standard deviation of the point spread at full resolution, pixels. Our choice: a pixel's area alone has 0.29, the
+diffraction of an f/2.8 lens on pixels of 3.75 um 0.3, and rectification adds an interpolation; 0.7 leaves 2 % of the
+contrast at the pixels' Nyquist frequency."""
+MAX_LENS_BLUR: Final = 0.70710678
+"""Maximum standard deviation of the filter of three taps, pixels: a wider one would invert the finest patterns."""
+VIGNETTING_EXPONENT: Final = 3
+"""Power of the cosine of the field angle with which light falls. A thin lens has 4; real lenses correct a part."""
+
+_NO_DOTS: Final = np.zeros((1, 1), np.uint16)
+"""Kernel argument for ``SceneLight.dots`` of None."""
+_NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
+"""Kernel argument for ``SceneLight.factors`` of None."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Optical properties of both cameras' lenses."""
+
+    blur: float = 0.0
+    """Standard deviation of the point spread, pixels, 0 to ``MAX_LENS_BLUR``."""
+    vignetting: bool = False
+    """Light falls towards the corners (``VIGNETTING_EXPONENT``)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneLight:
+    """Light on the scene besides the rendered one."""
+
+    dots: NDArray[np.uint16] | None = None
+    """(H, W) uint16 light of the projector (``projector.projected_dots``); None: the projector is off."""
+    dot_light: float = 0.0
+    """Light that a full dot adds, relative to the rendered light."""
+    factors: NDArray[np.uint8] | None = None
+    """(ceil(H / 2), ceil(W / 2)) uint8 factors of the rendered light at half the resolution, units of
+    1/``FACTOR_ONE`` (``key_light.light_factors``); None: 1."""
+    background: tuple[int, int, int] = (0, 0, 0)
+    """RGB of the rendered background. Factors do not apply to it: interpolated ones would brighten it beside
+    surfaces."""
+
+
+def light_on_sensor(
+    rendered: NDArray[np.uint8],
+    k: Intrinsics,
+    exposure: Exposure,
+    scene_light: SceneLight = SceneLight(),
+    lens: Lens = Lens(),
+    *,
+    color: bool,
+) -> NDArray[np.uint16]:
+    """Return the square root of the light on each pixel of the sensor, (H, W, 3 or 1) uint16.
+
+    White is ``LIGHT_WHITE``, and the largest value has 16 times the light of white. The square root gives dark parts
+    finer steps of light than bright ones.
+
+    Args:
+        rendered: (H, W, 3) uint8 RGB, C-contiguous.
+        k: intrinsics of the image, for the field angle.
+        exposure: its white balance is applied; exposure time and gain are not.
+        scene_light: projector and key light.
+        lens: blur and vignetting.
+        color: return RGB; otherwise grey, by the weights of Rec. 601.
+    """
+    wait_until_compiled("stereo")
+    height, width = rendered.shape[:2]
+    dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
+    factors = _NO_FACTORS if scene_light.factors is None else scene_light.factors
+    # The filter [w, 1 - 2 w, w] has the variance 2 w.
+    neighbour_weight = 0.5 * min(lens.blur, MAX_LENS_BLUR) ** 2
+    white_balance = exposure.channel_factors
+    weights = np.diag(white_balance) if color else (LUMA * white_balance)[None]
+    light_of_level = (weights[:, :, None] * LIGHT_OF_LEVEL).astype(np.float32)
+    light = np.empty((height, width, len(weights)), np.uint16)
+    inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
+    kernels.light_rows(
+        rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, np.array(scene_light.background, np.uint8),
+        light_of_level, neighbour_weight, k.cx, k.cy, inv_focal, light,
+    )  # fmt: skip
+    return light
+
+
+def relative_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Return the light of a light image, float32 of its shape; 1 is white."""
+    root = light.astype(np.float32) / np.float32(LIGHT_WHITE)
+    return root * root

@@ -1,0 +1,216 @@
+"""Random-dot projector: its light at every pixel of a camera image.
+
+The pattern is a texture on the projector's image plane, so both cameras see a dot at the same place on a surface. The
+dots give the matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
+Objects cast shadows in its light.
+
+There are two patterns: square dots, and realistic ones (``projector_pattern``).
+
+The light of a dot is relative to that of the headlight on the same surface, which already depends on the surface's
+albedo and angle. Dots fade with the square of the distance. Polished metal returns few of them to the cameras.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.cache import Cache
+from renderers.compiler.jit import kernel
+from renderers.compiler.pending import wait_until_compiled
+from renderers.drawlist import Image, Instance
+from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
+
+CELL: Final = 1.5 / 552.0
+"""Width of a cell of the pattern, a dot or a gap, divided by the focal length. With the 4 mm lens, it is 1.5 pixels in
+an image 640 pixels wide."""
+_PERIOD: Final = 1024
+"""Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
+_MIN_CELL_PIXELS: Final = 1.5
+"""Minimum width of a cell, pixels. For smaller cells, a coarser level of the pattern is used, because aliasing would
+differ between the two cameras."""
+SHADOW_BIAS: Final = 0.02
+"""Relative depth bias against self-shadowing, about the change of a slanted surface's depth over the three pixels that
+are compared."""
+REFERENCE_DEPTH: Final = 1.5
+"""Depth at which dots are neither brightened nor faded, metres."""
+FULL_LIGHT: Final = 255
+"""Value of a full dot at ``REFERENCE_DEPTH``."""
+MAX_FADE: Final = 4.0
+"""Maximum factor by which nearer dots are brighter."""
+_AVERAGED_TEXELS: Final = 256
+"""Minimum number of texels along a texture's shorter side from which its means are computed."""
+_cached_means: Cache[Image, tuple[float, float]] = Cache("metal_means", weak=True)
+"""Results of ``_metal_means``."""
+_ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
+"""Kernel arguments for ``returned`` of None."""
+
+
+@cache
+def _pattern_levels() -> tuple[NDArray[np.uint8], ...]:
+    """Return the pattern as a mip chain, (1024, 1024), (512, 512), … uint8: fine dots over dots of four times their
+    size."""
+    random = np.random.Generator(np.random.Philox(160))
+    fine = random.random((_PERIOD, _PERIOD)) < 0.45
+    coarse = np.kron(random.random((_PERIOD // 4, _PERIOD // 4)) < 0.4, np.ones((4, 4), np.bool_))
+    level = np.where(coarse, 160.0, 0.0) + np.where(fine, 95.0, 0.0)
+    levels = []
+    while level.shape[0] >= 16:
+        levels.append(np.round(level).astype(np.uint8))
+        level = (level[::2, ::2] + level[1::2, ::2] + level[::2, 1::2] + level[1::2, 1::2]) / 4
+    return tuple(levels)
+
+
+def projected_dots(
+    depth: NDArray[np.float32],
+    focal_length: float,
+    cx: float,
+    cy: float,
+    offset: float,
+    projector_depth: NDArray[np.float32],
+    *,
+    soft: bool = False,
+    right: bool = False,
+    point_samples: bool = False,
+    returned: tuple[NDArray[np.int32], NDArray[np.float32]] | None = None,
+) -> NDArray[np.uint16]:
+    """Return the light of the projector at every pixel, (H, W) uint16; 0 in shadow and on the background.
+
+    A full dot has the value ``FULL_LIGHT`` at ``REFERENCE_DEPTH``, and up to ``MAX_FADE`` times that at smaller depths.
+
+    Args:
+        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
+        focal_length: focal length of camera and projector, pixels.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        offset: x of the camera in the projector's frame, metres.
+        projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
+            outside this image are lit: the projector's field of view is wider than the camera's.
+        soft: realistic dots (``projector_pattern``).
+        right: speckle as the right camera sees it; without ``soft`` both cameras see the same.
+        point_samples: sample the finest pattern at any resolution, so that the values have the distribution of a
+            full-resolution image's, for metering.
+        returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: they return all light.
+    """
+    wait_until_compiled("stereo")
+    pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
+    light = np.empty(depth.shape, np.uint16)
+    ids, shares = returned or _ALL_RETURNED
+    _project(
+        depth, projector_depth, pattern, cells_per_pixel, float(cx), float(cy), offset * focal_length, ids, shares,
+        light,
+    )  # fmt: skip
+    return light
+
+
+def pattern_at(
+    focal_length: float, *, soft: bool, right: bool, finest: bool = False
+) -> tuple[NDArray[np.uint8], float]:
+    """Return the level of the pattern for an image, (N, N) uint8, and its cells per pixel.
+
+    Args:
+        focal_length: pixels.
+        soft: realistic dots (``projector_pattern``).
+        right: speckle as the right camera sees it.
+        finest: the finest level, however small its cells are.
+    """
+    level, cell_pixels = 0, CELL * focal_length
+    levels = soft_pattern_levels(right=right) if soft else _pattern_levels()
+    if soft:
+        cell_pixels /= TEXELS_PER_CELL
+    min_cell_pixels = 0.0 if finest else _MIN_CELL_PIXELS / (TEXELS_PER_CELL if soft else 1)
+    while cell_pixels < min_cell_pixels and level < len(levels) - 1:
+        level, cell_pixels = level + 1, cell_pixels * 2
+    return levels[level], 1.0 / cell_pixels
+
+
+def returned_shares(instances: Sequence[Instance]) -> NDArray[np.float32]:
+    """Return the share of the projector's light that each instance returns to the cameras, by instance id, float32.
+
+    Metal has no diffuse reflection: its highlight, whose width grows with the square of the roughness, misses the
+    cameras. A textured material returns the mean of its texels' shares everywhere.
+    """
+    shares = np.ones(max((instance.instance_id for instance in instances), default=0) + 2, np.float32)
+    for instance in instances:
+        material, texture = instance.material, instance.material.metallic_roughness_texture
+        metal, rough_metal = (1.0, 1.0) if texture is None else _metal_means(texture.image)
+        shares[instance.instance_id] = 1.0 - material.metallic * (metal - rough_metal * material.roughness**2)
+    return shares
+
+
+def _metal_means(image: Image) -> tuple[float, float]:
+    """Return the means of a metallic-roughness texture: of metalness, and of metalness times squared roughness."""
+    means = _cached_means.get(image)
+    if means is None:
+        pixels = image.decode()
+        step = max(1, min(pixels.shape[:2]) // _AVERAGED_TEXELS)
+        roughness, metal = (pixels[::step, ::step, channel] / 255.0 for channel in (1, 2))
+        means = float(metal.mean()), float((metal * roughness**2).mean())
+        _cached_means.put(image, means, 2 * 8)
+    return means
+
+
+@kernel(
+    "void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, int32[:,::1], "
+    "float32[::1], uint16[:,::1])"
+)
+def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, ids, shares, light):
+    """Write the light at every pixel: the pattern, interpolated bilinearly, except in shadow.
+
+    Args:
+        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
+        projector_depth: (H, W) float32 depth seen from the projector, metres.
+        pattern: (N, N) uint8, one level of the pattern; N is a power of two.
+        cells_per_pixel: cells of this level per pixel of the image.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
+        ids: (H, W) int32, instance at every pixel, or (1, 1).
+        shares: (I,) float32, share of the light that each instance returns; not used with ids of (1, 1).
+        light: (H, W) uint16, output.
+    """
+    height, width = depth.shape
+    period = pattern.shape[0]
+    reference, max_fade, has_ids = np.float32(REFERENCE_DEPTH), np.float32(MAX_FADE), ids.shape[0] == height
+    scale, disparity_factor = np.float32(cells_per_pixel), np.float32(focal_times_offset)
+    shadow_factor = np.float32(1.0 - SHADOW_BIAS)
+    center, cell_mask = np.float32(period // 2), np.uint32(period - 1)
+    one, half = np.float32(1.0), np.float32(0.5)
+    # The pattern at one row of the image, its first cell repeated; and values of the row's pixels. The loops that read
+    # no tables compile to vector instructions.
+    pattern_row = np.empty(period + 1, np.float32)
+    cells, fractions = np.empty(width, np.uint32), np.empty(width, np.float32)
+    fades, projector_columns = np.empty(width, np.float32), np.empty(width, np.int32)
+    for row in range(height):
+        v = (np.float32(row + 0.5) - np.float32(cy)) * scale + center
+        cell_v = int(np.floor(v))
+        fraction_v = v - np.float32(cell_v)
+        upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
+        for i in range(period):
+            pattern_row[i] = np.float32(upper[i]) * (one - fraction_v) + np.float32(lower[i]) * fraction_v
+        pattern_row[period] = pattern_row[0]
+        for column in range(width):
+            z = depth[row, column]  # +inf on the background, where all light fades
+            disparity, fade = disparity_factor / z, reference / z
+            u = (np.float32(column) + half - np.float32(cx) + disparity) * scale + center
+            cell_u = np.floor(u)
+            cells[column], fractions[column] = np.uint32(np.int32(cell_u)) & cell_mask, u - cell_u
+            fades[column] = min(fade * fade, max_fade)
+            projector_columns[column] = np.int32(np.floor(np.float32(column) + half + disparity))
+        if has_ids:
+            for column in range(width):
+                fades[column] *= shares[max(ids[row, column], 0)]
+        for column in range(width):
+            cell, fraction = np.uint64(cells[column]), fractions[column]
+            value = pattern_row[cell] * (one - fraction) + pattern_row[cell + np.uint64(1)] * fraction
+            x = projector_columns[column]
+            if 1 <= x <= width - 2:
+                # The point is in shadow if all three pixels around it in the projector's image are nearer.
+                farthest = max(projector_depth[row, x - 1], projector_depth[row, x], projector_depth[row, x + 1])
+                if farthest < depth[row, column] * shadow_factor:
+                    value = np.float32(0.0)
+            light[row, column] = np.uint16(np.int32(value * fades[column] + half))

@@ -1,0 +1,108 @@
+"""Triangle meshes from disparity images, in the left camera's optical frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.compiler.pending import wait_until_compiled
+from renderers.stereo.depth.downscale import block_means
+from renderers.stereo.mesh import mesh_kernels as kernels
+from renderers.stereo.mesh import ply
+from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
+
+MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
+"""Maximum disparity step between the corners of a connected cell, units of 1/16 pixel (the vendor's GenICam
+library)."""
+FOOTPRINT = 2.0 * 1.4
+"""Vertex property ``scan_size`` divided by the width of a pixel at the point (as in the vendor's cvkit)."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOptions:
+    """Mesh options of a request."""
+
+    max_points: int = 0
+    """Maximum number of points; 0: no limit."""
+    min_depth: bool = False
+    """Take the nearest point of each bin instead of the average."""
+    watertight: bool = False
+    """Fill every hole and connect every cell."""
+    textured: bool = False
+    """Colour points from the left image."""
+
+
+def smallest_bin_size(width: int, height: int, max_points: int) -> int:
+    """Return the smallest side of square bins, pixels, with at most ``max_points`` bins; 1 if ``max_points`` is 0."""
+    side = 1
+    while max_points > 0 and -(-width // side) * -(-height // side) > max_points:
+        side += 1
+    return side
+
+
+def disparity_mesh(
+    disparity: NDArray[np.uint16],
+    intrinsics: Intrinsics,
+    baseline: float,
+    options: MeshOptions,
+    left: NDArray[np.uint8] | None = None,
+) -> tuple[bytes, memoryview, memoryview]:
+    """Return header, vertices and faces of a binary PLY file.
+
+    Args:
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: invalid.
+        intrinsics: intrinsics of the disparity image.
+        baseline: metres.
+        options: see ``MeshOptions``.
+        left: (H', W') or (H', W', 3) uint8 left image, required if textured. Each point gets the mean of the pixels
+            that its bin covers.
+    """
+    wait_until_compiled("stereo")
+    height, width = disparity.shape
+    bin_size = smallest_bin_size(width, height, options.max_points)
+    bins = (-(-height // bin_size), -(-width // bin_size))
+    # Disparity and pixel position of every bin's point; disparity 0: no point.
+    bin_disparity, bin_u, bin_v = (np.empty(bins, np.float32) for _ in range(3))
+    kernels.bin_points(disparity, bin_size, options.min_depth, bin_disparity, bin_u, bin_v)
+    if options.watertight:
+        kernels.fill_empty_bins(bin_disparity)
+    vertex_index = np.empty(bins, np.int32)
+    points = np.empty((np.count_nonzero(bin_disparity), 4), np.float32)
+    baseline_units = baseline / DISPARITY_SCALE
+    kernels.make_points(
+        bin_disparity, bin_u, bin_v, float(intrinsics.focal_length), float(intrinsics.cx), float(intrinsics.cy),
+        baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
+    )  # fmt: skip
+    vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured))
+    for column, name in enumerate(("x", "y", "z", "scan_size")):
+        vertices[name] = points[:, column]
+    if options.textured:
+        if left is None:
+            raise ValueError("a textured mesh needs the left image")
+        colors = _bin_colors(left, width, height, bin_size)[vertex_index >= 0]
+        for channel, name in enumerate(("red", "green", "blue")):
+            vertices[f"diffuse_{name}"] = vertices[name] = colors[:, channel]
+    max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
+    triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
+    kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
+    faces = np.empty(len(triangles), ply.FACE)
+    faces["count"] = 3
+    faces["indices"] = triangles
+    return ply.ply_parts(vertices, faces)
+
+
+def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int) -> NDArray[np.uint8]:
+    """Return the left image averaged over each bin, (rows, columns, 3) uint8.
+
+    Args:
+        left: (H', W') or (H', W', 3) uint8.
+        width: width of the disparity image, pixels.
+        height: height of the disparity image, pixels.
+        bin_size: side of a bin, pixels of the disparity image.
+    """
+    left_pixels_per_bin = -(-left.shape[1] // width) * bin_size
+    colors = block_means(left, left_pixels_per_bin, rows=-(-height // bin_size), columns=-(-width // bin_size))
+    return colors if colors.ndim == 3 else np.repeat(colors[:, :, None], 3, axis=2)

@@ -1,0 +1,187 @@
+"""Kernels of ``disparity_mesh``. Disparities are in units of 1/16 pixel, 0: no point."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.compiler.device_function import inlined
+from renderers.compiler.jit import kernel
+
+
+@kernel("void(uint16[:,::1], int64, boolean, float32[:,::1], float32[:,::1], float32[:,::1])")
+def bin_points(disparity, bin_size, nearest, bin_disparity, bin_u, bin_v):
+    """Write disparity and pixel position of each bin's point.
+
+    The point is the nearest pixel of the bin or the mean of its valid pixels. The mean over pixels of a plane lies on
+    the plane, because the disparity of a plane is affine in the pixel position.
+
+    Args:
+        disparity: (H, W) uint16.
+        bin_size: side of a bin, pixels.
+        nearest: take the nearest pixel instead of the mean.
+        bin_disparity: (rows, columns) float32, output.
+        bin_u: (rows, columns) float32, output, pixels from the left edge.
+        bin_v: (rows, columns) float32, output, pixels from the top edge.
+    """
+    height, width = disparity.shape
+    rows, columns = bin_disparity.shape
+    for row in range(rows):
+        for column in range(columns):
+            disparity_sum, count, x_sum, y_sum = 0, 0, 0, 0
+            for y in range(row * bin_size, min((row + 1) * bin_size, height)):
+                for x in range(column * bin_size, min((column + 1) * bin_size, width)):
+                    d = int(disparity[y, x])
+                    if d == 0:
+                        continue
+                    if not nearest:
+                        disparity_sum += d
+                        x_sum += x
+                        y_sum += y
+                        count += 1
+                    elif d > disparity_sum:
+                        disparity_sum, x_sum, y_sum, count = d, x, y, 1
+            if count == 0:
+                bin_disparity[row, column] = 0.0
+                bin_u[row, column] = (column + 0.5) * bin_size
+                bin_v[row, column] = (row + 0.5) * bin_size
+            else:
+                bin_disparity[row, column] = disparity_sum / count
+                bin_u[row, column] = x_sum / count + 0.5
+                bin_v[row, column] = y_sum / count + 0.5
+
+
+@kernel("void(float32[:,::1])")
+def fill_empty_bins(bin_disparity):
+    """Fill every empty bin of ``bin_disparity``, (rows, columns) float32.
+
+    An empty bin gets the farther of the next filled bins to its left and right, because the background continues behind
+    the edge of an object. An empty row repeats the last filled row above it, or the first filled row if none is above.
+    """
+    rows, columns = bin_disparity.shape
+    first_filled, last_filled = -1, -1
+    for row in range(rows):
+        left = np.float32(0.0)
+        column = 0
+        while column < columns:
+            if bin_disparity[row, column] > 0.0:
+                left = bin_disparity[row, column]
+                column += 1
+                continue
+            start = column
+            while column < columns and bin_disparity[row, column] == 0.0:
+                column += 1
+            right = bin_disparity[row, column] if column < columns else np.float32(0.0)
+            farther = min(left, right) if left > 0.0 and right > 0.0 else max(left, right)
+            for empty_column in range(start, column):
+                bin_disparity[row, empty_column] = farther
+        if bin_disparity[row, 0] > 0.0:
+            if first_filled < 0:
+                first_filled = row
+            last_filled = row
+        elif last_filled >= 0:
+            _copy_row(bin_disparity, last_filled, row)
+    for row in range(first_filled):
+        _copy_row(bin_disparity, first_filled, row)
+
+
+@inlined
+def _copy_row(values, source, target):
+    """Copy row ``source`` to row ``target``, in a loop: a slice assignment would also compile error handling."""
+    for column in range(values.shape[1]):
+        values[target, column] = values[source, column]
+
+
+@kernel(
+    "void(float32[:,::1], float32[:,::1], float32[:,::1], float64, float64, float64, float64, float64, int32[:,::1], "
+    "float32[:,::1])"
+)
+def make_points(
+    bin_disparity, bin_u, bin_v, focal_length, cx, cy, baseline_units, footprint_units, vertex_index, points
+):
+    """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
+
+    The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with focal length f and baseline t.
+
+    Args:
+        bin_disparity: (rows, columns) float32, the d of the formula.
+        bin_u: (rows, columns) float32, pixels from the left edge.
+        bin_v: (rows, columns) float32, pixels from the top edge.
+        focal_length: pixels.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
+        baseline_units: baseline times the disparity units per pixel, metres.
+        footprint_units: footprint of a point times its disparity, metres.
+        vertex_index: (rows, columns) int32, output.
+        points: (N, 4) float32, output: x, y, z and footprint, metres.
+    """
+    count = 0
+    for row in range(bin_disparity.shape[0]):
+        for column in range(bin_disparity.shape[1]):
+            d = bin_disparity[row, column]
+            vertex_index[row, column] = -1
+            if d > 0.0:
+                vertex_index[row, column] = count
+                metres_per_pixel = baseline_units / d
+                points[count, 0] = (bin_u[row, column] - cx) * metres_per_pixel
+                points[count, 1] = (bin_v[row, column] - cy) * metres_per_pixel
+                points[count, 2] = focal_length * metres_per_pixel
+                points[count, 3] = footprint_units / d
+                count += 1
+
+
+@inlined
+def _connected_corners(bin_disparity, row, column, max_step):
+    """Return the number of valid corners of the cell below and right of a bin; 0: the cell is not connected."""
+    lowest, highest, valid = np.float32(np.inf), np.float32(0.0), 0
+    for d in (
+        bin_disparity[row, column],
+        bin_disparity[row, column + 1],
+        bin_disparity[row + 1, column + 1],
+        bin_disparity[row + 1, column],
+    ):
+        if d > 0.0:
+            valid += 1
+            lowest = min(lowest, d)
+            highest = max(highest, d)
+    return valid if valid >= 3 and highest - lowest <= max_step else 0
+
+
+@kernel("int64(float32[:,::1], float32)")
+def count_triangles(bin_disparity, max_step):
+    """Return the number of triangles that ``make_triangles`` writes."""
+    count = 0
+    for row in range(bin_disparity.shape[0] - 1):
+        for column in range(bin_disparity.shape[1] - 1):
+            count += max(_connected_corners(bin_disparity, row, column, max_step) - 2, 0)
+    return count
+
+
+@kernel("void(float32[:,::1], int32[:,::1], float32, uint32[:,::1])")
+def make_triangles(bin_disparity, vertex_index, max_step, triangles):
+    """Write the triangles, counter-clockwise seen from the camera: the vendor's order (i-1,k-1), (i-1,k), (i,k),
+    (i,k-1)."""
+    count = 0
+    for row in range(bin_disparity.shape[0] - 1):
+        for column in range(bin_disparity.shape[1] - 1):
+            if _connected_corners(bin_disparity, row, column, max_step) == 0:
+                continue
+            first, second, third = -1, -1, -1
+            for corner in (
+                vertex_index[row, column],
+                vertex_index[row + 1, column],
+                vertex_index[row + 1, column + 1],
+                vertex_index[row, column + 1],
+            ):
+                if corner < 0:
+                    continue
+                if first < 0:
+                    first = corner
+                elif second < 0:
+                    second = corner
+                elif third < 0:
+                    third = corner
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = first, second, third
+                    count += 1
+                else:
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = third, corner, first
+                    count += 1

@@ -1,0 +1,155 @@
+"""Exposure of an image: time, gain, gamma, white balance, high dynamic range, and automatic exposure.
+
+Rendered images have no physical brightness. By our definition an exposure of 5 ms at 0 dB makes rendered white, which
+is light 1, just white. Light grows linearly with the exposure time and with 10^(gain / 20). An image shows the light to
+the power of gamma, as in the device's manual: 1 is a linear response, and lower values brighten dark parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+REFERENCE_EXPOSURE: Final = 0.005
+"""Exposure time at which rendered white is white, seconds: the device's default of exp_value."""
+DISPLAY_GAMMA: Final = 2.2
+"""Light is the value of a rendered image, 0 to 1, to this power: the encoding of the look ``gltf``."""
+LIGHT_OF_LEVEL: Final = (np.arange(256) / 255.0) ** DISPLAY_GAMMA
+"""(256,) float64, light of each level of a rendered image; 1 is white."""
+LIGHT_WHITE: Final = 16384
+"""Value of white in a light image (``lens.optics``), the square root of its light."""
+LUMA: Final = np.array((0.299, 0.587, 0.114))
+"""Rec. 601 weights of red, green and blue."""
+READ_NOISE: Final = 0.2
+"""Standard deviation of the read noise at 0 dB, grey levels."""
+SHOT_NOISE: Final = 0.0004
+"""Variance of the shot noise per grey level at 0 dB."""
+MIN_EXPOSURE: Final = 6.6e-5
+"""The device's shortest exposure time, seconds."""
+MAX_GAIN: Final = 18.0
+"""The device's highest gain, dB."""
+SATURATED_SHARE: Final = 0.01
+"""Maximum share of saturated pixels before automatic exposure lowers its brightness target."""
+BRACKETS: Final = (0.25, 1.0, 4.0)
+"""Exposure times that a high dynamic range image combines, relative to the automatic one. Our choice: the device's
+are not published."""
+_HISTOGRAM_BINS: Final = 2048
+"""Bins of the light's histogram: a resolution of 1/2000 of the brightest value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """Settings that turn a rendered image into a camera image."""
+
+    time: float = REFERENCE_EXPOSURE
+    """Seconds."""
+    gain: float = 0.0
+    """dB."""
+    gamma: float = 1.0
+    """Power of the light that the image shows: 1 is linear, 0.5 is brighter and resembles the human eye."""
+    hdr: bool = False
+    """Combine three exposures and compress the result into the range of the image."""
+    red: float = 1.0
+    """White balance: factor of red light."""
+    blue: float = 1.0
+    """White balance: factor of blue light."""
+
+    @property
+    def amplification(self) -> float:
+        """``gain`` as a factor."""
+        return float(10.0 ** (self.gain / 20.0))
+
+    @property
+    def light(self) -> float:
+        """Amplified light, relative to the reference exposure."""
+        return self.time / REFERENCE_EXPOSURE * self.amplification
+
+    @property
+    def saturation(self) -> float:
+        """Amplified light at which the image saturates."""
+        return 1.0 / BRACKETS[0] if self.hdr else 1.0
+
+    @property
+    def channel_factors(self) -> NDArray[np.float64]:
+        """(3,) float64, white balance as factors of red, green and blue light."""
+        return np.array((self.red, 1.0, self.blue))
+
+    def response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Return the brightness in the image, 0 to 1, of amplified light.
+
+        High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
+        """
+        return self.unclipped_response(np.minimum(light, self.saturation))
+
+    def unclipped_response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Return ``response`` of a sensor that never saturates."""
+        if self.hdr:
+            light = light * (1.0 + light / self.saturation**2) / (1.0 + light)
+        brightness: NDArray[np.floating] = light**self.gamma
+        return brightness
+
+    def noise_sigma(self, grey: float) -> float:
+        """Return the standard deviation of the noise in one exposure at a grey value of the image, grey levels."""
+        light = (grey / 255.0) ** (1.0 / self.gamma)
+        sigma = noise_sigma(255.0 * light, self.amplification) / 255.0
+        return float(127.5 * ((light + sigma) ** self.gamma - max(light - sigma, 0.0) ** self.gamma))
+
+
+@dataclass(frozen=True, slots=True)
+class AutoExposure:
+    """The device's parameters of automatic exposure."""
+
+    max_time: float = 0.018
+    """Longest exposure time (exp_max), seconds."""
+    average_max: float = 0.75
+    """Target of the mean brightness while nothing saturates, 0 to 1."""
+    average_min: float = 0.25
+    """Mean brightness, 0 to 1, below which the image is not darkened to avoid saturation."""
+
+
+def noise_sigma(grey: NDArray[np.floating] | float, amplification: float) -> Any:
+    """Return the standard deviation of the noise at grey values of a linear response, grey levels.
+
+    The variance of grey value v at amplification g is (0.2 g)^2 + 0.0004 g v: read noise and shot noise.
+    """
+    return np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey)
+
+
+def auto_exposure(light: NDArray[np.float32], limits: AutoExposure, manual: Exposure | None = None) -> Exposure:
+    """Return the exposure time and gain for an image: the longest time first, then gain.
+
+    The result depends on this image only, as if automatic exposure had settled on it.
+
+    Args:
+        light: float32 of any shape, 1 is white; a downscaled image suffices.
+        limits: limits and targets.
+        manual: exposure whose gamma, dynamic range and white balance are kept; None: the default exposure.
+    """
+    manual = manual or Exposure()
+    max_time = max(limits.max_time, MIN_EXPOSURE)
+    # The searches below evaluate the mean brightness about 50 times, so they use a histogram instead of the image.
+    brightest = max(float(light.max()), 1e-6)
+    bins = (light.reshape(-1) * np.float32((_HISTOGRAM_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
+    counts = np.bincount(bins, minlength=_HISTOGRAM_BINS)
+    levels = np.arange(_HISTOGRAM_BINS) * (brightest / (_HISTOGRAM_BINS - 1))
+
+    def factor_for_mean(target: float) -> float:
+        """Return the ``Exposure.light`` at which the mean of the image is ``target``, by bisection."""
+        low, high = Exposure(MIN_EXPOSURE).light, Exposure(max_time, MAX_GAIN).light
+        for _ in range(24):
+            middle = 0.5 * (low + high)
+            mean = float(np.dot(manual.response(levels * middle), counts)) / light.size
+            low, high = (middle, high) if mean < target else (low, middle)
+        return 0.5 * (low + high)
+
+    factor = factor_for_mean(limits.average_max)
+    unsaturated = (1.0 - SATURATED_SHARE) * light.size
+    brightest_unsaturated = max(float(levels[np.searchsorted(np.cumsum(counts), unsaturated)]), 1e-6)
+    if brightest_unsaturated * factor > manual.saturation:
+        factor = max(manual.saturation / brightest_unsaturated, min(factor_for_mean(limits.average_min), factor))
+    time = min(max(factor * REFERENCE_EXPOSURE, MIN_EXPOSURE), max_time)
+    gain = min(max(20.0 * float(np.log10(factor * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)
+    return Exposure(time, 0.0 if gain < 0.01 else gain, manual.gamma, manual.hdr, manual.red, manual.blue)

@@ -1,0 +1,118 @@
+"""Camera images with and without the parts of ``--stereo-realism``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.demo import Demo
+from gateway.scene.flatten import Flattener
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import parse_mount_pose
+from gateway.settings import Settings
+from gateway.stereo.depth.matched_depth import matched_depth
+from gateway.stereo.depth.rendered_depth import ImagePair
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.clock import SimulatedClock
+from gateway.stereo.device.parameters import Parameters
+from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.realistic_images import make_imaging
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.scene_motion import SceneState
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
+from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
+from renderers.stereo.model import Quality
+from renderers.stereo.realism import REALISM_PARTS, RealismPart
+from renderers.stereo.sensor.exposure import SATURATED_SHARE
+from renderers.stereo.sensor.noise import NoiseStream
+from tests.stereo.conftest import SMALL, Start
+
+ALL = StereoConfig(realism=frozenset(REALISM_PARTS))
+
+
+def moving_demo(gpio: int) -> Capture:
+    """Return a capture of the demo scene with the frame before it."""
+    tree, flattener = LiveTree(), Flattener(LabelTable())
+    demo = Demo(tree)
+    demo.populate()
+    before = flattener.flatten(tree.snapshot)
+    demo.move_to(0.04)
+    left = parse_mount_pose(Settings(only=()).stereo_pose)
+    return Capture(40_000_000, flattener.flatten(tree.snapshot), 1, left, gpio, 1, SceneState(0, before, left))
+
+
+@pytest.mark.parametrize("gpio", [0, 1])
+def test_equal_inputs_give_equal_bytes(renderer: CpuRenderer, gpio: int) -> None:
+    other = CpuRenderer(1)
+    config = replace(ALL, model=SMALL)
+    images = []
+    for each in (renderer, other):
+        imaging, capture = make_imaging(config, each), moving_demo(gpio)
+        exposure = imaging.meter(capture, read_settings(Parameters())).exposure
+        request = ImageRequest(exposure, NoiseStream.RIGHT, frozenset((True,)))
+        images.append(imaging.expose(capture, request)[True].image)
+    other.close()
+    assert (images[0] == images[1]).all()
+
+
+@pytest.mark.parametrize("part", REALISM_PARTS)
+def test_each_part_changes_the_image_by_itself(renderer: CpuRenderer, part: RealismPart) -> None:
+    capture = moving_demo(int(part == "projector"))
+    exposure = replace(read_settings(Parameters()).manual_exposure, time=0.1, gain=-26.0)
+    request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
+    without, with_part = (
+        make_imaging(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
+        for parts in (frozenset[RealismPart](), frozenset((part,)))
+    )
+    assert (without != with_part).mean() > 0.001
+
+
+def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> None:
+    capture = moving_demo(1)
+    for parts in (REALISM_PARTS, ("projector",)):
+        config = StereoConfig(realism=frozenset(parts))
+        imaging = make_imaging(config, renderer)
+        metered = imaging.meter(capture, read_settings(Parameters()))
+        request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
+        image = imaging.expose(capture, request)[False]
+        assert (image.image == 255).mean() < SATURATED_SHARE
+        assert image.brightness == pytest.approx(metered.brightness, abs=0.08)
+        assert image.brightness > 0.2
+
+
+@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM])
+def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: Quality) -> None:
+    capture, model, divisor = moving_demo(1), ALL.model, quality.divisor
+    imaging = make_imaging(ALL, renderer)
+    settings = replace(read_settings(Parameters()), quality=quality)
+    exposure = imaging.meter(capture, settings).exposure
+    left, right = (
+        imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
+        for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
+    )
+    with (
+        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
+        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
+    ):
+        assert seen.depth is not None
+        assert other.depth is not None
+        true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
+    measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
+    valid = (true > 0) & (measured.disparity > 0)
+    assert valid.sum() / (true > 0).sum() >= 0.95
+    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.025
+
+
+async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
+    sets = []
+    for _ in range(2):
+        camera = await start(clock=SimulatedClock(), realism=frozenset(REALISM_PARTS))
+        sets.append(await camera.take(3, left_enabled=True, right_enabled=True))
+    for first, second in zip(*sets, strict=True):
+        assert first.SerializeToString() == second.SerializeToString()
+    assert sets[0][0].left.data != sets[0][1].left.data, "noise differs from frame to frame"

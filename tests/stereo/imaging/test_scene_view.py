@@ -1,0 +1,65 @@
+"""Scene and pose of the stereo camera in the live tree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gateway.scene import transforms as tf
+from gateway.scene.flatten import Flattener
+from gateway.scene.geometry import Box, Part
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree
+from gateway.scene.mount import Mount
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.imaging.scene_view import SceneView
+from renderers.drawlist import Material
+from tests.stereo.conftest import SMALL
+
+
+def view_of(tree: LiveTree) -> SceneView:
+    mount = Mount(tf.translation(9, 9, 9), ("head",))
+    return SceneView(tree, Flattener(LabelTable()), mount)
+
+
+def test_scene_and_pose_are_of_one_time() -> None:
+    times = iter((10, 20))
+    tree = LiveTree(lambda: next(times))
+    tree.keep_recent("camera", active=True)
+    with tree.edit() as edit:
+        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
+        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    view = view_of(tree)
+    with tree.edit() as edit:
+        edit.delete(("box",))
+        edit.set_matrix(("head",), tf.translation(4, 5, 6))
+    before, after, current = view.state(19), view.state(20), view.state()
+    assert (len(before.scene.instances), before.revision, before.timestamp, before.changed) == (1, 1, 19, 10)
+    assert before.X_world_left[:3, 3].tolist() == [1, 2, 3]
+    assert (len(after.scene.instances), after.revision, after.timestamp, after.changed) == (0, 2, 20, 20)
+    assert after.X_world_left[:3, 3].tolist() == [4, 5, 6]
+    assert (current.revision, current.timestamp) == (2, 20)
+    assert view.camera(StereoConfig(model=SMALL)).X_world_camera[:3, 3].tolist() == [4, 5, 6]
+
+
+def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
+    tree = LiveTree()
+    view = view_of(tree)
+    assert "the stereo camera keeps its last pose" in view.warning()
+    assert view.state().X_world_left[:3, 3].tolist() == [9, 9, 9]
+    with tree.edit() as edit:
+        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    assert view.warning() == ""
+    with tree.edit() as edit:
+        edit.delete(("head",))
+    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
+    assert "no such node" in view.warning()
+
+
+def test_the_left_camera_has_the_models_intrinsics() -> None:
+    tree = LiveTree()
+    camera = view_of(tree).camera(StereoConfig(model=SMALL, near=0.5, far=20.0))
+    k = SMALL.intrinsics()
+    assert (camera.width, camera.height) == (320, 240)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (k.focal_length, k.focal_length, k.cx, k.cy)
+    assert (camera.near, camera.far) == (0.5, 20.0)
+    np.testing.assert_array_equal(camera.X_world_camera, tf.translation(9, 9, 9))

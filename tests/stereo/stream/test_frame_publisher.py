@@ -1,0 +1,142 @@
+"""Counters and errors of frames that are made."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import pytest
+from structlog.testing import capture_logs
+
+from gateway.runtime.worker_pool import QueueFull
+from gateway.stereo.stream.frame_publisher import FramePublisher, FramesInFlight
+from gateway.stereo.stream.set_kind import SetKind
+from tests.support.waiting import until
+
+LEFT, DEPTH = SetKind(left=True), SetKind(disparity=True)
+
+
+@dataclass
+class FakeHub:
+    """Collects what is published."""
+
+    published: list[tuple[SetKind, int, bytes, int]] = field(default_factory=list)
+    ended: list[tuple[SetKind, str]] = field(default_factory=list)
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def publish(self, kind: SetKind, number: int, data: bytes, generation: int) -> None:
+        self.published.append((kind, number, data, generation))
+
+    def end_streams(self, kind: SetKind, message: str) -> None:
+        self.ended.append((kind, message))
+
+
+class FakeInjector:
+    """Delivers at once."""
+
+    def deliver(self, number: int, data: bytes, put: partial[None]) -> None:
+        put()
+
+
+@dataclass
+class FakeFrame:
+    """Serialises to the results of its kinds."""
+
+    results: dict[SetKind, bytes | Exception]
+    left_metered: Any = None
+    number: int = 7
+    generation: int = 3
+    cancelled: int = 0
+    forever: bool = False
+
+    async def serialised(self, kind: SetKind) -> bytes:
+        if self.forever:
+            await asyncio.Event().wait()
+        result = self.results[kind]
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def cancel(self) -> None:
+        self.cancelled += 1
+
+
+@pytest.fixture
+def hub() -> FakeHub:
+    return FakeHub()
+
+
+@pytest.fixture
+def publisher(hub: FakeHub) -> FramePublisher:
+    injector: Any = FakeInjector()
+    target: Any = hub
+    events: Any = None
+    return FramePublisher(target, events, injector, "max", simulated=False)
+
+
+async def make(publisher: FramePublisher, frame: Any) -> None:
+    await publisher.publish_sets(frame, set(frame.results))
+
+
+async def test_frames_and_depth_frames_are_counted(publisher: FramePublisher, hub: FakeHub) -> None:
+    metered = object()
+    await make(publisher, FakeFrame({LEFT: b"left"}, left_metered=metered))
+    assert (publisher.counts.frames, publisher.counts.depth_frames, publisher.counts.depth_seconds) == (1, 0, 0.0)
+    await make(publisher, FakeFrame({LEFT: b"left", DEPTH: b"depth"}))
+    assert (publisher.counts.frames, publisher.counts.depth_frames) == (2, 1)
+    assert publisher.counts.depth_seconds > 0.0
+    assert publisher.last_metered is metered
+    assert sorted(data for _, _, data, _ in hub.published) == [b"depth", b"left", b"left"]
+    assert hub.published[0] == (LEFT, 7, b"left", 3)
+
+
+async def test_a_full_queue_drops_the_set_and_ends_no_stream(publisher: FramePublisher, hub: FakeHub) -> None:
+    await make(publisher, FakeFrame({LEFT: QueueFull("full", 1), DEPTH: b"depth"}))
+    assert publisher.counts.busy == 1
+    assert [kind for kind, *_ in hub.published] == [DEPTH]
+    assert hub.ended == []
+
+
+async def test_an_error_ends_the_streams_of_its_kind_until_the_next_frame_is_made(
+    publisher: FramePublisher, hub: FakeHub
+) -> None:
+    await make(publisher, FakeFrame({LEFT: ValueError("broken"), DEPTH: KeyError("x")}))
+    assert sorted(hub.ended, key=str) == sorted(
+        [(LEFT, "frame 7 (left) could not be made: broken"), (DEPTH, "frame 7 (disparity) could not be made: 'x'")],
+        key=str,
+    )
+    assert "could not be made" in publisher.counts.problem
+    await make(publisher, FakeFrame({LEFT: b"left"}))
+    assert publisher.counts.problem == ""
+
+
+async def test_only_unexpected_errors_are_logged_with_a_traceback(publisher: FramePublisher) -> None:
+    with capture_logs() as entries:
+        publisher.fail(LEFT, "no frame", RuntimeError("unexpected"))
+        publisher.fail(LEFT, "no frame", ValueError("expected"))
+    assert [entry["event"] for entry in entries] == ["no frame: unexpected", "no frame: expected"]
+    assert isinstance(entries[0]["exc_info"], RuntimeError)
+    assert entries[1]["exc_info"] is None
+
+
+async def test_cancelling_the_work_cancels_the_frame(publisher: FramePublisher, hub: FakeHub) -> None:
+    group, frame = FramesInFlight(), FakeFrame({LEFT: b""}, forever=True)
+    publisher.spawn(group, make(publisher, frame))
+    await asyncio.sleep(0)
+    assert len(group) == 1
+    group.cancel()
+    await until(lambda: not len(group))
+    assert (frame.cancelled, publisher.counts.frames, publisher.counts.problem) == (1, 0, "")
+    assert hub.changed.is_set()
+
+
+async def test_unexpected_errors_of_the_work_are_the_problem(publisher: FramePublisher, hub: FakeHub) -> None:
+    async def fail() -> None:
+        raise RuntimeError("no event could be sent")
+
+    group = FramesInFlight()
+    publisher.spawn(group, fail())
+    await until(lambda: not len(group) and hub.changed.is_set())
+    assert publisher.counts.problem == "no event could be sent"
