@@ -1,6 +1,6 @@
 """Light on the sensor from a rendered image: adds the projector, key light, lens blur and vignetting.
 
-Light is linear; 1 is rendered white (``exposure.LIGHT_OF_LEVEL``). ``sensor.image_from_light`` makes a camera image of
+Light is linear; 1 is rendered white (``exposure.LIGHT_OF_LEVEL``). ``image_from_light`` makes a camera image of
 it.
 """
 

@@ -1,4 +1,4 @@
-"""Kernel of ``sensor.image_from_light``: a camera image from a light image."""
+"""Kernel of ``image_from_light``: a camera image from a light image."""
 
 from __future__ import annotations
 
