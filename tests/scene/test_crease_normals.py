@@ -175,6 +175,14 @@ def test_without_creases_normals_are_summed_by_area_per_vertex_index() -> None:
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
 
 
+def test_without_creases_opposite_faces_of_the_same_vertices_have_their_own_normals() -> None:
+    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32)
+    triangles = np.array([(0, 1, 2), (0, 2, 1)], np.uint32)
+    vertices, faces, normals = smooth_vertices(positions, triangles, NO_CREASES)
+    assert vertices.tolist() == [0, 0, 1, 1, 2, 2]
+    np.testing.assert_array_equal(normals[faces][:, :, 2], [[1, 1, 1], [-1, -1, -1]])
+
+
 def test_without_creases_the_tip_of_a_cone_of_many_faces_has_one_normal() -> None:
     count = MAX_FACES_PER_VERTEX * 4
     angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
