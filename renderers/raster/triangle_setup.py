@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, as_f32, as_u32, f32_at, i32_at, u32_at
+from renderers.compiler.pointers import address, as_u32, f32_at, i32_at, u32_at
 from renderers.raster.layout import (
     BINNED_BYTES,
     HALF_PIXEL,
@@ -34,34 +34,144 @@ BACK_BIT: Final = -(1 << 31)
 _PREFETCH_DISTANCE: Final = 64
 """Triangles from the current one to that whose vertices are prefetched; hardware does not prefetch across pages."""
 
-# Rows of SETUP_MEMORY.columns: the int32 fields of eight SMALL_TRIANGLEs.
-_VALUES: Final = BINNED_BYTES // 4
-_EDGES: Final = 0
-_EDGE_DX: Final = 8 * 3
-_EDGE0_DY: Final = 8 * 5
-_EDGE1_DY: Final = 8 * 8
-_BOX_CORNER: Final = 8 * 9
-_BOX_SIZE: Final = 8 * 10
-_INV_Z_BASE: Final = 8 * 11
-_INV_Z_DX: Final = 8 * 12
-_INV_Z_DY: Final = 8 * 13
-_INV_Z_MIN: Final = 8 * 14
-_INV_Z_MAX: Final = 8 * 15
+
+class Box(NamedTuple):
+    """Pixels whose centre, or one of whose samples, may be covered: columns and rows, i32x8 each."""
+
+    left: Any
+    top: Any
+    right: Any
+    """One past the last column."""
+    bottom: Any
+    """One past the last row."""
+
+
+class Edges(NamedTuple):
+    """Edge functions of a triangle's three edges, three i32x8 each. A point is covered where all are at least 0."""
+
+    first: Any
+    """At the first pixel centre of the box."""
+    dx: Any
+    """Change per column."""
+    dy: Any
+    """Change per row."""
+
+
+class InvZ(NamedTuple):
+    """1/z of eight triangles as a function of the pixel, f32x8 each. It is linear on the screen."""
+
+    first: Any
+    """At the first pixel centre of the box."""
+    dx: Any
+    """Change per column."""
+    dy: Any
+    """Change per row."""
+    min: Any
+    """Minimum over the vertices: clamping to the range keeps slivers from extrapolating."""
+    max: Any
+
+
+@inlined
+def _load_triangles(draw, first, lanes, vertices, scratch):
+    """Return x, y (pixels) and 1/z of the corners of eight triangles, three f32x8 each.
+
+    Args:
+        lanes: number of triangles; the lanes beyond them repeat the last one.
+        scratch: pointer to (24,) int32.
+    """
+    indices = u32_at(address(draw.indices) + 12 * first)
+    if lanes < vec.LANES:
+        padded = as_u32(scratch)
+        for k in range(vec.LANES):
+            for corner in range(3):
+                padded[3 * k + corner] = indices[3 * min(k, lanes - 1) + corner]
+        indices = padded
+    x0, y0, w0 = vec.load_corners(vertices, indices, 0)
+    x1, y1, w1 = vec.load_corners(vertices, indices, 1)
+    x2, y2, w2 = vec.load_corners(vertices, indices, 2)
+    return (x0, x1, x2), (y0, y1, y2), (w0, w1, w2)
+
+
+@inlined
+def _select3(mask, a, b):
+    return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
+
+
+@inlined
+def _minimum_of_3(a):
+    return vec.minimum(vec.minimum(a[0], a[1]), a[2])
+
+
+@inlined
+def _maximum_of_3(a):
+    return vec.maximum(vec.maximum(a[0], a[1]), a[2])
+
+
+@inlined
+def _snap_to_grid(a):
+    grid = vec.f32(float(SUBPIXEL))
+    return vec.to_i32(vec.rint(a[0] * grid)), vec.to_i32(vec.rint(a[1] * grid)), vec.to_i32(vec.rint(a[2] * grid))
+
+
+@inlined
+def _bounding_box(gx, gy, reach):
+    """Return the BOX of corners on the grid; as ``first_center``, ceil((value - 128) / 256).
+
+    Args:
+        reach: as FRAME.sample_reach.
+    """
+    bits = vec.i32(SUBPIXEL_BITS)
+    begin, end = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)
+    return Box(
+        left=(_minimum_of_3(gx) + begin) >> bits,
+        top=(_minimum_of_3(gy) + begin) >> bits,
+        right=(_maximum_of_3(gx) + end) >> bits,
+        bottom=(_maximum_of_3(gy) + end) >> bits,
+    )
 
 
 @inlined
 def _edge_function(xa, ya, xb, yb, px, py):
-    """Return the edge function of a -> b at the grid point (px, py), and the edge as a vector; all i32x8.
+    """Return the edge function of a -> b at the grid point (px, py), and its changes per column and row; all i32x8.
 
     The function is lowered by one where the edge is open, neither left nor top. With positive area and y down, left
     edges run upwards and top edges to the right.
     """
-    zero, one = vec.i32(0), vec.i32(1)
+    zero, one, bits = vec.i32(0), vec.i32(1), vec.i32(SUBPIXEL_BITS)
     edge_x = xb - xa
     edge_y = yb - ya
     closed = (edge_y < zero) | ((edge_y == zero) & (edge_x > zero))
     value = edge_x * (py - ya) - edge_y * (px - xa)
-    return vec.select(closed, value, value - one), edge_x, edge_y
+    return vec.select(closed, value, value - one), zero - (edge_y << bits), edge_x << bits
+
+
+@inlined
+def _edge_functions(gx, gy, box):
+    """Return the EDGES of clockwise triangles with corners on the grid."""
+    bits, half = vec.i32(SUBPIXEL_BITS), vec.i32(HALF_PIXEL)
+    px, py = (box.left << bits) + half, (box.top << bits) + half
+    e0, dx0, dy0 = _edge_function(gx[0], gy[0], gx[1], gy[1], px, py)
+    e1, dx1, dy1 = _edge_function(gx[1], gy[1], gx[2], gy[2], px, py)
+    e2, dx2, dy2 = _edge_function(gx[2], gy[2], gx[0], gy[0], px, py)
+    return Edges(first=(e0, e1, e2), dx=(dx0, dx1, dx2), dy=(dy0, dy1, dy2))
+
+
+@inlined
+def _inv_z_plane(x, y, w, box):
+    """Return the INV_Z of the plane through the vertices before snapping; the same for both windings."""
+    ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
+    ux, uy, uw = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
+    vx, vy, vw = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw
+    determinant = ux * vy - vx * uy
+    zero, half = vec.f64(0.0), vec.f64(0.5)
+    is_flat = determinant == zero
+    inverse = vec.f64(1.0) / vec.select(is_flat, vec.f64(1.0), determinant)
+    dx = vec.select(is_flat, zero, (uw * vy - vw * uy) * inverse)
+    dy = vec.select(is_flat, zero, (vw * ux - uw * vx) * inverse)
+    first = aw + (dx * (vec.to_f64(box.left) + half - ax) + dy * (vec.to_f64(box.top) + half - ay))
+    return InvZ(
+        first=vec.to_f32(first), dx=vec.to_f32(dx), dy=vec.to_f32(dy), min=_minimum_of_3(w), max=_maximum_of_3(w)
+    )
 
 
 @device_function
@@ -73,7 +183,6 @@ def set_up_triangles(frame, draw_index, begin, end, memory):
     """
     # One loop: a function call for every eight would take a fifth of the time of those that are not visible.
     draw = frame.draws[draw_index]
-    far_inv_z = np.float32(1.0 / frame.far)
     vertices, indices = f32_at(address(frame.vertices) + 16 * draw.first_vertex), draw.indices
     for triangle in range(begin, end, vec.LANES):
         vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
@@ -82,12 +191,101 @@ def set_up_triangles(frame, draw_index, begin, end, memory):
         vec.prefetch(vertices, 4 * np.int64(indices[ahead]))
         vec.prefetch(vertices, 4 * np.int64(indices[ahead + 1]))
         vec.prefetch(vertices, 4 * np.int64(indices[ahead + 2]))
-        _set_up_eight(frame, draw_index, far_inv_z, triangle, min(end - triangle, vec.LANES), memory)
+        _set_up_eight(frame, draw_index, vertices, triangle, min(end - triangle, vec.LANES), memory)
+
+
+@inlined
+def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
+    """Set up the triangles ``first .. first + lanes`` (at most eight) of a draw.
+
+    Those of at most TINY_SIDE x TINY_SIDE pixels are rasterized here, all at once, and leave their pixels. Small ones
+    become SMALL_TRIANGLEs. Large and clipped ones take the scalar path.
+
+    Args:
+        vertices: pointer to the draw's first vertex.
+        memory: as for ``set_up_triangles``.
+    """
+    draw = frame.draws[draw_index]
+    x, y, w = _load_triangles(draw, first, lanes, vertices, memory.columns)
+    inv_z_min, inv_z_max = _minimum_of_3(w), _maximum_of_3(w)
+    zero, zeros = vec.i32(0), (vec.f32(0.0), vec.f32(0.0), vec.f32(0.0))
+    used = vec.iota() < vec.i32(lanes)
+    clipped = vec.movemask(used & (inv_z_min < zeros[0]) & (inv_z_max > vec.f32(BEHIND)))
+    visible = used & (inv_z_min > zeros[0]) & (inv_z_max >= vec.f32(np.float32(1.0 / frame.far)))
+    if vec.movemask(visible) == 0 and clipped == 0:
+        return
+    x, y = _select3(visible, x, zeros), _select3(visible, y, zeros)  # those of the other lanes may be infinite
+    gx, gy = _snap_to_grid(x), _snap_to_grid(y)
+    box = _bounding_box(gx, gy, frame.sample_reach)
+    width, height = box.right - box.left, box.bottom - box.top
+    visible = visible & (vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width)))
+    visible = visible & (vec.maximum(box.top, zero) < vec.minimum(box.bottom, vec.i32(frame.height)))
+    fits = (width <= vec.i32(MAX_SMALL_WIDTH)) & (height <= vec.i32(MAX_SMALL_HEIGHT))
+    fits = fits & (inv_z_max <= inv_z_min * vec.f32(MAX_SMALL_DEPTH_RATIO))
+    large = vec.movemask(visible & ~fits) | clipped
+    area = (gx[1] - gx[0]) * (gy[2] - gy[0]) - (gx[2] - gx[0]) * (gy[1] - gy[0])
+    # The sign alone: of a triangle that is not small, -area may overflow.
+    area_sign = vec.select(area < zero, vec.i32(-1), vec.i32(1))
+    small = visible & fits & (area != zero) & (area_sign != vec.i32(draw.hidden_sign))
+    is_back = area_sign == vec.i32(draw.culled_sign)
+    if frame.bin_count == frame.band_count:
+        small = small & ~is_back
+    if vec.movemask(small) == 0 and large == 0:
+        return
+    counter_clockwise = area < zero
+    gx = _select3(counter_clockwise, (gx[0], gx[2], gx[1]), gx)
+    gy = _select3(counter_clockwise, (gy[0], gy[2], gy[1]), gy)
+    edges = _edge_functions(gx, gy, box)
+    inv_z = _inv_z_plane(x, y, w, box)
+    tiny = small & (width <= vec.i32(TINY_SIDE)) & (height <= vec.i32(TINY_SIDE))
+    tiny = tiny & (box.left >= zero) & (box.right <= vec.i32(frame.width))
+    tiny = tiny & (box.top >= zero) & (box.bottom <= vec.i32(frame.height))
+    if memory.tiny_count > MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE or frame.sample_reach != 0:
+        tiny = tiny & (zero < zero)  # no room left, or several samples
+    ids = vec.i32(draw.first_id + first) + vec.iota()
+    if vec.movemask(tiny) != 0:
+        _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory)
+    small_lanes = vec.movemask(small & ~tiny)
+    if small_lanes != 0:
+        _store_columns(memory.columns, ids, box, edges, inv_z)
+    if small_lanes | large != 0:
+        _append_primitives(frame, draw_index, first, small_lanes, large, vec.movemask(is_back), memory)
+
+
+@inlined
+def _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory):
+    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to SETUP_MEMORY.tiny_pixels.
+
+    Args:
+        tiny: m8, the triangles to draw.
+        is_back: m8, back faces that are kept.
+        ids: i32x8, primitive ids.
+    """
+    corner = box.top * vec.i32(frame.stride) + box.left
+    corner = vec.select(is_back, corner | vec.i32(BACK_BIT), corner)
+    # Nearly all have at most three pixels a side: all nine cost less than a mispredicted number of them.
+    three = vec.i32(TINY_SIDE - 1)
+    is_wide = (box.right - box.left > three) | (box.bottom - box.top > three)
+    sides = TINY_SIDE - 1 + (vec.movemask(tiny & is_wide) != 0)
+    count = memory.tiny_count
+    row_e0, row_e1, row_e2 = edges.first
+    for row in range(sides):
+        row_inv_z = inv_z.first + inv_z.dy * vec.f32(np.float32(row))
+        e0, e1, e2 = row_e0, row_e1, row_e2
+        for column in range(sides):
+            pixel_inv_z = row_inv_z + inv_z.dx * vec.f32(np.float32(column))
+            pixel_inv_z = vec.minimum(vec.maximum(pixel_inv_z, inv_z.min), inv_z.max)
+            covered = tiny & ((e0 | e1 | e2) >= vec.i32(0))
+            pixel = corner + vec.i32(row * frame.stride + column)
+            count = _append_pixels(memory.tiny_pixels, count, covered, pixel, pixel_inv_z, ids)
+            e0, e1, e2 = e0 + edges.dx[0], e1 + edges.dx[1], e2 + edges.dx[2]
+        row_e0, row_e1, row_e2 = row_e0 + edges.dy[0], row_e1 + edges.dy[1], row_e2 + edges.dy[2]
+    memory.tiny_count = count
 
 
 @inlined
 def _append_pixels(pixels, count, covered, pixel, inv_z, ids):
-    """Append one pixel of each covered triangle to ``SETUP_MEMORY.tiny_pixels``; return the new ``count``.
+    """Append one pixel of each covered triangle to SETUP_MEMORY.tiny_pixels; return the new ``count``.
 
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
     """
@@ -98,152 +296,42 @@ def _append_pixels(pixels, count, covered, pixel, inv_z, ids):
 
 
 @inlined
-def _set_up_eight(frame, draw_index, far_inv_z, first, lanes, memory):
-    """Set up the triangles ``first .. first + lanes`` (at most eight) of a draw.
+def _store_columns(columns, ids, box, edges, inv_z):
+    """Write eight SMALL_TRIANGLEs to SETUP_MEMORY.columns: a row of eight lanes for each field, in its order."""
+    low_half = vec.i32(0xFFFF)
+    fields = (
+        *edges.first,
+        edges.dx[0],
+        edges.dx[1],
+        edges.dy[0],
+        ids,
+        vec.i32(KIND_SMALL),
+        edges.dy[1],
+        (box.top << vec.i32(16)) | (box.left & low_half),
+        ((box.bottom - box.top) << vec.i32(16)) | (box.right - box.left),
+        vec.float_bits(inv_z.first),
+        vec.float_bits(inv_z.dx),
+        vec.float_bits(inv_z.dy),
+        vec.float_bits(inv_z.min),
+        vec.float_bits(inv_z.max),
+    )
+    row = 0
+    for field in fields:
+        vec.store(columns, row, field)
+        row += vec.LANES
 
-    Those of at most TINY_SIDE x TINY_SIDE pixels are rasterized here, all at once, and leave their pixels. Small ones
-    become SMALL_TRIANGLEs. Large and clipped ones take the scalar path.
+
+@inlined
+def _append_primitives(frame, draw_index, first, small_lanes, large_lanes, back_lanes, memory):
+    """Append the small triangles in SETUP_MEMORY.columns, and the large ones, in the order of their lanes.
 
     Args:
-        far_inv_z: 1/z of the far plane, float32.
-        memory: as for ``set_up_triangles``.
+        first: index of the first of the eight triangles in its mesh.
+        small_lanes, large_lanes, back_lanes: a bit for each triangle that is small, large or clipped, a back face.
     """
-    draw = frame.draws[draw_index]
-    vertices = f32_at(address(frame.vertices) + 16 * draw.first_vertex)
-    indices = u32_at(address(draw.indices) + 12 * first)
-    columns = memory.columns
-    lane = vec.iota()
-    if lanes < vec.LANES:  # the other lanes repeat the last triangle and are not used
-        padded = as_u32(columns)
-        for k in range(vec.LANES):
-            for corner in range(3):
-                padded[3 * k + corner] = indices[3 * min(k, lanes - 1) + corner]
-        indices = padded
-    x0, y0, w0 = vec.load_corners(vertices, indices, 0)  # w: 1/z
-    x1, y1, w1 = vec.load_corners(vertices, indices, 1)
-    x2, y2, w2 = vec.load_corners(vertices, indices, 2)
-    zero_f32 = vec.f32(0.0)
-    inv_z_max = vec.maximum(vec.maximum(w0, w1), w2)
-    inv_z_min = vec.minimum(vec.minimum(w0, w1), w2)
-    used = lane < vec.i32(lanes)
-    clipped_lanes = vec.movemask(used & (inv_z_min < zero_f32) & (inv_z_max > vec.f32(BEHIND)))
-    visible = used & (inv_z_min > zero_f32) & (inv_z_max >= vec.f32(far_inv_z))
-    if vec.movemask(visible) == 0 and clipped_lanes == 0:
-        return
-
-    # Coordinates of the other lanes may be infinite.
-    x0, y0 = vec.select(visible, x0, zero_f32), vec.select(visible, y0, zero_f32)
-    x1, y1 = vec.select(visible, x1, zero_f32), vec.select(visible, y1, zero_f32)
-    x2, y2 = vec.select(visible, x2, zero_f32), vec.select(visible, y2, zero_f32)
-    grid = vec.f32(float(SUBPIXEL))
-    gx0, gy0 = vec.to_i32(vec.rint(x0 * grid)), vec.to_i32(vec.rint(y0 * grid))
-    gx1, gy1 = vec.to_i32(vec.rint(x1 * grid)), vec.to_i32(vec.rint(y1 * grid))
-    gx2, gy2 = vec.to_i32(vec.rint(x2 * grid)), vec.to_i32(vec.rint(y2 * grid))
-    # first_center(): ceil((value - 128) / 256). With samples: all pixels that may have a sample inside.
-    reach = frame.sample_reach
-    bits, zero = vec.i32(SUBPIXEL_BITS), vec.i32(0)
-    round_begin, round_end = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)
-    left = (vec.minimum(vec.minimum(gx0, gx1), gx2) + round_begin) >> bits
-    right = (vec.maximum(vec.maximum(gx0, gx1), gx2) + round_end) >> bits
-    top = (vec.minimum(vec.minimum(gy0, gy1), gy2) + round_begin) >> bits
-    bottom = (vec.maximum(vec.maximum(gy0, gy1), gy2) + round_end) >> bits
-    image_width, image_height = vec.i32(frame.width), vec.i32(frame.height)
-    visible = visible & (vec.maximum(left, zero) < vec.minimum(right, image_width))
-    visible = visible & (vec.maximum(top, zero) < vec.minimum(bottom, image_height))
-    width = right - left
-    height = bottom - top
-    fits = (width <= vec.i32(MAX_SMALL_WIDTH)) & (height <= vec.i32(MAX_SMALL_HEIGHT))
-    fits = fits & (inv_z_max <= inv_z_min * vec.f32(MAX_SMALL_DEPTH_RATIO))
-    scalar_lanes = vec.movemask(visible & ~fits) | clipped_lanes
-    area = (gx1 - gx0) * (gy2 - gy0) - (gx2 - gx0) * (gy1 - gy0)
-    # The sign alone: of a triangle that is not small, -area may overflow.
-    area_sign = vec.select(area < zero, vec.i32(-1), vec.i32(1))
-    small = visible & fits & (area != zero) & (area_sign != vec.i32(draw.hidden_sign))
-    is_back = area_sign == vec.i32(draw.culled_sign)
+    columns, ranges, count = memory.columns, memory.bin_ranges, memory.count
     first_back_bin = frame.bin_count - frame.band_count
-    if first_back_bin == 0:
-        small = small & ~is_back
-    if vec.movemask(small) == 0 and scalar_lanes == 0:
-        return
-
-    is_clockwise = area < zero
-    gx1, gx2 = vec.select(is_clockwise, gx2, gx1), vec.select(is_clockwise, gx1, gx2)
-    gy1, gy2 = vec.select(is_clockwise, gy2, gy1), vec.select(is_clockwise, gy1, gy2)
-    px = (left << bits) + vec.i32(HALF_PIXEL)
-    py = (top << bits) + vec.i32(HALF_PIXEL)
-    e0, edge0_x, edge0_y = _edge_function(gx0, gy0, gx1, gy1, px, py)
-    e1, edge1_x, edge1_y = _edge_function(gx1, gy1, gx2, gy2, px, py)
-    e2, edge2_x, edge2_y = _edge_function(gx2, gy2, gx0, gy0, px, py)
-    e0_dx, e1_dx, e2_dx = zero - (edge0_y << bits), zero - (edge1_y << bits), zero - (edge2_y << bits)
-    e0_dy, e1_dy, e2_dy = edge0_x << bits, edge1_x << bits, edge2_x << bits
-
-    # The plane of 1/z through the vertices before snapping; the same for both windings.
-    ax, ay = vec.to_f64(x0), vec.to_f64(y0)
-    ux, uy = vec.to_f64(x1) - ax, vec.to_f64(y1) - ay
-    vx, vy = vec.to_f64(x2) - ax, vec.to_f64(y2) - ay
-    wa = vec.to_f64(w0)
-    wu, wv = vec.to_f64(w1) - wa, vec.to_f64(w2) - wa
-    determinant = ux * vy - vx * uy
-    zero_f64, half = vec.f64(0.0), vec.f64(0.5)
-    is_flat = determinant == zero_f64
-    inverse = vec.f64(1.0) / vec.select(is_flat, vec.f64(1.0), determinant)
-    slope_x = vec.select(is_flat, zero_f64, (wu * vy - wv * uy) * inverse)
-    slope_y = vec.select(is_flat, zero_f64, (wv * ux - wu * vx) * inverse)
-    inv_z_base = vec.to_f32(wa + (slope_x * (vec.to_f64(left) + half - ax) + slope_y * (vec.to_f64(top) + half - ay)))
-    inv_z_dx = vec.to_f32(slope_x)
-    inv_z_dy = vec.to_f32(slope_y)
-
-    first_id = draw.first_id + first
-    tiny = small & (width <= vec.i32(TINY_SIDE)) & (height <= vec.i32(TINY_SIDE))
-    tiny = tiny & (left >= zero) & (right <= image_width) & (top >= zero) & (bottom <= image_height)
-    if memory.tiny_count > MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE or reach != 0:
-        tiny = tiny & (lane < zero)  # no room left, or several samples
-    if vec.movemask(tiny) != 0:
-        stride = frame.stride
-        corner, ids = top * vec.i32(stride) + left, vec.i32(first_id) + lane
-        corner = vec.select(is_back, corner | vec.i32(BACK_BIT), corner)
-        # Nearly all have at most three pixels a side: all nine cost less than a mispredicted number of them.
-        three = vec.i32(TINY_SIDE - 1)
-        sides = TINY_SIDE - 1 + (vec.movemask(tiny & ((width > three) | (height > three))) != 0)
-        pixels, tiny_count = memory.tiny_pixels, memory.tiny_count
-        row_e0, row_e1, row_e2 = e0, e1, e2
-        for row in range(sides):
-            row_inv_z = inv_z_base + inv_z_dy * vec.f32(np.float32(row))
-            c0, c1, c2 = row_e0, row_e1, row_e2
-            for column in range(sides):
-                inv_z = row_inv_z + inv_z_dx * vec.f32(np.float32(column))
-                inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
-                covered = tiny & ((c0 | c1 | c2) >= zero)
-                pixel = corner + vec.i32(row * stride + column)
-                tiny_count = _append_pixels(pixels, tiny_count, covered, pixel, inv_z, ids)
-                c0, c1, c2 = c0 + e0_dx, c1 + e1_dx, c2 + e2_dx
-            row_e0, row_e1, row_e2 = row_e0 + e0_dy, row_e1 + e1_dy, row_e2 + e2_dy
-        memory.tiny_count = tiny_count
-
-    small_lanes = vec.movemask(small & ~tiny)
-    pending = small_lanes | scalar_lanes
-    if pending == 0:
-        return
-    if small_lanes != 0:
-        columns_f32 = as_f32(columns)
-        vec.store(columns_f32, _INV_Z_MIN, inv_z_min)
-        vec.store(columns_f32, _INV_Z_MAX, inv_z_max)
-        vec.store(columns, _BOX_CORNER, (top << vec.i32(16)) | (left & vec.i32(0xFFFF)))
-        vec.store(columns, _BOX_SIZE, (height << vec.i32(16)) | width)
-        vec.store(columns, _EDGES, e0)
-        vec.store(columns, _EDGES + 8, e1)
-        vec.store(columns, _EDGES + 16, e2)
-        vec.store(columns, _EDGE_DX, e0_dx)
-        vec.store(columns, _EDGE_DX + 8, e1_dx)
-        vec.store(columns, _EDGE0_DY, e0_dy)
-        vec.store(columns, _EDGE1_DY, e1_dy)
-        vec.store(columns_f32, _INV_Z_BASE, inv_z_base)
-        vec.store(columns_f32, _INV_Z_DX, inv_z_dx)
-        vec.store(columns_f32, _INV_Z_DY, inv_z_dy)
-    ranges = memory.bin_ranges
-    last_row = frame.height - 1
-    back_lanes = vec.movemask(is_back)
-    count = memory.count
+    pending = small_lanes | large_lanes
     while pending != 0:
         k = vec.lowest_bit(pending)
         bit = np.int64(1) << k
@@ -251,22 +339,18 @@ def _set_up_eight(frame, draw_index, far_inv_z, first, lanes, memory):
         out_address = memory.binned + BINNED_BYTES * count
         if bit & small_lanes:
             values = i32_at(out_address)
-            for field in range(_VALUES):
-                values[field] = columns[8 * field + k]
-            out = small_triangle_at(out_address)
-            out.id = first_id + k
-            out.kind = KIND_SMALL
-            from_row = np.int64(columns[_BOX_CORNER + k]) >> 16
-            to_row = from_row + (np.int64(columns[_BOX_SIZE + k]) >> 16) - 1
+            for field in range(BINNED_BYTES // 4):
+                values[field] = columns[vec.LANES * field + k]
+            triangle = small_triangle_at(out_address)
+            from_row = np.int64(triangle.box_corner) >> 16
+            to_row = from_row + (np.int64(triangle.box_size) >> 16) - 1
             first_bin = first_back_bin if bit & back_lanes else 0
-            ranges[2 * count] = first_bin + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]  # Numba's int
-            ranges[2 * count + 1] = first_bin + (min(to_row, last_row) >> BAND_SHIFT)
-            count += 1
+            begin = first_bin + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]  # Numba's int
+            end = first_bin + (min(to_row, frame.height - 1) >> BAND_SHIFT)
         else:
             begin, end = set_up_large_triangle(frame, draw_index, first + k, binned_at(out_address))
-            if begin <= end:
-                binned_at(out_address).id = first_id + k
-                ranges[2 * count] = begin
-                ranges[2 * count + 1] = end
-                count += 1
+            binned_at(out_address).id = frame.draws[draw_index].first_id + first + k
+        if begin <= end:
+            ranges[2 * count], ranges[2 * count + 1] = begin, end
+            count += 1
     memory.count = count
