@@ -107,6 +107,8 @@ class Dispatcher:
         self._durable = durable
         self._queues: dict[object, ClientQueue] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._apply_lock = asyncio.Lock()
+        """Held while a big request is applied: merging two of them would block the event loop."""
         self._delayed = DelayedResponses(self._publish)
         self._closing = False
         self.counters = Counters()
@@ -182,7 +184,7 @@ class Dispatcher:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         for queue in self._queues.values():
-            while len(queue):  # some commands of the first request may have been executed
+            while len(queue):
                 self._refuse(queue.channel, queue.first(), queue.publish, SHUTTING_DOWN)
                 self.waiting_bytes -= queue.pop()
         self._queues.clear()
@@ -233,13 +235,14 @@ class Dispatcher:
         self._respond(PendingResponse(channel, response, publish, wire.is_binary(message)))
 
     async def _handle_big(self, queue: ClientQueue, message: Message) -> None:
-        """Read a request in a worker thread, apply it in steps on the event loop, and respond."""
+        """Read a request in a worker thread, apply it in slices on the event loop, and respond."""
         response: AnyResponse
         try:
             comms = self._protocol.decode(message)
             applier = await self._pool.run(self._protocol.read, comms, queue.is_local)
-            while applier.step(self._config.slice_commands):  # noqa: ASYNC110 - the event loop continues in between
-                await asyncio.sleep(0)
+            async with self._apply_lock:
+                for _ in applier.slices(self._config.slice_commands):
+                    await asyncio.sleep(0)
             receiver = self._receiver(queue.channel, message, queue.publish)
             update_page(self._protocol.page, applier.request, receiver)
             response = applier.response(comms.utime)
