@@ -55,10 +55,10 @@ def pictures() -> Iterator[tuple[str, render_requests.Array, render_requests.Arr
             request = read_form(form.form(), config)
             prepared = store.get(posted_document(request))
             camera = camera_of(request, prepared)
-            with renderer.render(prepared.draw_list, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
-                assert frame.color is not None
-                assert frame.depth is not None
-                yield f"{scene.name} {width}×{height}", frame.color.copy(), frame.depth.copy()
+            frame = renderer.render(prepared.draw_list, camera, Output.COLOR | Output.DEPTH, Look("phong"))
+            assert frame.color is not None
+            assert frame.depth is not None
+            yield f"{scene.name} {width}×{height}", frame.color, frame.depth
 
 
 def encoded(suffix: str, image: render_requests.Array) -> bytes:

@@ -46,7 +46,7 @@ def elements(scene: DrawList) -> int:
 
 
 def draw(renderer: CpuRenderer, scene: DrawList, frame: int) -> None:
-    renderer.render(scene, view(*SIZE, frame), ALL, Look()).close()
+    renderer.render(scene, view(*SIZE, frame), ALL, Look())
 
 
 def hash_alone(_: int) -> None:

@@ -116,9 +116,9 @@ class SceneImages:
             stereo=self._stereo_camera(),
             draw_list=draw_list,
         )
-        with self._renderer.render(draw_list, camera, Output.COLOR, self._look(request)) as frame:
-            assert frame.color is not None
-            return jpeg_rgb(frame.color, quality=request.quality)
+        frame = self._renderer.render(draw_list, camera, Output.COLOR, self._look(request))
+        assert frame.color is not None
+        return jpeg_rgb(frame.color, quality=request.quality)
 
     def stream(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
         """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change of the scene.

@@ -165,8 +165,6 @@ class Context:
             await asyncio.sleep(IDLE_SECONDS)
             if self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before != returned:
                 returned = before
-                if self._renderer is not None:
-                    self._renderer.release_memory()
                 await asyncio.to_thread(process_tuning.return_memory)
             before = self._work_done
 

@@ -28,9 +28,9 @@ def seen_from(eye: tuple[float, float, float]) -> NDArray[np.uint8]:
     X_world_camera = look_at(eye, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.1, 10.0, X_world_camera)
     scene = DrawList((Instance(rectangle(2.0, 2.0), material, np.eye(4)),), (image,))
-    with CpuRenderer().render(scene, camera, Output.COLOR, Look("plain")) as frame:
-        assert frame.color is not None
-        return frame.color.copy()
+    frame = CpuRenderer().render(scene, camera, Output.COLOR, Look("plain"))
+    assert frame.color is not None
+    return frame.color.copy()
 
 
 def test_a_rectangle_shows_its_image_upright_to_plus_z() -> None:

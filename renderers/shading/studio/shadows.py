@@ -194,11 +194,10 @@ def shadow_map_of(
             return shadow_map
     is_caster = casters(scene.instances)
     solid, cut_out = is_caster & ~transparent, is_caster & transparent
-    with rasterizer.visibility(scene, camera, select=solid) as layer:
-        if cut_out.any():
-            draw_cut_outs(rasterizer, scene, camera, cut_out, layer, solid_pixels, MAX_CUT_OUT_LAYERS)
-        inv_z = layer.inv_z.copy()
-    new = ShadowMap(camera, inv_z)
+    layer = rasterizer.visibility(scene, camera, select=solid)
+    if cut_out.any():
+        draw_cut_outs(rasterizer, scene, camera, cut_out, layer, solid_pixels, MAX_CUT_OUT_LAYERS)
+    new = ShadowMap(camera, layer.inv_z)
     newest = (new, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
     _maps.put(scene, newest, sum(each.inv_z.nbytes for each in newest))
     return new
