@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.camera import Camera
 from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
@@ -51,8 +51,10 @@ def _allocate(wanted: int, height: int, width: int) -> tuple[Frame, tuple[int, .
     return Frame(*images), addresses
 
 
-_shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache("shading", weak=True)
-_shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache("shading", weak=True)
+_shadings: WeakCache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = WeakCache("shading")
+_shadings_of_meshes: WeakCache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = WeakCache(
+    "shading"
+)
 
 
 def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
@@ -62,7 +62,7 @@ class ShadowMap:
     """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); 0: no caster."""
 
 
-_maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache("shadow_maps", weak=True)
+_maps: WeakCache[DrawList, tuple[ShadowMap, ...]] = WeakCache("shadow_maps")
 """Maps by scene, the newest first."""
 
 
