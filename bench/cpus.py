@@ -63,9 +63,9 @@ def draw() -> None:
         width, height, frame = map(int, numbers)
         camera = view(width, height, frame)
         if what == "picture":
-            with renderer.render(everything[name], camera, EVERYTHING, Look()) as picture:
-                arrays: tuple[Any, ...] = (picture.color, picture.depth, picture.label)
-                digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+            picture = renderer.render(everything[name], camera, EVERYTHING, Look())
+            arrays: tuple[Any, ...] = (picture.color, picture.depth, picture.label)
+            digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
             print(0, int(digest[:12], 16), flush=True)
         else:
             print(*drawn(renderer, everything[name], camera), flush=True)

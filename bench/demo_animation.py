@@ -56,11 +56,9 @@ def main() -> None:
 def draw_frame(renderer: CpuRenderer, draw_list: DrawList, number: int) -> NDArray[np.uint8]:
     """Return a frame, (480, 960, 3) uint8 RGB. Its number chooses the noise of the stereo images."""
     view = camera(VIEW_CAMERA, WIDTH, HEIGHT, draw_list)
-    with renderer.render(
-        draw_list, view, Output.COLOR, Look("studio", background=(236, 239, 243), samples=8)
-    ) as rendered:
-        assert rendered.color is not None
-        large = rendered.color.copy()
+    rendered = renderer.render(draw_list, view, Output.COLOR, Look("studio", background=(236, 239, 243), samples=8))
+    assert rendered.color is not None
+    large = rendered.color
     pose = camera(STEREO_CAMERA, drawn=draw_list).X_world_camera
     left, _, disparity, _ = stereo_tiles(renderer, draw_list, pose, number, MAX_DISPARITY)
     small = [cv2.resize(tile, (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA) for tile in (left, disparity)]

@@ -157,16 +157,16 @@ def draw(scenario: Scenario, renderer: CpuRenderer, shape: tuple[int, int]) -> P
     rig = Rig(surroundings=Surroundings(image=scenario.lighting.read_bytes()), tone="aces", shadow_size=0)
     scene = replace(flatten(file.root, label_of=lambda _path, _part: 1), lights=file.lights)
     black, white = Look("studio", (0, 0, 0), rig=rig), Look("studio", (255, 255, 255), rig=rig)
-    with renderer.render(scene, scenario.camera, Output.COLOR | Output.LABEL, black) as frame:
-        assert frame.color is not None
-        assert frame.label is not None
-        color = frame.color.copy()
-        seen = np.where(frame.label == LABEL_NONE, 0, 255).astype(np.uint8)
+    frame = renderer.render(scene, scenario.camera, Output.COLOR | Output.LABEL, black)
+    assert frame.color is not None
+    assert frame.label is not None
+    color = frame.color
+    seen = np.where(frame.label == LABEL_NONE, 0, 255).astype(np.uint8)
     if any(instance.material.alpha_mode is not AlphaMode.OPAQUE for instance in scene.instances):
         # What the background shines through is seen by a second picture, over white.
-        with renderer.render(scene, scenario.camera, Output.COLOR, white) as frame:
-            assert frame.color is not None
-            through = LINEAR[frame.color] - LINEAR[color]
+        frame = renderer.render(scene, scenario.camera, Output.COLOR, white)
+        assert frame.color is not None
+        through = LINEAR[frame.color] - LINEAR[color]
         alpha = np.clip(1.0 - through.mean(axis=-1, keepdims=True), 0.0, 1.0)
         straight = np.minimum(LINEAR[color] / np.maximum(alpha, 1e-6), 1.0)
         color = np.searchsorted((LINEAR[1:] + LINEAR[:-1]) / 2, straight).astype(np.uint8)

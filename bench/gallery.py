@@ -134,9 +134,9 @@ class Gallery:
         self._demo = flatten(tree.snapshot.root, label_of=lambda path, _: labels.label_of(path))
 
     def color(self, scene: DrawList, view: Camera, look: Look) -> Picture:
-        with self._renderer.render(scene, view, Output.COLOR, look) as frame:
-            assert frame.color is not None
-            return frame.color.copy()
+        frame = self._renderer.render(scene, view, Output.COLOR, look)
+        assert frame.color is not None
+        return frame.color
 
     def demo(self) -> Picture:
         view = camera("eye=2.75,-2.75,2.1;target=0.05,-0.05,0.56;fovy=37", drawn=self._demo)
@@ -255,22 +255,22 @@ class Gallery:
         """Colour, depth, labels and normals of one call."""
         view = camera("eye=2.75,-2.75,2.1;target=0.05,-0.05,0.56;fovy=37", WIDTH // 2, HEIGHT // 2, self._demo)
         wanted = Output.COLOR | Output.DEPTH | Output.LABEL | Output.NORMAL
-        with self._renderer.render(self._demo, view, wanted, Look("studio", PAPER, 8)) as frame:
-            assert frame.color is not None
-            assert frame.depth is not None
-            assert frame.label is not None
-            assert frame.normal is not None
-            near = 1.0 / np.where(np.isfinite(frame.depth), frame.depth, np.inf)
-            near = (np.clip((near - 0.12) / 0.26, 0, 1) * 255).astype(np.uint8)
-            depth = cv2.applyColorMap(near, cv2.COLORMAP_VIRIDIS)[..., ::-1]
-            palette = np.random.default_rng(1).integers(60, 256, (4096, 3))
-            label = np.where((frame.label == 0xFFFFFF)[..., None], 255, palette[np.minimum(frame.label, 4095)]).astype(
-                np.uint8
-            )
-            normal = np.where(
-                frame.normal.any(axis=-1, keepdims=True), (frame.normal * (1, -1, -1) + 1) * 127.5, 255
-            ).astype(np.uint8)
-            return np.vstack((np.hstack((frame.color, depth)), np.hstack((label, normal))))
+        frame = self._renderer.render(self._demo, view, wanted, Look("studio", PAPER, 8))
+        assert frame.color is not None
+        assert frame.depth is not None
+        assert frame.label is not None
+        assert frame.normal is not None
+        near = 1.0 / np.where(np.isfinite(frame.depth), frame.depth, np.inf)
+        near = (np.clip((near - 0.12) / 0.26, 0, 1) * 255).astype(np.uint8)
+        depth = cv2.applyColorMap(near, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+        palette = np.random.default_rng(1).integers(60, 256, (4096, 3))
+        label = np.where((frame.label == 0xFFFFFF)[..., None], 255, palette[np.minimum(frame.label, 4095)]).astype(
+            np.uint8
+        )
+        normal = np.where(
+            frame.normal.any(axis=-1, keepdims=True), (frame.normal * (1, -1, -1) + 1) * 127.5, 255
+        ).astype(np.uint8)
+        return np.vstack((np.hstack((frame.color, depth)), np.hstack((label, normal))))
 
     def tones(self) -> Picture:
         """Ever brighter light under the three tone curves, one above the other."""
@@ -318,20 +318,18 @@ def stereo_tiles(
     exposure, depths, images = Exposure(), [], []
     wanted = Output.COLOR | Output.DEPTH
     middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
-    with renderer.render(drawn, middle, Output.DEPTH) as seen:
-        assert seen.depth is not None
-        for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
-            view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
-            with renderer.render(drawn, view, wanted, Look("pbr")) as rendered:
-                assert rendered.color is not None
-                assert rendered.depth is not None
-                dots = projected_dots(
-                    rendered.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth
-                )
-                key = frame_key(1, frame, stream)
-                light = light_on_sensor(rendered.color, k, exposure, SceneLight(dots, 1.5), color=False)
-                images.append(image_from_light(light, exposure, key).image)
-                depths.append(rendered.depth.copy())
+    seen = renderer.render(drawn, middle, Output.DEPTH)
+    assert seen.depth is not None
+    for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
+        view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
+        rendered = renderer.render(drawn, view, wanted, Look("pbr"))
+        assert rendered.color is not None
+        assert rendered.depth is not None
+        dots = projected_dots(rendered.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth)
+        key = frame_key(1, frame, stream)
+        light = light_on_sensor(rendered.color, k, exposure, SceneLight(dots, 1.5), color=False)
+        images.append(image_from_light(light, exposure, key).image)
+        depths.append(rendered.depth)
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
     fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)
     matched = match_pair(fine_left, fine_right, count, noise_sigma, ImageKind.DOTS)

@@ -166,7 +166,7 @@ class Process:
 
 def drawn(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> Time:
     """Time of one of our frames with all outputs."""
-    return timed(lambda: renderer.render(scene, camera, EVERYTHING, Look()).close())
+    return timed(lambda: renderer.render(scene, camera, EVERYTHING, Look()))
 
 
 def measured(

@@ -73,9 +73,9 @@ def main() -> None:
             for number in range(options.frames + 2):
                 spent: dict[str, float] = defaultdict(float)
                 with patch.object(frame, "run_phases", lambda address, _, spent=spent: by_phase(address, spent)):
-                    renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
+                    renderer.render(scene, view(width, height, number), EVERYTHING, look)
                 start = time.thread_time()
-                renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
+                renderer.render(scene, view(width, height, number), EVERYTHING, look)
                 spent["whole"] = time.thread_time() - start
                 for phase, value in spent.items():
                     times[phase].append(value)

@@ -106,13 +106,11 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
     )
     pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
     small_left, small_right = depth_pair(pair, model, divisor)
-    with (
-        imaging.render_lit(capture, 0.0, divisor, Output.DEPTH) as left_view,
-        imaging.render_lit(capture, model.baseline, divisor, Output.DEPTH) as right_view,
-    ):
-        assert left_view.depth is not None
-        assert right_view.depth is not None
-        depth = left_view.depth.copy(), right_view.depth.copy()
+    left_view = imaging.render_lit(capture, 0.0, divisor, Output.DEPTH)
+    right_view = imaging.render_lit(capture, model.baseline, divisor, Output.DEPTH)
+    assert left_view.depth is not None
+    assert right_view.depth is not None
+    depth = left_view.depth, right_view.depth
     factor, limits = model.focal_times_baseline(divisor), measurable_depths(model, settings)
     filters = settings.filters
     return Sample(

@@ -65,9 +65,9 @@ class Scenes:
     def instances(self, sample: Sample) -> NDArray[np.int32]:
         """Return the instance that the left camera sees in each pixel of the depth image, panes of glass included."""
         divisor = sample.settings.quality.divisor
-        with self.imaging.render(sample.capture, 0.0, divisor, Output.INSTANCE) as frame:
-            assert frame.instance is not None
-            return frame.instance.copy()
+        frame = self.imaging.render(sample.capture, 0.0, divisor, Output.INSTANCE)
+        assert frame.instance is not None
+        return frame.instance
 
 
 def filled_and_wrong(sample: Sample, images: DepthImages, region: NDArray[np.bool_]) -> tuple[float, float]:

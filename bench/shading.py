@@ -88,11 +88,11 @@ def features() -> None:
     }
 
     def draw(scene: DrawList, look: Look) -> None:
-        renderer.render(scene, camera, Output.COLOR, look).close()
+        renderer.render(scene, camera, Output.COLOR, look)
 
-    with renderer.render(cases["phong"][0], camera, Output.INSTANCE | Output.DEPTH) as frame:
-        assert frame.depth is not None
-        pixels = int(np.isfinite(frame.depth).sum())
+    frame = renderer.render(cases["phong"][0], camera, Output.INSTANCE | Output.DEPTH)
+    assert frame.depth is not None
+    pixels = int(np.isfinite(frame.depth).sum())
 
     def draw_anew() -> None:
         """With a shadow map of its own: maps are kept while a scene is."""
@@ -136,7 +136,7 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
 
                 def ours(frame: int, look: Look = look, width: int = width, height: int = height) -> Time:
                     camera = view(width, height, frame)
-                    return timed(lambda: renderer.render(scene, camera, Output.COLOR, look).close())
+                    return timed(lambda: renderer.render(scene, camera, Output.COLOR, look))
 
                 def theirs(frame: int, peer: Process = peer) -> Time:
                     return peer.ask(f"draw {frame}")
@@ -187,10 +187,10 @@ def stages(count: int) -> None:
                 spent: dict[str, float] = defaultdict(float)
                 camera, start = view(width, height, number), time.thread_time()
                 with patch.object(frame, "run_phases", partial(by_stage, spent=spent)):
-                    drawer.render(scene, camera, Output.COLOR, look).close()
+                    drawer.render(scene, camera, Output.COLOR, look)
                 spent["around"] = time.thread_time() - start - sum(spent.values())
                 start = time.thread_time()
-                drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
+                drawer.render(scene, view(width, height, number), Output.COLOR, look)
                 spent["whole"] = time.thread_time() - start
                 for stage, value in spent.items():
                     times[stage].append(value)

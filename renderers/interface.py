@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Flag, auto
 from typing import Final, Literal, Protocol
 
@@ -64,7 +63,7 @@ class Look:
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """Images of one call, row 0 at the top. Arrays are pooled: copy or encode them, then ``close``."""
+    """Images of one call, row 0 at the top."""
 
     color: NDArray[np.uint8] | None = None
     """(H, W, 3) uint8 RGB."""
@@ -76,20 +75,6 @@ class Frame:
     """(H, W) int32, instance_id; -1 without a surface."""
     normal: NDArray[np.float32] | None = None
     """(H, W, 3) float32, unit normal in the camera's optical frame, facing the camera; 0 without a surface."""
-    _release: Callable[[], None] | None = field(default=None, repr=False)
-
-    def close(self) -> None:
-        """Return the arrays to their pool; they must not be used afterwards. Calling it again does nothing."""
-        release, self._release = self._release, None
-        self.color = self.depth = self.label = self.instance = self.normal = None
-        if release is not None:
-            release()
-
-    def __enter__(self) -> Frame:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 class Renderer(Protocol):

@@ -8,7 +8,7 @@ primitive ``p - first_ids[i]`` of instance ``i`` where ``first_ids[i] <= p < fir
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -21,9 +21,9 @@ BAND_ROWS: Final = 32
 """Rows of a band, the unit of work of rasterization and shading: 32 rows x 1280 pixels x 8 bytes fit the L2 cache."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """One layer of visible surfaces. Its pixel arrays are pooled: ``close`` when done with them."""
+    """One layer of visible surfaces."""
 
     ids: NDArray[np.int32]
     """(H, W) int32, C-contiguous: id of the primitive that the pixel sees; -1: none."""
@@ -38,19 +38,6 @@ class Visibility:
     ``d = ((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)``, ``b / z = P^-1 d`` gives the perspective-correct
     barycentric coordinates ``b`` after division by their sum ``1 / z`` (also for triangles that cross the near plane).
     """
-    _release: Callable[[], None] | None = field(default=None, repr=False)
-
-    def close(self) -> None:
-        """Return the pixel arrays to their pool. Calling it again does nothing."""
-        release, self._release = self._release, None
-        if release is not None:
-            release()
-
-    def __enter__(self) -> Visibility:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ READERS = {"read_bytes", "read_text", "imread", "load", "fdopen", "open"}
 ALLOWED = {
     "runtime/regular_files.py": "the module itself",
     "runtime/limited_process_child.py": "/proc/self/statm",
-    "runtime/kernel_cache.py": "the kernel cache's own lock",
+    "runtime/kernels/cache.py": "the kernel cache's own lock",
     "runtime/worker_reports.py": "files of our own processes",
     "cli/serve_workers.py": "the folder that it locks",
     "runtime/diagnostics.py": "/proc",
@@ -18,8 +18,6 @@ ALLOWED = {
     "lcm/liblcm_transport.py": "/dev/null",
     "state/database.py": "checks by itself that the file is regular, since it writes it",
     "viewer/routes.py": "the page, a part of this package",
-    "cli/reference/grpc_page.py": "files of this package",
-    "cli/reference/lcm_page.py": "files of this package",
     "stereo/pair_files.py": "np.load of an open regular file",
     "testing/gateway.py": "its own log",
     "datasets/files.py": "folders, and files that it writes",

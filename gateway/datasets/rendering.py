@@ -116,13 +116,13 @@ def render_images(
     outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
     full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
-    with renderer.render(scene.draw_list, camera, outputs, full_look) as frame:
-        # FXAA would blur points, which may be one pixel wide.
-        has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
-        use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
-        if frame.color is not None and use_fxaa:
-            fxaa(frame.color)
-        return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
+    frame = renderer.render(scene.draw_list, camera, outputs, full_look)
+    # FXAA would blur points, which may be one pixel wide.
+    has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
+    use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
+    if frame.color is not None and use_fxaa:
+        fxaa(frame.color)
+    return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:

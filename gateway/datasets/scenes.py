@@ -34,7 +34,6 @@ from gateway.scene.tree import Path as TreePath
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.json_reader import JsonReader
-from gateway.treeviewer.protocol import ALL_COMMANDS
 from gateway.treeviewer.quota import TreeQuota
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
@@ -124,7 +123,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
     applier = RequestApplier(request, live, TreeQuota(limits), limits, WarningList())
-    applier.step(ALL_COMMANDS)
+    applier.apply()
     response = applier.response(0)
     if response.error:
         raise SceneError(response.error)

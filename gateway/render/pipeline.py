@@ -92,9 +92,9 @@ class Pipeline:
             self._config.rig,
             self._config.alpha_threshold,
         )
-        with self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look) as frame:
-            rendered_time = time.perf_counter()
-            body, media_type = self._encode(frame, request)
+        frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
+        rendered_time = time.perf_counter()
+        body, media_type = self._encode(frame, request)
         encoded_time = time.perf_counter()
         return EncodedImage(
             body=body,

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
+from gateway.scene.merge import merged
 from gateway.scene.tree import Node, TreeEdit
 
 KEPT_NANOSECONDS: Final = 1_000_000_000
@@ -84,12 +85,24 @@ class LiveTree:
         with self._lock:
             edit = TreeEdit(self.snapshot.root)
             yield edit
-            changed = edit.changed
-            root = edit.commit()
-            if changed:
-                self._append(root, edit.replaced_bytes)
-                for listener in tuple(self._listeners):
-                    listener(self.snapshot)
+            self._commit(edit)
+
+    def publish(self, edit: TreeEdit) -> None:
+        """Make an edit, which began with an earlier state of this tree, visible as one revision.
+
+        What others have changed since then stays, except where this edit changed the same property of a node.
+        """
+        with self._lock:
+            self._commit(edit)
+
+    def _commit(self, edit: TreeEdit) -> None:
+        """Append the result of an edit, and call the listeners."""
+        root = edit.commit()
+        if not edit.changed:
+            return
+        self._append(merged(edit.base, root, self.snapshot.root), edit.replaced_bytes)
+        for listener in tuple(self._listeners):
+            listener(self.snapshot)
 
     def _append(self, root: Node, replaced_bytes: int) -> None:
         """Make ``root`` the latest state, and forget old ones."""

@@ -166,15 +166,15 @@ class Node:
 class TreeEdit:
     """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends the batch."""
 
-    __slots__ = ("_owner", "_root", "changed", "created", "replaced_bytes")
+    __slots__ = ("_owner", "_root", "base", "changed", "replaced_bytes")
 
     def __init__(self, root: Node) -> None:
         self._owner: object | None = object()
         self._root = root
+        self.base = root
+        """The tree before the first edit."""
         self.changed = False
         """True after the first edit."""
-        self.created = 0
-        """Number of nodes that this edit created, for callers that limit the size of the tree."""
         self.replaced_bytes = 0
         """Estimate of the bytes that only the tree before this edit needs."""
 
@@ -309,23 +309,22 @@ class TreeEdit:
         if node.owner is not owner:
             node = self._root = self._copy(node)
         nodes = [node]
-        created_before = self.created
+        created = 0
         for element in path:
             child = node.children.get(element)
             if child is None:
                 child = Node()
                 child.owner = owner
                 node.children[element] = child
-                self.created += 1
+                created += 1
             elif child.owner is not owner:
                 child = self._copy(child)
                 node.children[element] = child
             nodes.append(child)
             node = child
-        created_here = self.created - created_before
-        if created_here:  # the created nodes are the last ones of the path
+        if created:  # the created nodes are the last ones of the path
             for descendant_count, owned in enumerate(reversed(nodes)):
-                owned.node_count += min(descendant_count, created_here)
+                owned.node_count += min(descendant_count, created)
         return nodes
 
 

@@ -143,8 +143,8 @@ class SceneApi:
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)
             outputs |= Output(0) if is_point is None else Output.INSTANCE
-        with self._renderer.render(draw_list, camera, outputs, look) as frame:
-            body, media_type = _encode(frame, query, is_point, apply_fxaa)
+        frame = self._renderer.render(draw_list, camera, outputs, look)
+        body, media_type = _encode(frame, query, is_point, apply_fxaa)
         with self._count_lock:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 from itertools import islice
 
 from gateway.runtime.warning_list import WarningList
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
@@ -14,7 +17,7 @@ from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, 
 
 
 class RequestApplier:
-    """Executes one request, in one or several steps. Each step creates one revision of the live tree."""
+    """Executes one request on a private copy of the live tree, and publishes the result as one revision."""
 
     def __init__(
         self, request: Request, live: LiveTree, quota: TreeQuota, limits: Limits, warnings: WarningList
@@ -24,11 +27,6 @@ class RequestApplier:
         self._live = live
         self._quota = quota
         self._limits = limits
-        self._remaining = request.commands
-        self._deletes = iter(request.deletes)
-        self._geometries = iter(enumerate(request.geometries))
-        self._transforms = iter(enumerate(request.transforms))
-        self._properties = iter(enumerate(request.properties))
         self._failures = request.failures
         self._added: dict[Path, None] = {}
         """Paths whose geometry was set, in order; the values have no meaning."""
@@ -37,17 +35,19 @@ class RequestApplier:
         self._missing: dict[Path, None] = {}
         """Paths whose transform or properties were set, but which have no geometry at or below them."""
 
-    def step(self, max_commands: int) -> bool:
-        """Execute up to ``max_commands`` commands; return True if commands remain."""
-        if not self._remaining:
-            return False
-        with self._live.edit() as edit:
-            executed = self._delete(edit, max_commands)
-            executed += self._set_geometry(edit, max_commands - executed)
-            executed += self._set_transform(edit, max_commands - executed)
-            executed += self._set_properties(edit, max_commands - executed)
-        self._remaining -= executed
-        return self._remaining > 0
+    def apply(self) -> None:
+        """Execute the request at once."""
+        for _ in self.slices(self.request.commands):
+            pass
+
+    def slices(self, max_commands: int) -> Iterator[None]:
+        """Execute the request; yield after every ``max_commands`` commands. Nothing is visible before the end."""
+        edit = TreeEdit(self._live.snapshot.root)
+        commands = self._execute(edit)
+        while deque(islice(commands, max_commands), maxlen=1):
+            with self._quota.unpublished(edit.root.node_count - edit.base.node_count):
+                yield
+        self._live.publish(edit)
 
     def response(self, utime: int) -> Response:
         """Return the response to the request, and update the warnings about the paths in it."""
@@ -87,60 +87,49 @@ class RequestApplier:
         for subject, sentences in found.items():
             warnings.set(subject, *sentences)
 
-    def _delete(self, edit: TreeEdit, max_commands: int) -> int:
-        """Execute up to ``max_commands`` deletes; return how many."""
-        count = 0
-        for path in islice(self._deletes, max_commands):
+    def _execute(self, edit: TreeEdit) -> Iterator[None]:
+        """Execute the commands; yield after each one, failed ones included."""
+        for path in self.request.deletes:
             edit.delete(path)
-            count += 1
-        return count
+            yield
+        for index, (path, parts) in enumerate(self.request.geometries):
+            self._set_geometry(edit, index, path, parts)
+            yield
+        for index, (path, pose) in enumerate(self.request.transforms):
+            if self._has_room(edit, "settransform", index, path):
+                self._transformed[path] = None
+                if not edit.set_pose(path, pose).nodes_with_parts:
+                    self._missing[path] = None
+            yield
+        for index, (path, visible, opacity) in enumerate(self.request.properties):
+            if self._has_room(edit, "setproperty", index, path):
+                self._set_properties(edit, path, visible, opacity)
+            yield
 
-    def _set_geometry(self, edit: TreeEdit, max_commands: int) -> int:
-        """Execute up to ``max_commands`` setgeometry commands; return how many, including failed ones."""
-        count = 0
-        quota = self._quota
-        for index, (path, parts) in islice(self._geometries, max_commands):
-            count += 1
-            reason = quota.check(edit.root, path, len(parts)) or quota.reserve(parts)
-            if reason:
-                self._failures.append(Finding("setgeometry", index, path, reason))
-                continue
+    def _has_room(self, edit: TreeEdit, command: str, index: int, path: Path, parts: tuple[Part, ...] = ()) -> bool:
+        """Return True if the limits allow a command; else add a failure."""
+        nodes = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
+        reason = self._quota.check(edit.root, nodes, path, len(parts))
+        if parts and not reason:
+            reason = self._quota.reserve(parts)
+        if reason:
+            self._failures.append(Finding(command, index, path, reason))
+        return not reason
+
+    def _set_geometry(self, edit: TreeEdit, index: int, path: Path, parts: tuple[Part, ...]) -> None:
+        if self._has_room(edit, "setgeometry", index, path, parts):
             edit.set_parts(path, parts)
-            quota.add_parts(len(parts))
+            self._quota.add_parts(len(parts))
             self._added[path] = None
-        return count
 
-    def _set_transform(self, edit: TreeEdit, max_commands: int) -> int:
-        """Execute up to ``max_commands`` settransform commands; return how many, including failed ones."""
-        count = 0
-        for index, (path, pose) in islice(self._transforms, max_commands):
-            count += 1
-            reason = self._quota.check(edit.root, path)
-            if reason:
-                self._failures.append(Finding("settransform", index, path, reason))
-                continue
-            if not edit.set_pose(path, pose).nodes_with_parts:
-                self._missing[path] = None
-            self._transformed[path] = None
-        return count
-
-    def _set_properties(self, edit: TreeEdit, max_commands: int) -> int:
-        """Execute up to ``max_commands`` setproperty commands; return how many, including failed ones."""
-        count = 0
-        for index, (path, visible, opacity) in islice(self._properties, max_commands):
-            count += 1
-            reason = self._quota.check(edit.root, path)
-            if reason:
-                self._failures.append(Finding("setproperty", index, path, reason))
-                continue
-            if visible is not None:
-                edit.set_visible(path, visible)
-            if opacity is not None:
-                edit.set_opacity(path, opacity)
-            node = edit.root.find(path)
-            if node is None or not node.nodes_with_parts:
-                self._missing[path] = None
-        return count
+    def _set_properties(self, edit: TreeEdit, path: Path, visible: bool | None, opacity: float | None) -> None:
+        if visible is not None:
+            edit.set_visible(path, visible)
+        if opacity is not None:
+            edit.set_opacity(path, opacity)
+        node = edit.root.find(path)
+        if node is None or not node.nodes_with_parts:
+            self._missing[path] = None
 
 
 def _is_below(path: Path | None, deleted: set[Path]) -> bool:

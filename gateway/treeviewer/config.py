@@ -72,8 +72,8 @@ class TreeViewerConfig:
     """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
     more compact, it is a quarter."""
     slice_commands: int = 2000
-    """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. Each
-    such slice copies the lists of children that it changes, so small slices are slow in wide trees."""
+    """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. The
+    request becomes visible at once, after its last command."""
     threads: int = 4
     """Number of worker threads for big requests and mesh files. A client's slow file takes one of them."""
     waiting_requests: int = 100_000

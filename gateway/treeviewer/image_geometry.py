@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.crease_normals import smooth_vertices, with_creases
+from gateway.scene.fonts import font_for
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.image_meshes import frustum_edges, heightmap_mesh, rectangle
 from gateway.scene.materials import Color, material, textured
-from gateway.scene.text_images import missing_characters, text_image
+from gateway.scene.text_images import text_image
 from gateway.scene.transforms import translation
 from gateway.treeviewer import fields
 from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, per_vertex, triangles, vertex_colors
@@ -120,10 +121,10 @@ def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
     printable = "".join(char if char.isprintable() or char == "\n" else " " for char in value)
     if not printable.strip():
         raise fields.NothingToDraw("text is empty, so nothing is drawn")
-    missing = missing_characters(printable)
-    if missing:
-        context.warnings.append(f"the font does not have the characters {show(missing)}")
-    pixels, lines = text_image(printable, rgba, background)
+    font = font_for(printable)
+    if font.missing:
+        context.warnings.append(f"no font has the characters {show(font.missing)}; boxes stand for them")
+    pixels, lines = text_image(printable, font, rgba, background)
     checked = drawn_image(pixels)
     height = line_height * lines
     width = fields.drawable(height * checked.width / checked.height, "size")

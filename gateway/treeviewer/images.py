@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
@@ -44,9 +44,7 @@ class CheckedImage:
     """True if a pixel is not opaque."""
 
 
-_cached_properties: Final[Cache[Image, tuple[int, int, bool]]] = Cache(
-    "image_properties", _MAX_CACHED_IMAGES, weak=True
-)
+_cached_properties: Final[WeakCache[Image, tuple[int, int, bool]]] = WeakCache("image_properties", _MAX_CACHED_IMAGES)
 """Width, height and ``has_alpha`` of decoded images."""
 
 

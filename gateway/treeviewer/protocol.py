@@ -27,8 +27,6 @@ REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
 """Channel of requests; ``_<client id>`` may follow."""
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
 """Channel of responses and announcements; ``_<client id>`` may follow."""
-ALL_COMMANDS: Final = 1 << 30
-"""More commands than a request can have."""
 
 
 def client_of(channel: str) -> str:
@@ -138,6 +136,6 @@ class TreeViewerProtocol:
             applier = self.read(comms, is_local)
         except RequestRefused as refused:
             return refused.response
-        applier.step(ALL_COMMANDS)
+        applier.apply()
         update_page(self.page, applier.request, receiver)
         return applier.response(comms.utime)

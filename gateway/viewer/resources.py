@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import PointCloud
 from gateway.scene.meshing import MAX_EXTENT
 from gateway.viewer.frames import FrameBuilder
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.color import srgb_colors_from_linear
 from renderers.drawlist import Image, Mesh, Topology
 
@@ -55,7 +55,7 @@ class Resources:
         self._images: WeakIds[Image] = WeakIds()
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         """Point clouds by the id of the mesh that draws them."""
-        self._mesh_frames: Cache[Mesh, bytes] = Cache("browser_meshes", weak=True)
+        self._mesh_frames: WeakCache[Mesh, bytes] = WeakCache("browser_meshes")
         self._removed_meshes: deque[int] = deque()
         """Ids of meshes that were garbage-collected. Any thread may append to it."""
 

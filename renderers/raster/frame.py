@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.interface import Frame
 from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
-from renderers.raster.buffer_pool import Scratch
+from renderers.raster.buffers import Buffers
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
 from renderers.raster.layout import BINNED_BYTES, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
@@ -38,7 +37,6 @@ class FrameJob:
         self,
         prepared: PreparedScene,
         camera: Camera,
-        scratch: Scratch,
         threads: int,
         *,
         select: int = 0,
@@ -63,15 +61,18 @@ class FrameJob:
         self.stride = row_stride(width) if samples == 1 and not whole_layer else -(-width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
         self.threads = threads
-        self._scratch = scratch
+        self.buffers = Buffers()
+        """Memory that lives as long as the job."""
+        allocate = self.buffers.allocate
         # The task and what its kernels read must outlive them.
         self._keep: list[object] = [prepared, camera]
-        poses, self.poses_address = scratch.take("poses", 16 * count, np.float64)
+        poses, self.poses_address = allocate(16 * count, np.float64)
         """Address of ``X_camera_mesh``."""
-        self._poses = poses[: 16 * count]
+        self.X_camera_mesh: NDArray[np.float64] = poses.reshape(-1, 4, 4)
+        """(I, 4, 4) float64 as in ``Visibility``."""
         self._task, self._task_address = self._new_task(height)
-        frame, self._frame_address = scratch.take("frame", FRAME.size // 8, np.int64)
-        self._frame = frame[: FRAME.size // 8].view(FRAME.dtype)
+        frame, self._frame_address = allocate(FRAME.size // 8, np.int64)
+        self._frame = frame.view(FRAME.dtype)
         reach, offsets, lanes = _sample_tables(samples)[:3] if samples > 1 else (0, 0, 0)
         values: dict[str, Any] = {
             "width": width,
@@ -99,11 +100,11 @@ class FrameJob:
             "X_camera_mesh": self.poses_address,
             "task": self._task_address,
             "stop": current_stop().address,
-            "draws": scratch.take("draws", (count + 1) * DRAW.size // 8, np.int64)[1],
+            "draws": allocate((count + 1) * DRAW.size // 8, np.int64)[1],
             "sample_reach": reach,
             "sample_offsets": offsets,
             "lane_lists": lanes,
-            **_work_buffers(scratch, vertices, -(-primitives // CHUNK), band_count(height)),
+            **_work_buffers(self.buffers, vertices, -(-primitives // CHUNK), band_count(height)),
         }
         self._frame[0] = tuple([values.get(name, 0) for name in _FRAME_FIELDS])
         self._task["frame"] = self._frame_address
@@ -116,18 +117,13 @@ class FrameJob:
         self._useful_threads = useful_threads
 
     def _new_task(self, height: int) -> tuple[NDArray[np.void], int]:
-        """Return a TASK and its address, in fresh memory: late helper threads read it when scratch is in use again."""
+        """Return a TASK and its address, in fresh memory: late helper threads read it after the job is gone."""
         memory = np.zeros(TASK.size // 8, np.int64)
         task = memory.view(TASK.dtype)
         task["height"], task["stride"] = height, self.stride
         task["stop"], task["yield_function"] = current_stop().address, YIELD_ADDRESS
         task["transform_kernel"], task["setup_kernel"] = kernel_addresses()[:2]
         return task, address_of(memory, np.int64)
-
-    @property
-    def X_camera_mesh(self) -> NDArray[np.float64]:
-        """(I, 4, 4) float64 as in ``Visibility``, in the scratch's memory."""
-        return self._poses.reshape(-1, 4, 4)
 
     def layers(
         self,
@@ -150,8 +146,8 @@ class FrameJob:
             frame["layer_inv_z"] = address_of(inv_z, np.float32)
         else:
             count = height * self.stride
-            frame["layer_ids"] = self._scratch.take("ids", count, np.int32)[1]
-            frame["layer_inv_z"] = self._scratch.take("inv_z", count, np.float32)[1]
+            frame["layer_ids"] = self.buffers.allocate(count, np.int32)[1]
+            frame["layer_inv_z"] = self.buffers.allocate(count, np.float32)[1]
             frame["unpadded_ids"] = address_of(ids, np.int32)
             frame["unpadded_inv_z"] = address_of(inv_z, np.float32)
         if beyond is not None:
@@ -182,7 +178,6 @@ class FrameJob:
         frame = self._frame
         frame["depth"], frame["label"], frame["instance"], frame["normal"] = addresses
         if addresses[3]:
-            wait_until_compiled("normals")
             frame["normals_kernel"] = _normals_address()
         self._task["has_outputs"] = any(addresses)
         self._keep.append(images)
@@ -208,7 +203,7 @@ class FrameJob:
         memory, values = 0, 0
         if self._frame["layer_ids"][0] == 0:
             values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
-            memory = self._scratch.take("layers", self.threads * values, np.int32)[1]
+            memory = self.buffers.allocate(self.threads * values, np.int32)[1]
         _, _, draw_kernel, shade_kernel = kernel_addresses()
         task = self._task
         task["draw_kernel"] = draw_kernel
@@ -221,7 +216,7 @@ class FrameJob:
 
         Args:
             draw_kernel, edges_kernel: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
-            memory: address of a SAMPLE_BAND for each thread; lives as long as the scratch.
+            memory: address of a SAMPLE_BAND for each thread; lives as long as the job.
         """
         self._keep.append(shader)
         task = self._task
@@ -274,7 +269,7 @@ def _normals_address() -> int:
     return kernel_address(resolve_normals)
 
 
-def _work_buffers(scratch: Scratch, vertices: int, chunks: int, bands: int) -> dict[str, int]:
+def _work_buffers(buffers: Buffers, vertices: int, chunks: int, bands: int) -> dict[str, int]:
     """Return the addresses of the memory that FRAME's kernels fill, by field."""
     primitives = chunks * CHUNK
     sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
@@ -286,4 +281,4 @@ def _work_buffers(scratch: Scratch, vertices: int, chunks: int, bands: int) -> d
         ("chunk_bands", 4 * chunks, np.int32),
         ("tiny_pixels", chunks * MAX_TINY_PIXELS * 4, np.int32),
     )
-    return {name: scratch.take(name, count, dtype)[1] for name, count, dtype in sizes}
+    return {name: buffers.allocate(count, dtype)[1] for name, count, dtype in sizes}

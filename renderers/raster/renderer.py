@@ -11,13 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.camera import Camera
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
 from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
-from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, PooledArrays, ScratchPool
+from renderers.raster.buffers import aligned
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
@@ -30,7 +29,7 @@ from renderers.shading.studio.passes import paint as paint_studio
 from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility, band_count
 
-_OUTPUTS: Final = (
+_OUTPUTS: Final[tuple[tuple[int, bool, type[np.generic]], ...]] = (
     (Output.COLOR.value, True, np.uint8),
     (Output.DEPTH.value, False, np.float32),
     (Output.LABEL.value, False, np.uint32),
@@ -41,20 +40,19 @@ _OUTPUTS: Final = (
 surfaces. What is translucent is opaque there, or cut out: see ``Look.alpha_threshold``."""
 
 
-def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple[int, ...]]:
-    """Return shapes and dtypes of the wanted outputs, and for each of ``_OUTPUTS`` its index among them, or -1."""
-    shapes: list[tuple[tuple[int, ...], type[np.generic]]] = []
-    order = []
-    for flag, is_vector, dtype in _OUTPUTS:
-        order.append(len(shapes) if wanted & flag else -1)
-        if wanted & flag:
-            shapes.append(((height, width, 3) if is_vector else (height, width), dtype))
-    return tuple(shapes), tuple(order)
+def _allocate(wanted: int, height: int, width: int) -> tuple[Frame, tuple[int, ...]]:
+    """Return a frame with the wanted outputs, and for each of ``_OUTPUTS`` its address; 0: not wanted."""
+    images = [
+        aligned((height, width, 3) if is_vector else (height, width), dtype) if wanted & flag else None
+        for flag, is_vector, dtype in _OUTPUTS
+    ]
+    addresses = tuple([address_of(image, dtype) for image, (_, _, dtype) in zip(images, _OUTPUTS, strict=True)])
+    return Frame(*images), addresses
 
 
-_shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache("shading", weak=True)
-_shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache(
-    "shading", weak=True
+_shadings: WeakCache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = WeakCache("shading")
+_shadings_of_meshes: WeakCache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = WeakCache(
+    "shading"
 )
 
 
@@ -124,18 +122,11 @@ class CpuRenderer:
             spare: returns the number of idle processors; no more helper threads are used than that.
         """
         self._threads = FrameThreads(threads if threads is not None else os.cpu_count() or 1, spare)
-        self._pool = ArrayPool()
-        self._scratch = ScratchPool()
 
     @property
     def threads(self) -> int:
         """Maximum number of threads that work inside frames."""
         return self._threads.threads
-
-    def release_memory(self) -> None:
-        """Free the memory of earlier frames, which is kept for later ones."""
-        self._pool.clear()
-        self._scratch.clear()
 
     def close(self) -> None:
         """End the helper threads after the frames in progress."""
@@ -151,23 +142,15 @@ class CpuRenderer:
         if not camera.width <= MAX_SIDE >= camera.height:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
-        shapes, order = _layout_of(outputs.value, camera.height, camera.width)
-        pooled = self._pool.take(shapes)
-        arrays, addresses = (*pooled.arrays, None), (*pooled.addresses, 0)
-        color, depth, label, instance, normal = [arrays[at] for at in order]
-        frame = Frame(color, depth, label, instance, normal, self._releaser(pooled))
-        call = _Call(scene, prepared, camera, look, frame, tuple([addresses[at] for at in order]))
-        try:
-            with self._threads:
-                if color is None:
-                    self._draw_geometry(call)
-                else:
-                    self._draw_color(call, color)
-            if depth is not None and camera.depth_origin != 0.0:
-                depth -= np.float32(camera.depth_origin)
-        except BaseException:
-            frame.close()
-            raise
+        frame, addresses = _allocate(outputs.value, camera.height, camera.width)
+        call = _Call(scene, prepared, camera, look, frame, addresses)
+        with self._threads:
+            if frame.color is None:
+                self._draw_geometry(call)
+            else:
+                self._draw_color(call, frame.color)
+        if frame.depth is not None and camera.depth_origin != 0.0:
+            np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
         return frame
 
     def visibility(
@@ -185,28 +168,18 @@ class CpuRenderer:
         """As ``Rasterizer.visibility``."""
         prepared = prepare(scene)
         shape = (camera.height, camera.width)
-        pooled = self._pool.take(((shape, np.int32), (shape, np.float32)))
-        ids, inv_z = pooled.arrays
-        scratch = self._scratch.take()
-        try:
-            job = FrameJob(
-                prepared,
-                camera,
-                scratch,
-                self._threads.threads,
-                select=address_of(select, np.bool_),
-                cull_back=address_of(cull_back, np.bool_),
-                whole_layer=True,
-            )
-            job.layers(ids, inv_z, beyond, before, earlier, latest=latest)
-            self._threads.share(job.task())
-            poses = job.X_camera_mesh.copy()
-        except BaseException:
-            self._pool.give(pooled)
-            raise
-        finally:
-            self._scratch.give(scratch)
-        return Visibility(ids, inv_z, prepared.instances.first_ids, poses, self._releaser(pooled))
+        ids, inv_z = aligned(shape, np.int32), aligned(shape, np.float32)
+        job = FrameJob(
+            prepared,
+            camera,
+            self._threads.threads,
+            select=address_of(select, np.bool_),
+            cull_back=address_of(cull_back, np.bool_),
+            whole_layer=True,
+        )
+        job.layers(ids, inv_z, beyond, before, earlier, latest=latest)
+        self._threads.share(job.task())
+        return Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
 
     def shade_samples(
         self,
@@ -219,23 +192,16 @@ class CpuRenderer:
     ) -> None:
         """As ``Rasterizer.shade_samples``."""
         prepared = prepare(scene)
-        scratch = self._scratch.take()
-        try:
-            culled = address_of(cull_back, np.bool_)
-            threads = self._threads.threads
-            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, opaque=True, samples=samples)
-            memory = allocate_sample_bands(scratch, threads, camera, samples, job.stride)
-            shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
-            self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
-        finally:
-            self._scratch.give(scratch)
+        culled = address_of(cull_back, np.bool_)
+        threads = self._threads.threads
+        job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=samples)
+        memory = allocate_sample_bands(job.buffers, threads, camera, samples, job.stride)
+        shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
+        self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
         self._threads.run(units, work)
-
-    def _releaser(self, pooled: PooledArrays) -> Callable[[], None]:
-        return lambda: self._pool.give(pooled)
 
     def _draw_geometry(self, call: _Call) -> None:
         """Fill the geometry outputs; the visibility layer itself is not kept."""
@@ -243,28 +209,20 @@ class CpuRenderer:
         if cut_out is not None:
             self._draw_cut_geometry(call, cut_out)
             return
-        scratch = self._scratch.take()
-        try:
-            job = FrameJob(call.prepared, call.camera, scratch, self._threads.threads, opaque=True)
-            job.outputs(call.frame, call.addresses[1:])
-            self._threads.share(job.task())
-        finally:
-            self._scratch.give(scratch)
+        job = FrameJob(call.prepared, call.camera, self._threads.threads, opaque=True)
+        job.outputs(call.frame, call.addresses[1:])
+        self._threads.share(job.task())
 
     def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_]) -> None:
         """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
         scene, camera = call.scene, call.camera
         look = replace(call.look, name="gltf") if call.look.name == "studio" else call.look
         solid = partial(solid_pixels, self, _shading(scene, look.name, self.parallel), look)
-        with self.visibility(scene, camera, select=~cut_out) as visible:
-            draw_cut_outs(self, scene, camera, cut_out, visible, solid)
-            scratch = self._scratch.take()
-            try:
-                job = FrameJob(call.prepared, camera, scratch, self._threads.threads, whole_layer=True)
-                job.outputs(call.frame, call.addresses[1:])
-                self.parallel(band_count(camera.height), job.resolver(visible))
-            finally:
-                self._scratch.give(scratch)
+        visible = self.visibility(scene, camera, select=~cut_out)
+        draw_cut_outs(self, scene, camera, cut_out, visible, solid)
+        job = FrameJob(call.prepared, camera, self._threads.threads, whole_layer=True)
+        job.outputs(call.frame, call.addresses[1:])
+        self.parallel(band_count(camera.height), job.resolver(visible))
 
     def _draw_color(self, call: _Call, color: NDArray[np.uint8]) -> None:
         """Fill all outputs, colour included.
@@ -273,10 +231,6 @@ class CpuRenderer:
         and the studio look need further rasterizations.
         """
         scene, camera, look = call.scene, call.camera, call.look
-        if look.name == "studio":
-            wait_until_compiled("studio")
-        if look.samples != 1:
-            wait_until_compiled("antialiasing")
         has_geometry = any(call.addresses[1:])
         if has_geometry and (look.name == "studio" or look.samples != 1):
             self._draw_geometry(call)
@@ -299,31 +253,24 @@ class CpuRenderer:
         """
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
         culled = address_of(shading.cull_back, np.bool_)
-        scratch = self._scratch.take()
-        try:
-            if look.samples == 1:
-                job = FrameJob(
-                    prepared, camera, scratch, threads, cull_back=culled, keep_back_faces=has_geometry, opaque=True
-                )
-                job.outputs(call.frame, call.addresses[1:])
-            else:
-                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, opaque=True, samples=look.samples)
-            shading_job = HeadlightJob(
-                shading,
-                camera,
-                look,
-                first_ids=prepared.instances.first_ids_at,
-                X_camera_mesh=job.poses_address,
-                stride=job.stride,
-                color=call.addresses[0],
-                table=lambda values: scratch.table("shading job", values),
-                keep=(job, call.frame),
-            )
-            if look.samples == 1:
-                self._threads.share(job.task(shading_job.address))
-            else:
-                memory = allocate_sample_bands(scratch, threads, camera, look.samples, job.stride)
-                shader = mixed_bands(shading_job, lambda values: scratch.table("mixed", values))
-                self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
-        finally:
-            self._scratch.give(scratch)
+        if look.samples == 1:
+            job = FrameJob(prepared, camera, threads, cull_back=culled, keep_back_faces=has_geometry, opaque=True)
+            job.outputs(call.frame, call.addresses[1:])
+        else:
+            job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=look.samples)
+        shading_job = HeadlightJob(
+            shading,
+            camera,
+            look,
+            first_ids=prepared.instances.first_ids_at,
+            X_camera_mesh=job.poses_address,
+            stride=job.stride,
+            color=call.addresses[0],
+            keep=(job, call.frame),
+        )
+        if look.samples == 1:
+            self._threads.share(job.task(shading_job.address))
+        else:
+            memory = allocate_sample_bands(job.buffers, threads, camera, look.samples, job.stride)
+            shader = mixed_bands(shading_job)
+            self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))

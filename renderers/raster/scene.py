@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import (
     AlphaMode,
@@ -103,10 +103,10 @@ class PreparedScene:
     """The instances, whose meshes the addresses in the tables point to."""
 
 
-_meshes: Cache[Mesh, PreparedMesh] = Cache("prepared_meshes", weak=True)
-_structures: Cache[tuple[Mesh, ...], _Structure] = Cache("instances", weak=True)
-_sets: Cache[InstanceSet, PreparedInstances] = Cache("instances", weak=True)
-_scenes: Cache[DrawList, PreparedScene] = Cache("instances", weak=True)
+_meshes: WeakCache[Mesh, PreparedMesh] = WeakCache("prepared_meshes")
+_structures: WeakCache[tuple[Mesh, ...], _Structure] = WeakCache("instances")
+_sets: WeakCache[InstanceSet, PreparedInstances] = WeakCache("instances")
+_scenes: WeakCache[DrawList, PreparedScene] = WeakCache("instances")
 
 
 def _prepare_mesh(mesh: Mesh) -> PreparedMesh:

@@ -37,4 +37,4 @@ def _render(outputs: Output, look: Look) -> None:
         Instance(Mesh(corners, np.arange(n, dtype=np.uint32)[None]), Material(), np.eye(4)) for n in (1, 2, 3)
     )
     camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, 0.1, 10.0, np.eye(4))
-    CpuRenderer(threads=1).render(DrawList(instances), camera, outputs, look).close()
+    CpuRenderer(threads=1).render(DrawList(instances), camera, outputs, look)

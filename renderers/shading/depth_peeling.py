@@ -39,33 +39,27 @@ def peeled(
 ) -> Iterator[Visibility]:
     """Yield the layers of the selected instances that ``behind`` does not hide, nearest first.
 
-    To stop peeling a pixel, set its id in a layer to -1. Each layer is closed when the next one is requested.
+    To stop peeling a pixel, set its id in a layer to -1.
 
     Args:
         select, cull_back: as in ``Rasterizer.visibility``.
         in_drawing_order: yield the surfaces that are drawn last first, instead of the nearest.
     """
     previous: Visibility | None = None
-    try:
-        for _ in range(max_layers):
-            if in_drawing_order:
-                earlier = previous.ids if previous is not None else None
-                layer = rasterizer.visibility(
-                    scene, camera, select=select, cull_back=cull_back, before=behind, earlier=earlier, latest=True
-                )
-            else:
-                layer = rasterizer.visibility(
-                    scene, camera, select=select, cull_back=cull_back, beyond=previous, before=behind
-                )
-            if previous is not None:
-                previous.close()
-            previous = layer
-            if not (layer.ids >= 0).any():
-                break
-            yield layer
-    finally:
-        if previous is not None:
-            previous.close()
+    for _ in range(max_layers):
+        if in_drawing_order:
+            earlier = previous.ids if previous is not None else None
+            layer = rasterizer.visibility(
+                scene, camera, select=select, cull_back=cull_back, before=behind, earlier=earlier, latest=True
+            )
+        else:
+            layer = rasterizer.visibility(
+                scene, camera, select=select, cull_back=cull_back, beyond=previous, before=behind
+            )
+        previous = layer
+        if not (layer.ids >= 0).any():
+            break
+        yield layer
 
 
 SolidPixels = Callable[["Visibility", Camera], NDArray[np.bool_]]
@@ -109,7 +103,7 @@ def surfaces_in_drawing_order(
 
     Args:
         select: the instances that are blended. cull_back: as in ``Rasterizer.visibility``.
-        nearest: the visible surfaces, opaque ones included, which are the first layer. The caller closes it.
+        nearest: the visible surfaces, opaque ones included, which are the first layer.
         transmittance: (H, W), share of the light from behind the layers so far. The caller updates it for every layer
             before requesting the next. Where a layer leaves it unchanged, the layer's alpha is 0.
     """
@@ -128,10 +122,5 @@ def surfaces_in_drawing_order(
             layer,
             ids=np.where(is_undrawn, layer.ids, 0),
             inv_z=np.where(is_undrawn, layer.inv_z, np.float32(np.inf)),
-            _release=None,
         )
-        if layer is not nearest:
-            layer.close()
         layer = rasterizer.visibility(scene, camera, select=select, cull_back=cull_back, beyond=beyond, earlier=earlier)
-    if layer is not nearest:
-        layer.close()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.color import srgb_colors_from_linear
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
@@ -61,7 +61,7 @@ class MeshBuffers:
         return sum(a.nbytes for a in (self.indices, self.vertices, self.colors, self.extras) if a is not None)
 
 
-_buffers: Cache[Mesh, dict[tuple[int, bool], MeshBuffers]] = Cache("vertices", weak=True)
+_buffers: WeakCache[Mesh, dict[tuple[int, bool], MeshBuffers]] = WeakCache("vertices")
 """Buffers by mesh and by ``tangent_set`` and ``srgb_colors``, see ``buffers_of``."""
 _lock = threading.Lock()
 

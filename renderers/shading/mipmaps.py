@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
@@ -26,7 +26,7 @@ _SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_LINEAR_VALUES) * 25
 _SCALED_FROM_BYTE: Final = np.round(np.arange(256) * (_MAX_LINEAR / 255.0)).astype(np.uint16)
 _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_LINEAR)).astype(np.uint8)
 
-_cached_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache("mip_levels", weak=True)
+_cached_chains: WeakCache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = WeakCache("mip_levels")
 
 
 def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
@@ -37,7 +37,7 @@ class Texels:
         return np.ascontiguousarray(self.rows[:, : self.width])
 
 
-_decoded: Cache[Image, Texels] = Cache("textures", weak=True)
+_decoded: WeakCache[Image, Texels] = WeakCache("textures")
 
 
 def texels_of(image: Image) -> Texels:

@@ -54,6 +54,19 @@ def test_links_are_named_by_source_model_and_link(viewer: Viewer) -> None:
     np.testing.assert_allclose(world, from_pose(POSE[:3], POSE[3:]), atol=1e-7)
 
 
+def test_all_links_appear_in_one_revision_with_their_poses(viewer: Viewer) -> None:
+    names = [f"arm::link {number}" for number in range(3000)]
+    links: list[int] = []
+    viewer.live.listen(
+        lambda snapshot: links.append(sum(node.pose is not None for _, node in snapshot.root.walk() if node.parts))
+    )
+    for _ in range(2):
+        viewer.handle(LOAD, load(*(link(name, 1, BALL) for name in names)))
+        viewer.handle(DRAW, draw({(1, name): POSE for name in names}))
+        names.append("arm::tool")
+    assert links == [3000, 0, 3001]
+
+
 def test_shapes_colors_and_their_poses(viewer: Viewer) -> None:
     shapes = [
         geometry(BOX, [1, 2, 3], (0.5, 0.25, 1.5, 0.5), POSE),

@@ -42,10 +42,10 @@ def test_every_model_is_drawn_or_a_gltf_error() -> None:
             continue
         scene = replace(flatten(file.root), lights=file.lights)
         camera = resolve_camera(parse_camera("fit"), Node(), 64, 48, draw_list=scene)
-        with renderer.render(scene, camera, Output.COLOR | Output.DEPTH, Look("studio")) as frame:
-            assert frame.color is not None
-            assert frame.depth is not None
-            assert np.isfinite(frame.depth).mean() > 0.02, path
+        frame = renderer.render(scene, camera, Output.COLOR | Output.DEPTH, Look("studio"))
+        assert frame.color is not None
+        assert frame.depth is not None
+        assert np.isfinite(frame.depth).mean() > 0.02, path
         drawn.append(path)
     renderer.close()
     for message in refused:

@@ -37,7 +37,6 @@ class WatchedRenderer:
     error: Exception | None = None
     started: threading.Event = field(default_factory=threading.Event)
     go_on: threading.Event = field(default_factory=threading.Event)
-    closed: int = 0
 
     def __post_init__(self) -> None:
         self.go_on.set()
@@ -49,7 +48,7 @@ class WatchedRenderer:
         if self.error is not None:
             raise self.error
         size = (camera.height, camera.width)
-        frame = Frame(_release=self._close)
+        frame = Frame()
         if Output.COLOR in outputs:
             frame.color = np.full((*size, 3), look.background, np.uint8)
         if Output.DEPTH in outputs:
@@ -57,9 +56,6 @@ class WatchedRenderer:
         if Output.LABEL in outputs:
             frame.label = np.full(size, scene.instances[0].label if scene.instances else LABEL_NONE, np.uint32)
         return frame
-
-    def _close(self) -> None:
-        self.closed += 1
 
 
 @dataclass

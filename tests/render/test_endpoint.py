@@ -15,10 +15,10 @@ from structlog.testing import capture_logs
 
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import LOOK_FIELD
-from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
+from renderers.compiler.pending import KernelsDelayed
 from renderers.drawlist import ImageError, Instance, Material
 from renderers.interface import Output
 from renderers.light_rig import Rig
@@ -47,7 +47,6 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
     assert (decoded(depth) == 2.0).all()
     assert (decoded(label) == (255, 0, 0)).all()
     assert [call[2] for call in watched.calls] == [Output.COLOR, Output.DEPTH, Output.LABEL]
-    assert watched.closed == 3
     assert [(record.status, record.error) for record in server.records] == [(200, "")] * 3
     assert server.records[0].image is not None
     assert server.service.status()["answers"] == {"200": 3}

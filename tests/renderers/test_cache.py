@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderers.cache import Cache, CacheBudget, CacheFigures
+from renderers.cache import Cache, CacheBudget, CacheFigures, WeakCache
 
 
 def test_the_least_recently_used_is_dropped_first() -> None:
@@ -65,7 +65,7 @@ def test_caches_of_a_budget_share_its_limit_and_evict_the_oldest_of_all() -> Non
 def test_evicting_a_value_drops_what_weak_caches_derived_from_it() -> None:
     budget = CacheBudget(100)
     values: Cache[str, Key] = Cache("values", budget=budget)
-    derived: Cache[Key, str] = Cache("derived", weak=True, budget=budget)
+    derived: Cache[Key, str] = WeakCache("derived", budget=budget)
     values.put("a", Key(), 40)
     key = values.get("a")
     assert key is not None
@@ -107,7 +107,7 @@ class Key:
 
 
 def test_a_weak_entry_lives_as_long_as_its_key() -> None:
-    cache: Cache[Key, str] = Cache("test", weak=True, budget=CacheBudget(100))
+    cache: Cache[Key, str] = WeakCache("test", budget=CacheBudget(100))
     key = Key()
     cache.put(key, "value", 10)
     assert cache.get(key) == "value"
@@ -118,7 +118,7 @@ def test_a_weak_entry_lives_as_long_as_its_key() -> None:
 
 
 def test_a_weak_tuple_is_dropped_with_any_of_its_objects() -> None:
-    cache: Cache[tuple[Key, ...], str] = Cache("test", weak=True, budget=CacheBudget(100))
+    cache: Cache[tuple[Key, ...], str] = WeakCache("test", budget=CacheBudget(100))
     first, second = Key(), Key()
     cache.put((first, second, first), "value", 10)
     assert cache.get((first, second, first)) == "value"
@@ -129,7 +129,7 @@ def test_a_weak_tuple_is_dropped_with_any_of_its_objects() -> None:
 
 
 def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
-    cache: Cache[Key, str] = Cache("test", weak=True, budget=CacheBudget(100))
+    cache: Cache[Key, str] = WeakCache("test", budget=CacheBudget(100))
     large, small = Key(), Key()
     cache.put(large, "large", 1000)
     assert cache.get(large) == "large"
@@ -138,7 +138,7 @@ def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
 
 
 def test_nbytes_under_concurrent_use_and_collected_keys() -> None:
-    cache: Cache[Key, int] = Cache("test", weak=True, budget=CacheBudget(500))
+    cache: Cache[Key, int] = WeakCache("test", budget=CacheBudget(500))
 
     def work() -> None:
         mine = [Key() for _ in range(20)]

@@ -53,8 +53,8 @@ def trees() -> DrawList:
 @pytest.mark.parametrize("look", ["plain", "gltf", "studio"])
 def test_labels_follow_the_holes_of_the_colour_image(look: LookName) -> None:
     scene = trees()
-    with RENDERER.render(scene, VIEW, Output.COLOR | GEOMETRY, Look(look, (0, 0, 0))) as frame:
-        seen = {name: image.copy() for name, image in images(frame).items()}
+    frame = RENDERER.render(scene, VIEW, Output.COLOR | GEOMETRY, Look(look, (0, 0, 0)))
+    seen = {name: image.copy() for name, image in images(frame).items()}
     for label, channels in ((1, (1, 0, 0)), (2, (0, 1, 0)), (3, (0, 0, 1)), (4, (1, 1, 1))):
         pixels = seen["label"] == label
         assert pixels.sum() > 20
@@ -63,33 +63,33 @@ def test_labels_follow_the_holes_of_the_colour_image(look: LookName) -> None:
         assert (np.abs(seen["depth"][pixels] - (1 + label)) < 0.3).all()
         assert (seen["normal"][pixels][:, 2] < -0.9).all()
     for renderer, outputs in ((RENDERER, GEOMETRY), (RENDERER, Output.LABEL), (SEVERAL, GEOMETRY)):
-        with renderer.render(scene, VIEW, outputs, Look(look)) as frame:
-            for name, image in images(frame).items():
-                assert image.tobytes() == seen[name].tobytes(), name
+        frame = renderer.render(scene, VIEW, outputs, Look(look))
+        for name, image in images(frame).items():
+            assert image.tobytes() == seen[name].tobytes(), name
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 @pytest.mark.parametrize("samples", [1, 4])
 def test_rendervtk_cuts_nothing_out_of_labels(look: LookName, samples: SampleCount) -> None:
-    with RENDERER.render(trees(), VIEW, Output.COLOR | Output.LABEL, Look(look, samples=samples)) as frame:
-        assert frame.label is not None
-        assert 4 not in frame.label
-        assert (frame.label == 1).sum() > 500
+    frame = RENDERER.render(trees(), VIEW, Output.COLOR | Output.LABEL, Look(look, samples=samples))
+    assert frame.label is not None
+    assert 4 not in frame.label
+    assert (frame.label == 1).sum() > 500
 
 
 @pytest.mark.parametrize(("threshold", "label"), [(0.0, 1), (0.29, 1), (0.3, 1), (0.31, 2), (1.0, 2)])
 def test_the_threshold_decides_whether_a_blended_surface_has_a_label(threshold: float, label: int) -> None:
     film = leaf(2.0, painted(1, 0, 0, base_color=(1.0, 0.0, 0.0, 0.3), alpha_mode=AlphaMode.BLEND), 1)
     scene = DrawList((film, leaf(3.0, painted(1, 1, 1), 2)))
-    with RENDERER.render(scene, VIEW, GEOMETRY, Look("gltf", alpha_threshold=threshold)) as frame:
-        assert frame.label is not None
-        assert frame.depth is not None
-        assert frame.label[20, 30] == label
-        assert frame.depth[20, 30] == 1 + label
+    frame = RENDERER.render(scene, VIEW, GEOMETRY, Look("gltf", alpha_threshold=threshold))
+    assert frame.label is not None
+    assert frame.depth is not None
+    assert frame.label[20, 30] == label
+    assert frame.depth[20, 30] == 1 + label
 
 
 def test_a_leaf_that_is_cut_out_everywhere_is_nowhere() -> None:
     scene = DrawList((leaf(2.0, painted(1, 0, 0, alpha=np.zeros((2, 2), np.uint8)), 1),))
-    with RENDERER.render(scene, VIEW, GEOMETRY, Look("gltf")) as frame:
-        assert frame.depth is not None
-        assert np.isinf(frame.depth).all()
+    frame = RENDERER.render(scene, VIEW, GEOMETRY, Look("gltf"))
+    assert frame.depth is not None
+    assert np.isinf(frame.depth).all()

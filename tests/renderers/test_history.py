@@ -42,9 +42,9 @@ def _scenes() -> tuple[DrawList, ...]:
 def _color(renderer: CpuRenderer, drawn: DrawList, size: tuple[int, int], look: Look) -> NDArray[np.uint8]:
     width, height = size
     camera = Camera(width, height, 0.9 * width, 0.9 * width, width / 2 + 0.3, height / 2, 0.05, 50.0, np.eye(4))
-    with renderer.render(drawn, camera, Output.COLOR | Output.DEPTH, look) as frame:
-        assert frame.color is not None
-        return frame.color.copy()
+    frame = renderer.render(drawn, camera, Output.COLOR | Output.DEPTH, look)
+    assert frame.color is not None
+    return frame.color.copy()
 
 
 @pytest.mark.parametrize("samples", [1, 4])

@@ -48,21 +48,22 @@ def test_arbitrary_numbers_do_not_crash(
     scene = DrawList(tuple(Instance(m, look, X, 5, k) for k, m in enumerate(meshes) for X in (np.eye(4), moved)))
     camera = Camera(*size, *lens, *planes, np.eye(4))
     outputs = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
-    with RENDERER.render(scene, camera, outputs) as frame, RENDERER.visibility(scene, camera) as seen:
-        assert frame.depth is not None
-        assert frame.label is not None
-        assert frame.instance is not None
-        assert frame.normal is not None
-        hit = seen.ids >= 0
-        assert seen.ids.max() < seen.first_ids[-1]
-        assert np.array_equal(frame.label == 5, hit)
-        assert np.isin(frame.instance, (-1, 0, 1, 2)).all()
-        assert np.array_equal(frame.instance >= 0, hit)
-        assert not np.isnan(frame.depth).any()
-        assert np.isinf(frame.depth[~hit]).all()
-        assert np.isfinite(frame.normal).all()
-        with RENDERER.visibility(scene, camera, beyond=seen) as behind:
-            assert (behind.inv_z[behind.ids >= 0] <= seen.inv_z[behind.ids >= 0]).all()
+    frame = RENDERER.render(scene, camera, outputs)
+    seen = RENDERER.visibility(scene, camera)
+    assert frame.depth is not None
+    assert frame.label is not None
+    assert frame.instance is not None
+    assert frame.normal is not None
+    hit = seen.ids >= 0
+    assert seen.ids.max() < seen.first_ids[-1]
+    assert np.array_equal(frame.label == 5, hit)
+    assert np.isin(frame.instance, (-1, 0, 1, 2)).all()
+    assert np.array_equal(frame.instance >= 0, hit)
+    assert not np.isnan(frame.depth).any()
+    assert np.isinf(frame.depth[~hit]).all()
+    assert np.isfinite(frame.normal).all()
+    behind = RENDERER.visibility(scene, camera, beyond=seen)
+    assert (behind.inv_z[behind.ids >= 0] <= seen.inv_z[behind.ids >= 0]).all()
 
 
 def test_a_million_triangles_and_a_large_picture() -> None:
@@ -72,9 +73,9 @@ def test_a_million_triangles_and_a_large_picture() -> None:
     )
     camera = Camera(4096, 4096, 3000.0, 3000.0, 2048.0, 2048.0, 0.1, 10.0, np.eye(4))
     renderer = CpuRenderer(threads=2)
-    with renderer.render(scene, camera, Output.DEPTH | Output.LABEL) as frame:
-        assert frame.depth is not None
-        assert 0.05 < np.isfinite(frame.depth).mean() < 1.0
+    frame = renderer.render(scene, camera, Output.DEPTH | Output.LABEL)
+    assert frame.depth is not None
+    assert 0.05 < np.isfinite(frame.depth).mean() < 1.0
     renderer.close()
 
 
@@ -87,9 +88,9 @@ def test_two_thousand_instances_of_one_mesh() -> None:
         X[:3, 3] = rng.uniform((-3, -3, 2), (3, 3, 9))
         instances.append(Instance(part, Material(), X, k, k))
     camera = Camera(320, 240, 300.0, 300.0, 160.0, 120.0, 0.1, 20.0, np.eye(4))
-    with RENDERER.render(DrawList(tuple(instances)), camera, Output.LABEL | Output.INSTANCE) as frame:
-        assert frame.label is not None
-        assert frame.instance is not None
-        shown = frame.instance >= 0
-        assert np.array_equal(frame.label[shown], frame.instance[shown])
-        assert len(np.unique(frame.instance)) > 500
+    frame = RENDERER.render(DrawList(tuple(instances)), camera, Output.LABEL | Output.INSTANCE)
+    assert frame.label is not None
+    assert frame.instance is not None
+    shown = frame.instance >= 0
+    assert np.array_equal(frame.label[shown], frame.instance[shown])
+    assert len(np.unique(frame.instance)) > 500

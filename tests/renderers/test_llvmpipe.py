@@ -126,11 +126,11 @@ def test_coverage_labels_and_depth(context: Any, name: str) -> None:
     make, changes = SCENES[name]
     scene, view = make(np.random.default_rng(7)), camera(**{"width": 200, "height": 150, **changes})
     theirs, their_depth = by_opengl(context, scene, view)
-    with CpuRenderer(1).render(scene, view, Output.DEPTH | Output.INSTANCE | Output.LABEL) as frame:
-        assert frame.depth is not None
-        assert frame.label is not None
-        ours = np.where(np.isfinite(frame.depth), frame.label.astype(np.int64), -1)
-        depth = frame.depth.astype(np.float64)
+    frame = CpuRenderer(1).render(scene, view, Output.DEPTH | Output.INSTANCE | Output.LABEL)
+    assert frame.depth is not None
+    assert frame.label is not None
+    ours = np.where(np.isfinite(frame.depth), frame.label.astype(np.int64), -1)
+    depth = frame.depth.astype(np.float64)
     print(name, "coverage", np.count_nonzero((ours >= 0) != (theirs >= 0)), "labels", np.count_nonzero(ours != theirs))
     assert np.count_nonzero(theirs >= 0) > 300
     assert np.count_nonzero((ours >= 0) != (theirs >= 0)) <= 1

@@ -61,19 +61,17 @@ def test_outputs_equal_those_of_separate_frames(seed: int, threads: int) -> None
     renderer = CpuRenderer(threads)
     drawn = scene(seed)
     for camera in views():
-        with (
-            renderer.render(drawn, camera, GEOMETRY | Output.COLOR, Look()) as together,
-            renderer.render(drawn, camera, GEOMETRY) as geometry,
-            renderer.render(drawn, camera, Output.COLOR, Look()) as color,
-        ):
-            expected = images(geometry) | images(color)
-            assert images(together).keys() == expected.keys()
-            for name, image in images(together).items():
-                np.testing.assert_array_equal(image, expected[name], err_msg=name)
-            # The scene shows both: what only geometry sees, and the nearest of surfaces in one place.
-            both_sided = replace_sides(drawn)
-            with renderer.render(both_sided, camera, Output.COLOR, Look()) as other:
-                assert (images(other)["color"] != expected["color"]).any()
+        together = renderer.render(drawn, camera, GEOMETRY | Output.COLOR, Look())
+        geometry = renderer.render(drawn, camera, GEOMETRY)
+        color = renderer.render(drawn, camera, Output.COLOR, Look())
+        expected = images(geometry) | images(color)
+        assert images(together).keys() == expected.keys()
+        for name, image in images(together).items():
+            np.testing.assert_array_equal(image, expected[name], err_msg=name)
+        # The scene shows both: what only geometry sees, and the nearest of surfaces in one place.
+        both_sided = replace_sides(drawn)
+        other = renderer.render(both_sided, camera, Output.COLOR, Look())
+        assert (images(other)["color"] != expected["color"]).any()
     renderer.close()
 
 
@@ -93,8 +91,8 @@ def test_coplanar_faces_label_of_the_last_and_color_of_the_front() -> None:
     )
     camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.05, 50.0, np.eye(4))
     renderer = CpuRenderer(1)
-    with renderer.render(drawn, camera, Output.COLOR | Output.LABEL, Look()) as frame:
-        assert frame.color is not None
-        assert frame.label is not None
-        assert (frame.label == 1).all()
-        assert (frame.color == (0, 255, 0)).all()
+    frame = renderer.render(drawn, camera, Output.COLOR | Output.LABEL, Look())
+    assert frame.color is not None
+    assert frame.label is not None
+    assert (frame.label == 1).all()
+    assert (frame.color == (0, 255, 0)).all()

@@ -42,11 +42,11 @@ def scene() -> DrawList:
 def test_geometry(threads: int) -> None:
     renderer = CpuRenderer(threads)
     view = camera(112, 80, near=0.02, far=20.0)
-    with renderer.render(scene(), view, Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
-        assert frame.depth is not None
-        assert frame.label is not None
-        assert frame.instance is not None
-        assert frame.normal is not None
-        assert_equal_to_golden(
-            "geometry", depth=frame.depth, label=frame.label, instance=frame.instance, normal=frame.normal
-        )
+    frame = renderer.render(scene(), view, Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL)
+    assert frame.depth is not None
+    assert frame.label is not None
+    assert frame.instance is not None
+    assert frame.normal is not None
+    assert_equal_to_golden(
+        "geometry", depth=frame.depth, label=frame.label, instance=frame.instance, normal=frame.normal
+    )

@@ -53,16 +53,16 @@ def test_a_moved_scene_shares_its_tables_and_is_drawn_where_it_is() -> None:
     assert prepare(scenes[0]).instances.structure is prepare(scenes[1]).instances.structure
     assert prepare(scenes[0]).X_world_mesh[0, 0, 3] == -0.5
     for scene in scenes:
-        with renderer.render(scene, camera, Output.COLOR | Output.LABEL, Look()) as frame:
-            assert frame.color is not None
-            assert frame.label is not None
-            assert set(np.unique(frame.label)) == {1, 0xFFFFFF}
-            images.append(frame.color.copy())
+        frame = renderer.render(scene, camera, Output.COLOR | Output.LABEL, Look())
+        assert frame.color is not None
+        assert frame.label is not None
+        assert set(np.unique(frame.label)) == {1, 0xFFFFFF}
+        images.append(frame.color.copy())
     assert (images[0] != images[1]).any()
     fresh = DrawList(tuple(replace(i, mesh=replace(i.mesh)) for i in scenes[1].instances))
-    with renderer.render(fresh, camera, Output.COLOR, Look()) as frame:
-        assert frame.color is not None
-        assert (frame.color == images[1]).all()
+    frame = renderer.render(fresh, camera, Output.COLOR, Look())
+    assert frame.color is not None
+    assert (frame.color == images[1]).all()
     # The shading's tables do not keep a scene's meshes alive.
     gone = weakref.ref(given[0].mesh)
     del given, scenes, scene
@@ -109,9 +109,10 @@ def test_an_instance_set_is_prepared_once_and_renders_like_a_list(look: Look, th
         plain = DrawList(tuple(scene.instances))
         prepared.append(prepare(scene).instances)
         for wanted in (Output.COLOR, outputs, Output.DEPTH):
-            with renderer.render(scene, camera, wanted, look) as a, other.render(plain, camera, wanted, look) as b:
-                for output in ("color", "depth", "label", "instance"):
-                    np.testing.assert_array_equal(getattr(a, output), getattr(b, output))
+            a = renderer.render(scene, camera, wanted, look)
+            b = other.render(plain, camera, wanted, look)
+            for output in ("color", "depth", "label", "instance"):
+                np.testing.assert_array_equal(getattr(a, output), getattr(b, output))
     assert all(each is prepared[0] for each in prepared)
     # The tables keep neither the set nor its meshes.
     gone = weakref.ref(given[0].mesh)
@@ -119,6 +120,6 @@ def test_an_instance_set_is_prepared_once_and_renders_like_a_list(look: Look, th
     gc.collect()
     assert gone() is None
     empty = DrawList(PosedInstances(InstanceSet((), (), ()), np.zeros((0, 4, 4))))
-    with renderer.render(empty, camera, Output.DEPTH) as frame:
-        assert frame.depth is not None
-        assert np.isinf(frame.depth).all()
+    frame = renderer.render(empty, camera, Output.DEPTH)
+    assert frame.depth is not None
+    assert np.isinf(frame.depth).all()

@@ -93,12 +93,10 @@ def test_setting_the_flag_ends_a_frame(threads: int, outputs: Output, name: Look
     with soon() as flag, pytest.raises(Enough):
         flag.run(lambda: renderer.render(endless(), scenes.camera(1024, 1024), outputs, look))
     scene, camera = DrawList(endless(50, 1).instances), scenes.camera(97, 71)
-    with (
-        renderer.render(scene, camera, outputs, look) as drawn,
-        CpuRenderer(1).render(scene, camera, outputs, look) as other,
-    ):
-        for array, expected in ((drawn.color, other.color), (drawn.depth, other.depth), (drawn.label, other.label)):
-            assert array is None if expected is None else np.array_equal(array, expected)  # type: ignore[arg-type]  # both
+    drawn = renderer.render(scene, camera, outputs, look)
+    other = CpuRenderer(1).render(scene, camera, outputs, look)
+    for array, expected in ((drawn.color, other.color), (drawn.depth, other.depth), (drawn.label, other.label)):
+        assert array is None if expected is None else np.array_equal(array, expected)  # type: ignore[arg-type]  # both
     renderer.close()
 
 
@@ -115,16 +113,16 @@ def test_repeated_frames_use_their_own_flag() -> None:
     """Tables of a frame are reused for the next one, which must not keep the old flag."""
     renderer, scene, look = CpuRenderer(1), endless(50, 3), Look("phong")
     camera = scenes.camera(97, 71)
-    with renderer.render(scene, camera, Output.COLOR, look) as frame:
-        assert frame.color is not None
-        expected = frame.color.copy()
+    frame = renderer.render(scene, camera, Output.COLOR, look)
+    assert frame.color is not None
+    expected = frame.color.copy()
     flag = StopFlag()
     flag.set(Enough())
     with pytest.raises(Enough):
         flag.run(lambda: renderer.render(scene, camera, Output.COLOR, look))
-    with renderer.render(scene, camera, Output.COLOR, look) as frame:
-        assert frame.color is not None
-        assert np.array_equal(frame.color, expected)
+    frame = renderer.render(scene, camera, Output.COLOR, look)
+    assert frame.color is not None
+    assert np.array_equal(frame.color, expected)
 
 
 @pytest.mark.parametrize("name", ["phong", "pbr", "studio"])
@@ -160,12 +158,10 @@ def test_incomplete_preparation_is_not_cached(name: LookName) -> None:
     drawn, camera, renderer = scene(images), scenes.camera(32, 32), CpuRenderer(1)
     with pytest.raises(Enough):
         flag.run(lambda: renderer.render(drawn, camera, Output.COLOR, Look(name)))
-    with renderer.render(drawn, camera, Output.COLOR, Look(name)) as frame:
-        assert frame.color is not None
-        with CpuRenderer(1).render(
-            scene([image(v) for v in (50, 100, 150)]), camera, Output.COLOR, Look(name)
-        ) as other:
-            assert np.array_equal(frame.color, other.color)  # type: ignore[arg-type]  # it is there
+    frame = renderer.render(drawn, camera, Output.COLOR, Look(name))
+    assert frame.color is not None
+    other = CpuRenderer(1).render(scene([image(v) for v in (50, 100, 150)]), camera, Output.COLOR, Look(name))
+    assert np.array_equal(frame.color, other.color)  # type: ignore[arg-type]  # it is there
 
 
 def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:

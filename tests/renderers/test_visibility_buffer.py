@@ -25,9 +25,10 @@ def renderer() -> CpuRenderer:
 def agree(renderer: CpuRenderer, scene: DrawList, view: Camera, *, pixels: int = 1) -> oracle.Picture:
     """Compare with the oracle: coverage, depth, and records where depths are not too near to tell."""
     expected = oracle.draw(scene, view)
-    with renderer.visibility(scene, view) as seen, renderer.render(scene, view, Output.DEPTH) as frame:
-        assert frame.depth is not None
-        ids, depth = seen.ids.astype(np.int64), frame.depth.astype(np.float64)
+    seen = renderer.visibility(scene, view)
+    frame = renderer.render(scene, view, Output.DEPTH)
+    assert frame.depth is not None
+    ids, depth = seen.ids.astype(np.int64), frame.depth.astype(np.float64)
     assert np.array_equal(ids >= 0, np.isfinite(depth))
     assert np.count_nonzero((ids >= 0) != (expected.ids >= 0)) <= pixels
     same = (ids == expected.ids) & (ids >= 0)
@@ -69,10 +70,10 @@ def test_large_ground_under_the_camera(renderer: CpuRenderer, height: float) -> 
     rows = np.nonzero((expected.ids >= 0).all(axis=1))[0]
     assert rows.size > 10
     # And against the formula: z = height / ray.
-    with renderer.render(draw_list(ground), view, Output.DEPTH) as frame:
-        assert frame.depth is not None
-        z = height / ((rows + 0.5 - view.cy) / view.fy)
-        np.testing.assert_allclose(frame.depth[rows], np.broadcast_to(z[:, None], (rows.size, view.width)), rtol=3e-7)
+    frame = renderer.render(draw_list(ground), view, Output.DEPTH)
+    assert frame.depth is not None
+    z = height / ((rows + 0.5 - view.cy) / view.fy)
+    np.testing.assert_allclose(frame.depth[rows], np.broadcast_to(z[:, None], (rows.size, view.width)), rtol=3e-7)
 
 
 def test_camera_inside_a_sphere(renderer: CpuRenderer) -> None:
@@ -87,23 +88,23 @@ def test_far_plane_shows_what_is_behind_nothing(renderer: CpuRenderer) -> None:
         expected = agree(renderer, draw_list(slope), camera(far=far))
         assert np.isfinite(expected.depth).any()
         assert np.isinf(expected.depth).any()
-        with renderer.render(draw_list(slope), camera(far=far), GEOMETRY) as frame:
-            assert frame.depth is not None
-            assert frame.label is not None
-            gone = np.isinf(frame.depth)
-            assert (frame.label[gone] == LABEL_NONE).all()
-            assert frame.depth[~gone].max() <= far
+        frame = renderer.render(draw_list(slope), camera(far=far), GEOMETRY)
+        assert frame.depth is not None
+        assert frame.label is not None
+        gone = np.isinf(frame.depth)
+        assert (frame.label[gone] == LABEL_NONE).all()
+        assert frame.depth[~gone].max() <= far
 
 
 def test_near_plane_shows_what_is_behind(renderer: CpuRenderer) -> None:
     plate = ((-1, -1, 0.5), (1, -1, 0.5), (1, 1, 0.5), (-1, 1, 0.5))
     scene = draw_list(mesh(plate, ((0, 1, 2), (0, 2, 3))), mesh(np.array(plate) * 4, ((0, 1, 2), (0, 2, 3))))
-    with renderer.render(scene, camera(near=0.6), GEOMETRY) as frame:
-        assert frame.label is not None
-        assert (frame.label == 2).all()
-    with renderer.render(scene, camera(near=0.5), GEOMETRY) as frame:
-        assert frame.label is not None
-        assert frame.label[35, 48] == 1
+    frame = renderer.render(scene, camera(near=0.6), GEOMETRY)
+    assert frame.label is not None
+    assert (frame.label == 2).all()
+    frame = renderer.render(scene, camera(near=0.5), GEOMETRY)
+    assert frame.label is not None
+    assert frame.label[35, 48] == 1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -121,20 +122,20 @@ def test_shared_edges_neither_leak_nor_overlap(renderer: CpuRenderer, columns: i
     rng = np.random.default_rng(seed)
     corners = np.array(((-3, -3, 2), (3, -3, 2), (3, 3, 2), (-3, 3, 2))) + rng.normal(scale=0.1, size=(4, 3))
     scene = draw_list(grid(columns, rows, corners))
-    with renderer.visibility(scene, camera()) as first:
-        assert (first.ids >= 0).all()
-        with renderer.visibility(scene, camera(), beyond=first) as second:
-            assert (second.ids < 0).all()
+    first = renderer.visibility(scene, camera())
+    assert (first.ids >= 0).all()
+    second = renderer.visibility(scene, camera(), beyond=first)
+    assert (second.ids < 0).all()
 
 
 def test_shared_edges_across_near_plane_and_guard_band(renderer: CpuRenderer) -> None:
     ground = grid(13, 11, ((-60, 0.3, -60), (60, 0.3, -60), (60, 0.3, 60), (-60, 0.3, 60)))
     view = camera(near=0.01, far=1000.0)
     below = np.arange(view.height) > view.cy + 2
-    with renderer.visibility(draw_list(ground), view) as first:
-        assert (first.ids[below] >= 0).all()
-        with renderer.visibility(draw_list(ground), view, beyond=first) as second:
-            assert (second.ids < 0).all()
+    first = renderer.visibility(draw_list(ground), view)
+    assert (first.ids[below] >= 0).all()
+    second = renderer.visibility(draw_list(ground), view, beyond=first)
+    assert (second.ids < 0).all()
 
 
 @pytest.mark.parametrize("threads", [2, 4])
@@ -155,44 +156,42 @@ def test_any_number_of_threads_gives_the_same_bytes(
     view = camera(width, height, near=0.05)
     several = CpuRenderer(threads)
     for _ in range(3):
-        with (
-            renderer.render(scene, view, GEOMETRY) as one,
-            several.render(scene, view, GEOMETRY) as other,
-            renderer.visibility(scene, view) as a,
-            several.visibility(scene, view) as b,
-        ):
-            assert np.array_equal(a.ids, b.ids)
-            for name in ("depth", "label", "instance", "normal"):
-                assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+        one = renderer.render(scene, view, GEOMETRY)
+        other = several.render(scene, view, GEOMETRY)
+        a = renderer.visibility(scene, view)
+        b = several.visibility(scene, view)
+        assert np.array_equal(a.ids, b.ids)
+        for name in ("depth", "label", "instance", "normal"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
     several.close()
 
 
 def test_equal_depth_shows_the_higher_primitive_id(renderer: CpuRenderer) -> None:
     plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 3), (-9, 9, 3)), ((0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)))
     for copies in (1, 3):
-        with renderer.visibility(draw_list(*[plate] * copies), camera(200, 150)) as seen:
-            assert set(np.unique(seen.ids)) == {4 * copies - 2, 4 * copies - 1}
+        seen = renderer.visibility(draw_list(*[plate] * copies), camera(200, 150))
+        assert set(np.unique(seen.ids)) == {4 * copies - 2, 4 * copies - 1}
 
 
 def test_outputs_belong_to_the_visible_instance(renderer: CpuRenderer) -> None:
     near = mesh(((-1, -1, 2), (0, -1, 2), (0, 1, 2), (-1, 1, 2)), ((0, 1, 2), (0, 2, 3)))
     far = mesh(((-2, -2, 5), (2, -2, 5), (2, 2, 5), (-2, 2, 5)), ((0, 1, 2), (0, 2, 3)))
-    with renderer.render(draw_list(near, far), camera(), GEOMETRY) as frame:
-        assert frame.color is None
-        assert frame.depth is not None
-        assert frame.label is not None
-        assert frame.instance is not None
-        front = frame.depth == 2.0
-        assert front.any()
-        assert (frame.label[front] == 1).all()
-        assert (frame.instance[front] == 100).all()
-        back = frame.depth == 5.0
-        assert (frame.label[back] == 2).all()
-        assert (frame.instance[back] == 101).all()
-        empty = ~(front | back)
-        assert empty.any()
-        assert (frame.label[empty] == LABEL_NONE).all()
-        assert (frame.instance[empty] == -1).all()
+    frame = renderer.render(draw_list(near, far), camera(), GEOMETRY)
+    assert frame.color is None
+    assert frame.depth is not None
+    assert frame.label is not None
+    assert frame.instance is not None
+    front = frame.depth == 2.0
+    assert front.any()
+    assert (frame.label[front] == 1).all()
+    assert (frame.instance[front] == 100).all()
+    back = frame.depth == 5.0
+    assert (frame.label[back] == 2).all()
+    assert (frame.instance[back] == 101).all()
+    empty = ~(front | back)
+    assert empty.any()
+    assert (frame.label[empty] == LABEL_NONE).all()
+    assert (frame.instance[empty] == -1).all()
 
 
 def test_back_face_culling_is_optional_and_respects_mirrored_instances(renderer: CpuRenderer) -> None:
@@ -202,21 +201,17 @@ def test_back_face_culling_is_optional_and_respects_mirrored_instances(renderer:
     mirrored = X @ np.diag((-1.0, 1.0, 1.0, 1.0))
     for pose_of in (X, mirrored):
         scene = DrawList((Instance(ball, Material(), pose_of, 1, 1),))
-        with (
-            renderer.visibility(scene, camera()) as both,
-            renderer.visibility(scene, camera(), cull_back=np.array((True,))) as fronts,
-            renderer.visibility(scene, camera(), cull_back=np.array((False,))) as kept,
-        ):
-            assert np.array_equal(both.ids, fronts.ids)
-            assert np.array_equal(both.ids, kept.ids)
-            assert (both.ids >= 0).any()
+        both = renderer.visibility(scene, camera())
+        fronts = renderer.visibility(scene, camera(), cull_back=np.array((True,)))
+        kept = renderer.visibility(scene, camera(), cull_back=np.array((False,)))
+        assert np.array_equal(both.ids, fronts.ids)
+        assert np.array_equal(both.ids, kept.ids)
+        assert (both.ids >= 0).any()
         inside = camera(X_world_camera=X, near=0.01)
-        with (
-            renderer.visibility(scene, inside) as both,
-            renderer.visibility(scene, inside, cull_back=np.array((True,))) as fronts,
-        ):
-            assert (both.ids >= 0).all()
-            assert (fronts.ids < 0).all()
+        both = renderer.visibility(scene, inside)
+        fronts = renderer.visibility(scene, inside, cull_back=np.array((True,)))
+        assert (both.ids >= 0).all()
+        assert (fronts.ids < 0).all()
 
 
 def test_culling_agrees_on_the_clipped_path(renderer: CpuRenderer) -> None:
@@ -225,11 +220,9 @@ def test_culling_agrees_on_the_clipped_path(renderer: CpuRenderer) -> None:
     down = mesh(up.positions, up.elements[:, ::-1])
     for floor in (up, down):
         small = mesh(floor.positions * np.float32(0.02) + np.array((0, 1, 3), np.float32), floor.elements)
-        with (
-            renderer.visibility(draw_list(floor), camera(), cull_back=np.array((True,))) as large,
-            renderer.visibility(draw_list(small), camera(), cull_back=np.array((True,))) as little,
-        ):
-            assert (large.ids >= 0).any() == (little.ids >= 0).any()
+        large = renderer.visibility(draw_list(floor), camera(), cull_back=np.array((True,)))
+        little = renderer.visibility(draw_list(small), camera(), cull_back=np.array((True,)))
+        assert (large.ids >= 0).any() == (little.ids >= 0).any()
 
 
 def test_depth_peeling_yields_layers_in_depth_order(renderer: CpuRenderer) -> None:
@@ -247,9 +240,7 @@ def test_depth_peeling_yields_layers_in_depth_order(renderer: CpuRenderer) -> No
         assert (following.inv_z[both] <= layer.inv_z[both]).all()
         tied = both & (following.inv_z == layer.inv_z)
         assert (following.ids[tied] < layer.ids[tied]).all()
-        layer.close()
         layer = following
-    layer.close()
     assert np.count_nonzero(count != hits) <= 3
 
 
@@ -258,15 +249,13 @@ def test_before_draws_only_in_front_of_a_layer(renderer: CpuRenderer) -> None:
     scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(16, 8, 2.5))
     view = camera(near=0.05)
     ball = np.array((False, True))
-    with (
-        renderer.visibility(scene, view, select=ball) as shell,
-        renderer.visibility(scene, view, select=~ball, before=shell) as inside,
-        renderer.visibility(scene, view) as everything,
-    ):
-        merged = np.where(inside.ids >= 0, inside.ids, shell.ids)
-        assert np.array_equal(merged, everything.ids)
-        assert (inside.ids >= 0).any()
-        assert (merged == shell.ids).any()
+    shell = renderer.visibility(scene, view, select=ball)
+    inside = renderer.visibility(scene, view, select=~ball, before=shell)
+    everything = renderer.visibility(scene, view)
+    merged = np.where(inside.ids >= 0, inside.ids, shell.ids)
+    assert np.array_equal(merged, everything.ids)
+    assert (inside.ids >= 0).any()
+    assert (merged == shell.ids).any()
 
 
 def test_layers_in_drawing_order_are_those_by_distance(renderer: CpuRenderer) -> None:
@@ -280,19 +269,18 @@ def test_layers_in_drawing_order_are_those_by_distance(renderer: CpuRenderer) ->
     layer = renderer.visibility(scene, view)
     while (layer.ids >= 0).any():
         by_distance.append(layer.ids.copy())
-        with layer:
-            layer = renderer.visibility(scene, view, beyond=layer)
+        layer = renderer.visibility(scene, view, beyond=layer)
     seen = np.array(by_distance)
     earlier = None
     for expected in np.sort(seen, axis=0)[::-1]:
-        with renderer.visibility(scene, view, earlier=earlier, latest=True) as layer:
-            np.testing.assert_array_equal(layer.ids, expected)
-            earlier = layer.ids.copy()
+        layer = renderer.visibility(scene, view, earlier=earlier, latest=True)
+        np.testing.assert_array_equal(layer.ids, expected)
+        earlier = layer.ids.copy()
     bound = rng.integers(0, seen.max(), seen.shape[1:]).astype(np.int32)
     is_earlier = (seen >= 0) & (seen < bound)
     nearest = np.where(is_earlier.any(axis=0), np.take_along_axis(seen, is_earlier.argmax(axis=0)[None], 0)[0], -1)
-    with renderer.visibility(scene, view, earlier=bound) as layer:
-        np.testing.assert_array_equal(layer.ids, nearest)
+    layer = renderer.visibility(scene, view, earlier=bound)
+    np.testing.assert_array_equal(layer.ids, nearest)
 
 
 def test_normals_face_the_camera_and_follow_the_mesh(renderer: CpuRenderer) -> None:
@@ -303,26 +291,26 @@ def test_normals_face_the_camera_and_follow_the_mesh(renderer: CpuRenderer) -> N
     rays = np.stack(((i + 0.5 - view.cx) / view.fx, (j + 0.5 - view.cy) / view.fy, np.ones(i.shape)), axis=-1)
     for mirror in (1.0, -1.0):
         scene = DrawList((Instance(sphere(400, 200), Material(), X @ np.diag((mirror, 1.0, 1.0, 1.0)), 1, 1),))
-        with renderer.render(scene, view, GEOMETRY) as frame:
-            assert frame.depth is not None
-            assert frame.normal is not None
-            seen = np.isfinite(frame.depth)
-            points = rays[seen] * frame.depth[seen][:, None]
-            exact = (points - X[:3, 3]) / np.diag(X)[:3] ** 2
-            exact /= np.linalg.norm(exact, axis=1, keepdims=True)
-            inner = -np.einsum("ij,ij->i", exact, rays[seen]) > 0.1
-            assert np.einsum("ij,ij->i", exact, frame.normal[seen])[inner].min() > 0.9995
-            assert (frame.normal[~seen] == 0).all()
-            np.testing.assert_allclose(np.linalg.norm(frame.normal[seen], axis=1), 1.0, atol=1e-6)
+        frame = renderer.render(scene, view, GEOMETRY)
+        assert frame.depth is not None
+        assert frame.normal is not None
+        seen = np.isfinite(frame.depth)
+        points = rays[seen] * frame.depth[seen][:, None]
+        exact = (points - X[:3, 3]) / np.diag(X)[:3] ** 2
+        exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+        inner = -np.einsum("ij,ij->i", exact, rays[seen]) > 0.1
+        assert np.einsum("ij,ij->i", exact, frame.normal[seen])[inner].min() > 0.9995
+        assert (frame.normal[~seen] == 0).all()
+        np.testing.assert_allclose(np.linalg.norm(frame.normal[seen], axis=1), 1.0, atol=1e-6)
 
 
 def test_flat_normals_without_mesh_normals(renderer: CpuRenderer) -> None:
     plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 6), (-9, 9, 6)), ((0, 1, 2), (0, 3, 2)))
-    with renderer.render(draw_list(plate), camera(), Output.NORMAL) as frame:
-        assert frame.normal is not None
-        n = np.cross((1, 0, 0), (0, 18, 3)).astype(float)
-        n /= np.linalg.norm(n) * (1 if n[2] < 0 else -1)
-        np.testing.assert_allclose(frame.normal[40, 40], n, atol=1e-6)
+    frame = renderer.render(draw_list(plate), camera(), Output.NORMAL)
+    assert frame.normal is not None
+    n = np.cross((1, 0, 0), (0, 18, 3)).astype(float)
+    n /= np.linalg.norm(n) * (1 if n[2] < 0 else -1)
+    np.testing.assert_allclose(frame.normal[40, 40], n, atol=1e-6)
 
 
 def test_non_finite_poses_and_positions_draw_nothing(renderer: CpuRenderer) -> None:
@@ -344,9 +332,9 @@ def test_non_finite_poses_and_positions_draw_nothing(renderer: CpuRenderer) -> N
             Instance(good, Material(), np.eye(4), 5, 5),
         )
     )
-    with renderer.render(scene, camera(), Output.LABEL) as frame:
-        assert frame.label is not None
-        assert {5, LABEL_NONE} <= set(np.unique(frame.label)) <= {4, 5, LABEL_NONE}
+    frame = renderer.render(scene, camera(), Output.LABEL)
+    assert frame.label is not None
+    assert {5, LABEL_NONE} <= set(np.unique(frame.label)) <= {4, 5, LABEL_NONE}
 
 
 def test_empty_scenes_and_meshes(renderer: CpuRenderer) -> None:
@@ -356,9 +344,9 @@ def test_empty_scenes_and_meshes(renderer: CpuRenderer) -> None:
         draw_list(nothing),
         draw_list(nothing, mesh(np.zeros((1, 3)), np.zeros((0, 1))), nothing),
     ):
-        with renderer.render(scene, camera(), GEOMETRY) as frame:
-            assert frame.depth is not None
-            assert np.isinf(frame.depth).all()
+        frame = renderer.render(scene, camera(), GEOMETRY)
+        assert frame.depth is not None
+        assert np.isinf(frame.depth).all()
 
 
 @pytest.mark.parametrize(

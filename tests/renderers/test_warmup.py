@@ -39,8 +39,8 @@ with install_recorder("numba:compile") as recorder:
         renderer = CpuRenderer(threads)
         for look in (Look("phong"), Look("pbr", samples=4), Look("pbr"), Look("studio", samples=4)):
             for outputs in (everything, Output.DEPTH, Output.COLOR):
-                renderer.render(DrawList(instances), camera, outputs, look).close()
-                renderer.render(DrawList(opaque), camera, outputs, look).close()
+                renderer.render(DrawList(instances), camera, outputs, look)
+                renderer.render(DrawList(opaque), camera, outputs, look)
         renderer.close()
 print(len(recorder.buffer), "compilations")
 

@@ -336,14 +336,14 @@ def test_an_orthographic_camera_shows_lengths_at_any_distance_alike_and_depth_li
         parse_camera("eye=0,0,0;target=0,0,1;up=0,-1,0;xmag=1"), Node(), width, width, draw_list=scene
     )
     renderer = CpuRenderer(1)
-    with renderer.render(scene, camera, Output.DEPTH | Output.LABEL) as frame:
-        assert frame.depth is not None
-        assert frame.label is not None
-        for label, row, depth in ((0, 40, 1.0), (1, 160, 5.0)):
-            columns = np.flatnonzero(frame.label[row] == label)
-            assert abs(len(columns) - width / 2) <= 1
-            assert abs(columns.mean() + 0.5 - width / 2) <= 0.5
-            np.testing.assert_allclose(frame.depth[row, columns], depth, atol=1e-3)
-        x = (np.arange(width) + 0.5) / (width / 2) - 1.0
-        np.testing.assert_allclose(frame.depth[width // 2], 3.0 + 2.0 * x, atol=5e-3)
+    frame = renderer.render(scene, camera, Output.DEPTH | Output.LABEL)
+    assert frame.depth is not None
+    assert frame.label is not None
+    for label, row, depth in ((0, 40, 1.0), (1, 160, 5.0)):
+        columns = np.flatnonzero(frame.label[row] == label)
+        assert abs(len(columns) - width / 2) <= 1
+        assert abs(columns.mean() + 0.5 - width / 2) <= 0.5
+        np.testing.assert_allclose(frame.depth[row, columns], depth, atol=1e-3)
+    x = (np.arange(width) + 0.5) / (width / 2) - 1.0
+    np.testing.assert_allclose(frame.depth[width // 2], 3.0 + 2.0 * x, atol=5e-3)
     renderer.close()

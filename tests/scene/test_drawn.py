@@ -41,18 +41,18 @@ def test_fronts_are_in_front_also_in_a_mirror(renderer: CpuRenderer, shape: Shap
         edit.set_matrix(("shape",), tf.scaling(mirror, 1, 1))
     drawn = Flattener(LabelTable()).flatten(tree.snapshot)
     camera = resolve_camera(parse_camera(f"eye={eye};target=0,0,0"), tree.snapshot.root, 80, 60)
-    with renderer.render(drawn, camera, Output.COLOR | Output.DEPTH | Output.NORMAL, Look("phong", (255, 0, 255))) as f:
-        assert f.color is not None
-        assert f.depth is not None
-        assert f.normal is not None
-        seen = np.isfinite(f.depth)
-        background = (f.color == (255, 0, 255)).all(axis=2)
-        assert seen.sum() > 40
-        np.testing.assert_array_equal(seen, ~background)
-        row, column = np.nonzero(seen)
-        rays = np.stack(((column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy), axis=1)
-        towards = (f.normal[seen][:, :2] * rays).sum(axis=1) + f.normal[seen][:, 2]
-        assert towards.max() <= 0.05  # smooth normals lean over the silhouette by up to half a facet
+    f = renderer.render(drawn, camera, Output.COLOR | Output.DEPTH | Output.NORMAL, Look("phong", (255, 0, 255)))
+    assert f.color is not None
+    assert f.depth is not None
+    assert f.normal is not None
+    seen = np.isfinite(f.depth)
+    background = (f.color == (255, 0, 255)).all(axis=2)
+    assert seen.sum() > 40
+    np.testing.assert_array_equal(seen, ~background)
+    row, column = np.nonzero(seen)
+    rays = np.stack(((column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy), axis=1)
+    towards = (f.normal[seen][:, :2] * rays).sum(axis=1) + f.normal[seen][:, 2]
+    assert towards.max() <= 0.05  # smooth normals lean over the silhouette by up to half a facet
 
 
 def test_labels_and_instance_numbers_lead_back_to_the_path(renderer: CpuRenderer) -> None:
@@ -63,11 +63,11 @@ def test_labels_and_instance_numbers_lead_back_to_the_path(renderer: CpuRenderer
             edit.set_pose((name,), (index - 1.0, 0, 0, 1, 0, 0, 0))
     drawn = Flattener(labels).flatten(tree.snapshot)
     camera = resolve_camera(parse_camera("eye=0,-4,0;target=0,0,0"), tree.snapshot.root, 90, 30)
-    with renderer.render(drawn, camera, Output.LABEL | Output.INSTANCE, Look()) as frame:
-        assert frame.label is not None
-        assert frame.instance is not None
-        at = [int(np.flatnonzero(frame.instance[15] == number).mean()) for number in range(3)]
-        assert at == sorted(at)
-        assert [labels.path_of(int(frame.label[15, column])) for column in at] == [("left",), ("middle",), ("right",)]
-        assert frame.label[0, 0] == LABEL_NONE
-        assert [drawn.instances[int(frame.instance[15, c])].label for c in at] == [int(frame.label[15, c]) for c in at]
+    frame = renderer.render(drawn, camera, Output.LABEL | Output.INSTANCE, Look())
+    assert frame.label is not None
+    assert frame.instance is not None
+    at = [int(np.flatnonzero(frame.instance[15] == number).mean()) for number in range(3)]
+    assert at == sorted(at)
+    assert [labels.path_of(int(frame.label[15, column])) for column in at] == [("left",), ("middle",), ("right",)]
+    assert frame.label[0, 0] == LABEL_NONE
+    assert [drawn.instances[int(frame.instance[15, c])].label for c in at] == [int(frame.label[15, c]) for c in at]

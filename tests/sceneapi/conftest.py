@@ -33,14 +33,13 @@ class RecordingRenderer:
     error: Exception | None = None
     spot: tuple[int, int, int] | None = None
     """Colour of the pixel ``SPOT``, which shows the first instance."""
-    closed: int = 0
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         self.calls.append((scene, camera, outputs, look))
         if self.error is not None:
             raise self.error
         size = (camera.height, camera.width)
-        frame = Frame(_release=self._close)
+        frame = Frame()
         if Output.COLOR in outputs:
             frame.color = np.full((*size, 3), look.background, np.uint8)
             if self.spot is not None:
@@ -55,9 +54,6 @@ class RecordingRenderer:
             frame.label = np.full(size, scene.instances[0].label, np.uint32)
             frame.label[0, 0] = LABEL_NONE
         return frame
-
-    def _close(self) -> None:
-        self.closed += 1
 
 
 @dataclass

@@ -12,12 +12,12 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.runtime.arrival import arrival_time, set_arrival
-from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.live import LiveTree
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.tree import Node
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
-from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
@@ -93,7 +93,7 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
 
 async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
     world = World()
-    with pending.announced(("formats",)):
+    with pending.announced({"formats": lambda name: True}):
         assert world.receive(ONE_BOX) == size_of(ONE_BOX)
         await until(lambda: world.statuses)
     assert (world.statuses, world.pool.calls) == ([0], 1)
@@ -102,8 +102,8 @@ async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
 async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
     world = World()
     cloud = {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}
-    with pending.announced(("formats",)):
-        pending.fail(KernelsDelayed(4))
+    with pending.announced({"formats": lambda name: True}):
+        pending.fail(4)
         world.receive(message({"setgeometry": [{"path": ["a"], "geometry": cloud}]}))
         await until(lambda: world.published)
     ((_, body),) = world.published
@@ -309,17 +309,66 @@ async def test_only_the_first_undecodable_messages_are_logged(world: World) -> N
     assert len(entries) == MAX_LOGGED + 1
 
 
-@pytest.mark.parametrize(("commands", "slice_", "steps"), [(6, 3, 2), (7, 3, 3), (2, 3, 1), (3, 3, 1), (0, 3, 1)])
-def test_commands_are_executed_in_slices(commands: int, slice_: int, steps: int) -> None:
-    viewer = Viewer()
-    entries = [{"path": [str(number)], "geometry": BOX} for number in range(commands)]
-    applier = viewer.protocol.read(viewer.protocol.decode(message({"setgeometry": entries})))
-    done = [len(viewer.live.snapshot.root.children)]
-    while applier.step(slice_):
-        done.append(len(viewer.live.snapshot.root.children))
-    done.append(len(viewer.live.snapshot.root.children))
-    assert len(done) == steps + 1
-    assert done == [min(slice_ * number, commands) for number in range(steps)] + [commands]
+async def test_a_big_request_is_one_revision_beside_other_clients() -> None:
+    entries = [["world", number] for number in range(20)]
+    big = message(
+        {
+            "delete": [{"path": ["old"]}],
+            "setgeometry": [{"path": path, "geometry": BOX} for path in entries],
+            "settransform": [{"path": path, "transform": {"translation": [1, 2, 3]}} for path in entries],
+        }
+    )
+    world = World(offload_bytes=len(big) - 1, slice_commands=3)
+    live = world.viewer.live
+    world.viewer.publish(BOX, path=["old"])
+    seen: list[tuple[int, int, bool, list[Any]]] = []
+
+    def watch(snapshot: Snapshot) -> None:
+        world_node = snapshot.root.children.get("world", Node())
+        poses = [node.pose[:3] for node in world_node.children.values() if node.pose is not None]
+        others = [name for name in snapshot.root.children if name not in ("old", "world")]
+        seen.append((world_node.nodes_with_parts, len(poses), "old" in snapshot.root.children, others))
+
+    live.listen(watch)
+    world.receive(big)
+    for number in range(5):
+        await asyncio.sleep(0)
+        box = message({"setgeometry": [{"path": [f"other {number}"], "geometry": BOX}]})
+        world.receive(box, channel=f"{REQUEST}_<other>")
+    await until(lambda: len(world.published) == 6)
+    others = [f"other {number}" for number in range(5)]
+    assert seen == [(0, 0, True, others[: number + 1]) for number in range(5)] + [(20, 20, False, others)]
+    assert live.snapshot.root.node_count == 1 + 1 + 20 + 5
+
+
+async def test_nodes_of_requests_that_are_applied_at_the_same_time_count_together() -> None:
+    big = message({"setgeometry": [{"path": ["big", number], "geometry": BOX} for number in range(6)]})
+    world = World()
+    world.viewer.protocol = TreeViewerProtocol(world.viewer.live, Limits(nodes=10))
+    config = TreeViewerConfig(offload_bytes=len(big) - 1, slice_commands=1)
+    world.dispatcher = Dispatcher(world.viewer.protocol, config, world.pool)
+    world.receive(big)
+    for number in range(12):
+        await asyncio.sleep(0)
+        box = message({"setgeometry": [{"path": ["other", number], "geometry": BOX}]})
+        world.receive(box, channel=f"{REQUEST}_<other>")
+    await until(lambda: len(world.published) == 13)
+    assert world.viewer.live.snapshot.root.node_count == 10
+    failed = [body["error"] for _, body in world.published if "error" in body]
+    assert failed
+    assert all("nodes, the limit is 10" in error for error in failed)
+
+
+async def test_a_big_request_that_is_interrupted_changes_nothing() -> None:
+    big = message({"setgeometry": [{"path": [number], "geometry": BOX} for number in range(50)]})
+    world = World(offload_bytes=0, slice_commands=1)
+    world.receive(big)
+    await until(lambda: world.pool.calls)
+    for _ in range(5):
+        await asyncio.sleep(0)
+    await world.dispatcher.close()
+    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
+    assert world.viewer.live.snapshot.revision == 0
 
 
 async def test_requests_are_valid_from_their_arrival_however_long_they_wait() -> None:

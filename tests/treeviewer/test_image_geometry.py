@@ -259,10 +259,11 @@ def test_text_has_the_colours_of_the_command(viewer: Viewer) -> None:
     assert (pixels == [255, 0, 0, 255]).all(axis=2).any()
 
 
-def test_warns_of_characters_without_a_letter(viewer: Viewer) -> None:
-    answer = viewer.publish({"type": "text", "text": "20 µm"})
+def test_warns_of_characters_without_a_letter(viewer: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.scene.fonts._find_machine_font", lambda char: "")
+    answer = viewer.publish({"type": "text", "text": "20 µm 𓀀"})
     assert answer["status"] == 0
-    assert 'the font does not have the characters "µ"' in answer["warnings"][0]
+    assert 'no font has the characters "𓀀"; boxes stand for them' in answer["warnings"][0]
     answer = viewer.publish({"type": "text", "text": " \n\t"})
     assert "text is empty, so nothing is drawn" in answer["warnings"][0]
     assert viewer.parts() == ()

@@ -52,9 +52,9 @@ def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, 
         strip = Camera(
             camera.width, bottom - top, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.near, camera.far, pose
         )
-        with imaging.renderer.render(scene, strip, Output.COLOR, imaging.look) as frame:
-            assert frame.color is not None
-            image[top:bottom] = frame.color
+        frame = imaging.renderer.render(scene, strip, Output.COLOR, imaging.look)
+        assert frame.color is not None
+        image[top:bottom] = frame.color
     return image
 
 

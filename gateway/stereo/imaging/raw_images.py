@@ -35,9 +35,9 @@ def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: boo
     camera = replace(camera, X_world_camera=raw_pose(camera.X_world_camera, config.distortion, right=right))
 
     def render(pinhole: Camera) -> NDArray[np.uint8]:
-        with imaging.renderer.render(capture.scene, pinhole, Output.COLOR, imaging.look) as frame:
-            assert frame.color is not None
-            return frame.color.copy()
+        frame = imaging.renderer.render(capture.scene, pinhole, Output.COLOR, imaging.look)
+        assert frame.color is not None
+        return frame.color
 
     k = config.model.intrinsics()
     light = light_on_sensor(distorted_image(render, camera, k, config.distortion), k, exposure, color=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
@@ -53,16 +52,15 @@ class RealisticImaging(Imaging):
     def _light_factors(self, scene: DrawList, half: Camera) -> NDArray[np.uint8] | None:
         if "shadows" not in self.config.realism:
             return None
-        with ExitStack() as stack:
-            geometry = stack.enter_context(self.renderer.render(scene, half, _GEOMETRY, self.look))
-            assert geometry.depth is not None
-            assert geometry.normal is not None
-            light = shadow_camera(geometry.depth, half)
-            if light is None:
-                return None
-            shadows = stack.enter_context(self.renderer.render(scene, light, Output.DEPTH, self.look))
-            assert shadows.depth is not None
-            return light_factors(geometry.depth, geometry.normal, half, shadows.depth, light)
+        geometry = self.renderer.render(scene, half, _GEOMETRY, self.look)
+        assert geometry.depth is not None
+        assert geometry.normal is not None
+        light = shadow_camera(geometry.depth, half)
+        if light is None:
+            return None
+        shadows = self.renderer.render(scene, light, Output.DEPTH, self.look)
+        assert shadows.depth is not None
+        return light_factors(geometry.depth, geometry.normal, half, shadows.depth, light)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
         """Blur what has moved since ``capture.earlier``: average further renderings of these parts into ``color``."""
@@ -81,26 +79,23 @@ class RealisticImaging(Imaging):
         total_area = sum(rectangle.area for rectangle in rectangles)
         for rectangle in rectangles:
             count = subframe_count(rectangle, total_area, camera.width * camera.height)
-            with ExitStack() as stack:
-                others: list[NDArray[np.uint8]] = []
-                for index in range(count):
-                    interval = ((index + 0.5) / count - 0.5) * relative_exposure
-                    if 2 * index + 1 == count:  # the middle of the exposure is rendered already
-                        continue
-                    view = Camera(
-                        rectangle.right - rectangle.left,
-                        rectangle.bottom - rectangle.top,
-                        camera.fx,
-                        camera.fy,
-                        camera.cx - rectangle.left,
-                        camera.cy - rectangle.top,
-                        camera.near,
-                        camera.far,
-                        motion.camera_at(interval),
-                    )
-                    frame = stack.enter_context(
-                        self.renderer.render(motion.scene_at(interval), view, Output.COLOR, self.look)
-                    )
-                    assert frame.color is not None
-                    others.append(frame.color)
-                write_mean_light(color, rectangle.left, rectangle.top, others)
+            others: list[NDArray[np.uint8]] = []
+            for index in range(count):
+                interval = ((index + 0.5) / count - 0.5) * relative_exposure
+                if 2 * index + 1 == count:  # the middle of the exposure is rendered already
+                    continue
+                view = Camera(
+                    rectangle.right - rectangle.left,
+                    rectangle.bottom - rectangle.top,
+                    camera.fx,
+                    camera.fy,
+                    camera.cx - rectangle.left,
+                    camera.cy - rectangle.top,
+                    camera.near,
+                    camera.far,
+                    motion.camera_at(interval),
+                )
+                frame = self.renderer.render(motion.scene_at(interval), view, Output.COLOR, self.look)
+                assert frame.color is not None
+                others.append(frame.color)
+            write_mean_light(color, rectangle.left, rectangle.top, others)

@@ -154,10 +154,9 @@ class Imaging:
             frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
-        with frame:
-            other_dots = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
-            dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
-            unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
+        other_dots = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
+        dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
+        unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
@@ -172,21 +171,21 @@ class Imaging:
         key = frame_key(config.seed, capture.frame_number, request.stream)
         k, pattern = config.model.intrinsics(), self._fixed_pattern(right=right)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        with self.render_lit(capture, offset, 1, self._outputs(capture)) as frame:
-            assert frame.color is not None
-            self._blur_motion(capture, offset, exposure.time, frame.color)
-            dots = self._projected_dots(frame, capture, offset, 1)
-            scene_light = self._scene_light(capture.scene, self.camera(capture, offset, 2), dots)
-            return {
-                color: image_from_light(
-                    light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
-                    exposure,
-                    key,
-                    pattern,
-                    noise_factor,
-                )
-                for color in request.colors
-            }
+        frame = self.render_lit(capture, offset, 1, self._outputs(capture))
+        assert frame.color is not None
+        self._blur_motion(capture, offset, exposure.time, frame.color)
+        dots = self._projected_dots(frame, capture, offset, 1)
+        scene_light = self._scene_light(capture.scene, self.camera(capture, offset, 2), dots)
+        return {
+            color: image_from_light(
+                light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
+                exposure,
+                key,
+                pattern,
+                noise_factor,
+            )
+            for color in request.colors
+        }
 
     def develop(
         self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
@@ -211,7 +210,7 @@ class Imaging:
         return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
 
     def measure(self, left: Frame, right: Frame, settings: StreamSettings, pair: ImagePair | None) -> DepthImages:
-        """Return depth images from two frames with depth, and close the frames.
+        """Return depth images from two frames with depth.
 
         Args:
             left: frame of the left camera.
@@ -219,12 +218,11 @@ class Imaging:
             settings: parameters of the frame.
             pair: images of the same exposure, for modelled errors; None: no errors.
         """
-        with left, right:
-            assert left.depth is not None
-            assert right.depth is not None
-            if pair is None:
-                return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
-            return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings)
+        assert left.depth is not None
+        assert right.depth is not None
+        if pair is None:
+            return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
+        return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings)
 
     def mesh(
         self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None
@@ -329,28 +327,28 @@ class Imaging:
         right = offset > projector_offset
         dots = np.zeros(frame.depth.shape, np.uint16)
         if has_own:
-            with self.render_lit(capture, projector_offset, divisor, Output.DEPTH) as projector_view:
-                assert projector_view.depth is not None
-                dots = projected_dots(
-                    frame.depth,
-                    k.focal_length,
-                    k.cx,
-                    k.cy,
-                    offset - projector_offset,
-                    projector_view.depth,
-                    soft=soft,
-                    right=right,
-                    point_samples=soft and divisor == METERING_DIVISOR,
-                    returned=returned,
-                )
+            projector_view = self.render_lit(capture, projector_offset, divisor, Output.DEPTH)
+            assert projector_view.depth is not None
+            dots = projected_dots(
+                frame.depth,
+                k.focal_length,
+                k.cx,
+                k.cy,
+                offset - projector_offset,
+                projector_view.depth,
+                soft=soft,
+                right=right,
+                point_samples=soft and divisor == METERING_DIVISOR,
+                returned=returned,
+            )
         for other in capture.projectors:
             assert frame.normal is not None
             surfaces = Surfaces(self.camera(capture, offset, divisor), frame.depth, frame.normal, returned)
             projector = other.camera(divisor, near=self.config.near, far=self.config.far)
-            with self._render_lit(capture.scene, projector, Output.DEPTH) as projector_view:
-                assert projector_view.depth is not None
-                strength = other.dot_light / self._dot_light
-                add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
+            projector_view = self._render_lit(capture.scene, projector, Output.DEPTH)
+            assert projector_view.depth is not None
+            strength = other.dot_light / self._dot_light
+            add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
         return dots
 
 

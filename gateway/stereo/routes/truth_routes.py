@@ -117,21 +117,19 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     arrays: dict[str, Any] = {}
     depth_and_label = Output.DEPTH | Output.LABEL
     for side, offset in (("left", 0.0), ("right", model.baseline)):
-        with imaging.render(record.camera_capture, offset, 1, depth_and_label) as frame:
-            assert frame.depth is not None
-            assert frame.label is not None
-            arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth.copy(), frame.label.copy()
-    with (
-        imaging.render(record.depth_capture, 0.0, divisor, depth_and_label) as left,
-        imaging.render(record.depth_capture, model.baseline, divisor, Output.DEPTH) as right,
-    ):
-        assert left.depth is not None
-        assert left.label is not None
-        assert right.depth is not None
-        arrays["disparity"] = true_disparity(
-            left.depth, right.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
-        )
-        arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
+        frame = imaging.render(record.camera_capture, offset, 1, depth_and_label)
+        assert frame.depth is not None
+        assert frame.label is not None
+        arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth, frame.label
+    left = imaging.render(record.depth_capture, 0.0, divisor, depth_and_label)
+    right = imaging.render(record.depth_capture, model.baseline, divisor, Output.DEPTH)
+    assert left.depth is not None
+    assert left.label is not None
+    assert right.depth is not None
+    arrays["disparity"] = true_disparity(
+        left.depth, right.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+    )
+    arrays["depth"], arrays["label"] = left.depth, left.label
     X_left_right = np.eye(4)
     X_left_right[0, 3] = model.baseline
     arrays |= {

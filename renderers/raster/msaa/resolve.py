@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Final
 
@@ -11,12 +10,12 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import kernel_address
-from renderers.compiler.pointers import Table, table
+from renderers.compiler.pointers import table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
 from renderers.msaa import SAMPLE_BAND, sample_cameras
-from renderers.raster.buffer_pool import Scratch
+from renderers.raster.buffers import Buffers
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -26,11 +25,11 @@ _GAP: Final = 1040
 """Values between arrays of a band, for the reason of ``LAYER_GAP``. Vectors are also read that far past an array."""
 
 
-def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> int:
+def allocate_sample_bands(buffers: Buffers, threads: int, camera: Camera, samples: int, stride: int) -> int:
     """Return the address of a SAMPLE_BAND for each thread.
 
     Args:
-        scratch: must live as long as bands are drawn.
+        buffers: must live as long as bands are drawn.
         stride: pixels from one row of ids to the next.
     """
     max_entries = (samples - 1) * camera.width
@@ -51,9 +50,9 @@ def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, sample
         "entry_colors": BAND_ROWS * max_entries * 3 // 4,
     }
     nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
-    first = scratch.take("samples", threads * nbytes // 4, np.int32)[1]
-    memory, address = scratch.take("sample bands", threads * SAMPLE_BAND.size // 8, np.int64)
-    bands = memory[: threads * SAMPLE_BAND.size // 8].view(SAMPLE_BAND.dtype)
+    first = buffers.allocate(threads * nbytes // 4, np.int32)[1]
+    memory, address = buffers.allocate(threads * SAMPLE_BAND.size // 8, np.int64)
+    bands = memory.view(SAMPLE_BAND.dtype)
     bands["max_entries"] = max_entries
     for field, count in counts.items():
         bands[field] = first + nbytes * np.arange(threads)
@@ -73,12 +72,11 @@ def _shading_kernels() -> tuple[int, int]:
     return kernel_address(shade_mixed), kernel_address(shade_rows)
 
 
-def mixed_bands(job: HeadlightJob, table: Callable[[int], Table] = table) -> SampledShader:
+def mixed_bands(job: HeadlightJob) -> SampledShader:
     """Return a shader of an opaque scene that mixes colours as bytes, as VTK does.
 
     Args:
         job: of the whole image.
-        table: allocates working memory that is not shared.
     """
     mix_kernel, shade_kernel = _shading_kernels()
     array, memory, address = table(2)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.pointers import Table, address_of, table
+from renderers.compiler.pointers import address_of, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Look
@@ -48,33 +46,28 @@ def paint(
     """
     cull_back, transparent, blended = shading.cull_back, shading.transparent, shading.blended_in_place
     if not shading.has_transparency:
-        with rasterizer.visibility(scene, camera, cull_back=cull_back) as visible:
-            _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
+        visible = rasterizer.visibility(scene, camera, cull_back=cull_back)
+        _shade(rasterizer, shading, visible, camera, look, DIRECT, None, color)
         return
     gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
     gathered[3] = 1.0
     transmittance = gathered[3, :, : camera.width]
     has_layers, in_drawing_order = False, look.name in VTK_LOOKS
-    with ExitStack() as stack:
-        behind = stack.enter_context(rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull_back))
-        if transparent.any():
-            for layer in peeled(
-                rasterizer, scene, camera, transparent, cull_back, behind, in_drawing_order=in_drawing_order
-            ):
-                has_layers = True
-                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-                # No more layers where a layer is opaque: nothing is visible behind it.
-                layer.ids[transmittance <= 0.0] = -1
-        if blended.any():
-            for layer in surfaces_in_drawing_order(
-                rasterizer, scene, camera, blended, cull_back, behind, transmittance
-            ):
-                has_layers = True
-                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
-            behind = stack.enter_context(
-                rasterizer.visibility(scene, camera, select=~(transparent | blended), cull_back=cull_back)
-            )
-        _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
+    behind = rasterizer.visibility(scene, camera, select=~transparent, cull_back=cull_back)
+    if transparent.any():
+        for layer in peeled(
+            rasterizer, scene, camera, transparent, cull_back, behind, in_drawing_order=in_drawing_order
+        ):
+            has_layers = True
+            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
+            # No more layers where a layer is opaque: nothing is visible behind it.
+            layer.ids[transmittance <= 0.0] = -1
+    if blended.any():
+        for layer in surfaces_in_drawing_order(rasterizer, scene, camera, blended, cull_back, behind, transmittance):
+            has_layers = True
+            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, None)
+        behind = rasterizer.visibility(scene, camera, select=~(transparent | blended), cull_back=cull_back)
+    _shade(rasterizer, shading, behind, camera, look, UNDER if has_layers else DIRECT, gathered, color)
 
 
 def solid_pixels(
@@ -104,7 +97,6 @@ class HeadlightJob:
         color: int,
         mode: int = DIRECT,
         gathered: int = 0,
-        table: Callable[[int], Table] = table,
         keep: object = None,
     ) -> None:
         """
@@ -113,7 +105,6 @@ class HeadlightJob:
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
             mode, gathered: as in HEADLIGHT_JOB.
-            table: function that allocates memory for the job. This object alone uses it while it is alive.
             keep: objects that the addresses point into.
         """
         if shading.look != look.name:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -75,55 +74,52 @@ def paint(
     is_metered = has_scene_lights and rig.auto_exposure
     has_shadows = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
     has_shadows = has_shadows and bool(casters(scene.instances).any())
-    with ExitStack() as stack:
-        visible: Visibility | None = None
-        if has_shadows or is_metered or opaque is not None or samples == 1:
-            visible = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back))
-        shadow_maps: list[ShadowMap] = []
-        map_of_light = [-1] * len(lights)
-        points = visible_points(visible, cameras[0]) if visible is not None else np.zeros((0, 3))
-        if is_metered:
-            lights = exposed(lights, points)
-        if has_shadows:
-            shadow_maps, map_of_light = render_shadow_maps(
-                rasterizer,
-                scene,
-                lights,
-                points,
-                rig.shadow_size,
-                metres_per_pixel(points, camera),
-                MAX_SHADOWS,
-                shading.transparent,
-                partial(_solid_pixels, rasterizer, shading),
-            )
-        lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
-        output = _output(background, color)
-        output_address = address_of(output, layout.OUTPUT.dtype)
-        if opaque is None:
-            if samples == 1 and visible is not None:
-                _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
-            else:
-                make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
-                rasterizer.shade_samples(scene, camera, samples, make_shader, cull_back=cull_back)
-            return
-        shape = camera.height, 4, layout.channel_values(camera.width)
-        mean = np.zeros(shape, np.float32)
-        for sample_camera in cameras:
-            accumulated = mean if samples == 1 else np.zeros(shape, np.float32)
-            target = address_of(accumulated, np.float32)
-            view = visible
-            if view is None or sample_camera is not cameras[0]:
-                view = stack.enter_context(
-                    rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull_back)
-                )
-            for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull_back, view):
-                _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
-                layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
-            _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
-            if samples > 1:
-                mean += accumulated * np.float32(1.0 / samples)
-        mean_address = address_of(mean, np.float32)
-        _for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
+    visible: Visibility | None = None
+    if has_shadows or is_metered or opaque is not None or samples == 1:
+        visible = rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull_back)
+    shadow_maps: list[ShadowMap] = []
+    map_of_light = [-1] * len(lights)
+    points = visible_points(visible, cameras[0]) if visible is not None else np.zeros((0, 3))
+    if is_metered:
+        lights = exposed(lights, points)
+    if has_shadows:
+        shadow_maps, map_of_light = render_shadow_maps(
+            rasterizer,
+            scene,
+            lights,
+            points,
+            rig.shadow_size,
+            metres_per_pixel(points, camera),
+            MAX_SHADOWS,
+            shading.transparent,
+            partial(_solid_pixels, rasterizer, shading),
+        )
+    lighting = _lighting(rig, lights, shadow_maps, map_of_light, camera)
+    output = _output(background, color)
+    output_address = address_of(output, layout.OUTPUT.dtype)
+    if opaque is None:
+        if samples == 1 and visible is not None:
+            _shade_layer(rasterizer, shading, lighting, visible, camera, ADD, 0, output_address)
+        else:
+            make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
+            rasterizer.shade_samples(scene, camera, samples, make_shader, cull_back=cull_back)
+        return
+    shape = camera.height, 4, layout.channel_values(camera.width)
+    mean = np.zeros(shape, np.float32)
+    for sample_camera in cameras:
+        accumulated = mean if samples == 1 else np.zeros(shape, np.float32)
+        target = address_of(accumulated, np.float32)
+        view = visible
+        if view is None or sample_camera is not cameras[0]:
+            view = rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull_back)
+        for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull_back, view):
+            _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
+            layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
+        _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
+        if samples > 1:
+            mean += accumulated * np.float32(1.0 / samples)
+    mean_address = address_of(mean, np.float32)
+    _for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
 
 
 def _for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
@@ -62,7 +62,7 @@ class ShadowMap:
     """(side, side) float32, 1/m: 1 / (distance of the nearest caster along the light's axis); 0: no caster."""
 
 
-_maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache("shadow_maps", weak=True)
+_maps: WeakCache[DrawList, tuple[ShadowMap, ...]] = WeakCache("shadow_maps")
 """Maps by scene, the newest first."""
 
 
@@ -194,11 +194,10 @@ def shadow_map_of(
             return shadow_map
     is_caster = casters(scene.instances)
     solid, cut_out = is_caster & ~transparent, is_caster & transparent
-    with rasterizer.visibility(scene, camera, select=solid) as layer:
-        if cut_out.any():
-            draw_cut_outs(rasterizer, scene, camera, cut_out, layer, solid_pixels, MAX_CUT_OUT_LAYERS)
-        inv_z = layer.inv_z.copy()
-    new = ShadowMap(camera, inv_z)
+    layer = rasterizer.visibility(scene, camera, select=solid)
+    if cut_out.any():
+        draw_cut_outs(rasterizer, scene, camera, cut_out, layer, solid_pixels, MAX_CUT_OUT_LAYERS)
+    new = ShadowMap(camera, layer.inv_z)
     newest = (new, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
     _maps.put(scene, newest, sum(each.inv_z.nbytes for each in newest))
     return new

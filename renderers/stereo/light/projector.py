@@ -19,9 +19,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache import Cache
+from renderers.cache import WeakCache
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Image, Instance
 from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
@@ -44,7 +43,7 @@ MAX_FADE: Final = 4.0
 """Maximum factor by which nearer dots are brighter."""
 _AVERAGED_TEXELS: Final = 256
 """Minimum number of texels along a texture's shorter side from which its means are computed."""
-_cached_means: Cache[Image, tuple[float, float]] = Cache("metal_means", weak=True)
+_cached_means: WeakCache[Image, tuple[float, float]] = WeakCache("metal_means")
 """Results of ``_metal_means``."""
 _ALL_RETURNED: Final = np.zeros((1, 1), np.int32), np.ones(1, np.float32)
 """Kernel arguments for ``returned`` of None."""
@@ -96,7 +95,6 @@ def projected_dots(
             full-resolution image's, for metering.
         returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: they return all light.
     """
-    wait_until_compiled("stereo")
     pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
     light = np.empty(depth.shape, np.uint16)
     ids, shares = returned or _ALL_RETURNED

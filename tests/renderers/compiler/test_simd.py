@@ -204,11 +204,11 @@ def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
     make, changes = SCENES[name]
     scene, view = make(np.random.default_rng(11)), camera(**{**changes, **({"width": width} if width else {})})
     ids, inverse = scalar.draw(scene, view)
-    with CpuRenderer(1).visibility(scene, view) as seen:
-        assert (seen.ids >= 0).any()
-        np.testing.assert_array_equal(seen.ids, ids)
-        covered = ids >= 0
-        assert seen.inv_z[covered].tobytes() == inverse[covered].tobytes()
+    seen = CpuRenderer(1).visibility(scene, view)
+    assert (seen.ids >= 0).any()
+    np.testing.assert_array_equal(seen.ids, ids)
+    covered = ids >= 0
+    assert seen.inv_z[covered].tobytes() == inverse[covered].tobytes()
 
 
 @njit

@@ -48,11 +48,11 @@ def test_clipped_lines_and_triangles_agree_with_the_oracle(corners: Any) -> None
     expected = oracle.draw(scene, view)
     covered = expected.ids >= 0
     assert covered.any()
-    with CpuRenderer(1).render(scene, view, Output.DEPTH) as frame:
-        assert frame.depth is not None
-        assert np.count_nonzero(np.isfinite(frame.depth) != covered) <= 1
-        both = np.isfinite(frame.depth) & covered
-        np.testing.assert_allclose(frame.depth[both], expected.depth[both], rtol=1e-5)
+    frame = CpuRenderer(1).render(scene, view, Output.DEPTH)
+    assert frame.depth is not None
+    assert np.count_nonzero(np.isfinite(frame.depth) != covered) <= 1
+    both = np.isfinite(frame.depth) & covered
+    np.testing.assert_allclose(frame.depth[both], expected.depth[both], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -70,9 +70,9 @@ def test_clipped_lines_and_triangles_agree_with_the_oracle(corners: Any) -> None
 )
 def test_invisible_and_non_finite_primitives_leave_nothing(corners: Any) -> None:
     scene = draw_list(mesh(corners, (range(len(corners)),)))
-    with CpuRenderer(1).render(scene, camera(near=NEAR), Output.DEPTH) as frame:
-        assert frame.depth is not None
-        assert np.isinf(frame.depth).all()
+    frame = CpuRenderer(1).render(scene, camera(near=NEAR), Output.DEPTH)
+    assert frame.depth is not None
+    assert np.isinf(frame.depth).all()
 
 
 @pytest.mark.parametrize(

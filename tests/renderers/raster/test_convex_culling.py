@@ -118,17 +118,15 @@ def drawn_both_ways(
 ) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
     """Colour, depth, label and instance images, with culling and with all back faces drawn."""
     pictures = []
-    with CpuRenderer(1).render(scene, view, ALL, look) as frame:
-        pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
+    frame = CpuRenderer(1).render(scene, view, ALL, look)
+    pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
 
     def everything(*arguments: Any, opaque: bool, **others: Any) -> FrameJob:
         assert opaque
         return FrameJob(*arguments, **others)
 
-    with (
-        patch.object(renderer_module, "FrameJob", everything),
-        CpuRenderer(1).render(scene, view, ALL, look) as frame,
-    ):
+    with patch.object(renderer_module, "FrameJob", everything):
+        frame = CpuRenderer(1).render(scene, view, ALL, look)
         pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
     return pictures[0], pictures[1]
 

@@ -42,8 +42,8 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
     scene = plates(np.random.default_rng(seed))
     seen = []
     for k in range(len(scene.instances)):
-        with RENDERER.visibility(scene, VIEW, select=np.arange(len(scene.instances)) == k) as alone:
-            seen.append(values(alone))
+        alone = RENDERER.visibility(scene, VIEW, select=np.arange(len(scene.instances)) == k)
+        seen.append(values(alone))
     ids, inv_z = (np.stack(arrays) for arrays in zip(*seen, strict=True))
     inv_z = np.where(ids >= 0, inv_z, 0.0)
     order = np.lexsort((-ids, -inv_z), axis=0)
@@ -57,16 +57,14 @@ def test_layers_of_coplanar_surfaces(seed: int) -> None:
     assert (ids[4] >= 0).any()
     assert (inv_z[0] == inv_z[1])[ids[1] >= 0].mean() > 0.1, "ties are frequent"
     for number, layer in enumerate(layers):
-        with RENDERER.visibility(scene, VIEW, before=layer) as front:
-            np.testing.assert_array_equal(front.ids, ids[0])
+        front = RENDERER.visibility(scene, VIEW, before=layer)
+        np.testing.assert_array_equal(front.ids, ids[0])
         for later in layers[number + 2 :]:
-            with RENDERER.visibility(scene, VIEW, beyond=layer, before=later) as between:
-                inside = later.ids >= 0
-                np.testing.assert_array_equal(between.ids[inside], ids[number + 1][inside])
+            between = RENDERER.visibility(scene, VIEW, beyond=layer, before=later)
+            inside = later.ids >= 0
+            np.testing.assert_array_equal(between.ids[inside], ids[number + 1][inside])
         layer_ids = layer.ids >= 0
         assert layer_ids.any()
-    for layer in layers:
-        layer.close()
 
 
 TWINS = {
@@ -94,16 +92,14 @@ def test_of_two_identical_things_the_later_one_is_seen(name: str, look: LookName
     outputs = Output.COLOR | Output.LABEL | Output.INSTANCE | Output.DEPTH
     both = DrawList((instance(red, 1), instance(green, 2)))
     alone = DrawList((instance(green, 2),))
-    with (
-        RENDERER.render(both, VIEW, outputs, Look(look, samples=samples)) as seen,
-        RENDERER.render(alone, VIEW, outputs, Look(look, samples=samples)) as expected,
-        SEVERAL.render(both, VIEW, outputs, Look(look, samples=samples)) as other,
-    ):
-        assert seen.label is not None
-        assert (seen.label == 2).any()
-        for output in ("color", "label", "instance", "depth"):
-            np.testing.assert_array_equal(getattr(seen, output), getattr(expected, output))
-            assert getattr(seen, output).tobytes() == getattr(other, output).tobytes()
+    seen = RENDERER.render(both, VIEW, outputs, Look(look, samples=samples))
+    expected = RENDERER.render(alone, VIEW, outputs, Look(look, samples=samples))
+    other = SEVERAL.render(both, VIEW, outputs, Look(look, samples=samples))
+    assert seen.label is not None
+    assert (seen.label == 2).any()
+    for output in ("color", "label", "instance", "depth"):
+        np.testing.assert_array_equal(getattr(seen, output), getattr(expected, output))
+        assert getattr(seen, output).tobytes() == getattr(other, output).tobytes()
 
 
 def test_a_translucent_surface_on_an_opaque_one_is_blended_over_it_in_any_order() -> None:
@@ -115,9 +111,9 @@ def test_a_translucent_surface_on_an_opaque_one_is_blended_over_it_in_any_order(
     for look in ("phong", "plain"):
         images = []
         for instances in ((wall, film), (film, wall)):
-            with RENDERER.render(DrawList(instances), VIEW, Output.COLOR, Look(look)) as frame:
-                assert frame.color is not None
-                images.append(frame.color.copy())
+            frame = RENDERER.render(DrawList(instances), VIEW, Output.COLOR, Look(look))
+            assert frame.color is not None
+            images.append(frame.color.copy())
         np.testing.assert_array_equal(images[0], images[1])
         assert (images[0][VIEW.height // 2, VIEW.width // 2] == (128, 0, 128)).all()
 
@@ -133,9 +129,7 @@ def test_coplanar_fronts_and_backs(seed: int) -> None:
         for instance in plates(rng).instances
     )
     scene = DrawList(instances)
-    with (
-        RENDERER.visibility(scene, VIEW) as seen,
-        RENDERER.render(scene, VIEW, Output.COLOR | Output.INSTANCE, Look()) as frame,
-    ):
-        first = np.searchsorted(seen.first_ids, seen.ids, side="right") - 1
-        np.testing.assert_array_equal(frame.instance, np.where(seen.ids >= 0, first, -1))
+    seen = RENDERER.visibility(scene, VIEW)
+    frame = RENDERER.render(scene, VIEW, Output.COLOR | Output.INSTANCE, Look())
+    first = np.searchsorted(seen.first_ids, seen.ids, side="right") - 1
+    np.testing.assert_array_equal(frame.instance, np.where(seen.ids >= 0, first, -1))

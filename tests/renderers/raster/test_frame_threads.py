@@ -13,8 +13,7 @@ import pytest
 
 from renderers.drawlist import DrawList
 from renderers.interface import Output
-from renderers.raster import CpuRenderer, buffer_pool
-from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, Scratch, ScratchPool
+from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.scene import prepare
 from tests.renderers.scenes import camera, draw_list, images, mesh, sphere
@@ -104,98 +103,17 @@ def test_rejects_zero_threads() -> None:
         CpuRenderer(threads=0)
 
 
-def test_arrays_of_closed_frames_are_reused() -> None:
-    renderer = CpuRenderer(1)
-    scene = draw_list(sphere(8, 4))
-    first = renderer.render(scene, camera(), Output.DEPTH)
-    array = first.depth
-    second = renderer.render(scene, camera(), Output.DEPTH)
-    assert second.depth is not array
-    first.close()
-    first.close()
-    assert first.depth is None
-    third = renderer.render(scene, camera(), Output.DEPTH)
-    fourth = renderer.render(scene, camera(), Output.DEPTH)
-    assert third.depth is array
-    assert fourth.depth is not array
-    for frame in (second, third, fourth):
-        frame.close()
-
-
-def test_reused_arrays_are_overwritten() -> None:
+def test_outputs_do_not_depend_on_what_the_memory_held() -> None:
     renderer = CpuRenderer(1)
     full = draw_list(mesh(((-9, -9, 2), (9, -9, 2), (0, 9, 2)), ((0, 1, 2),)))
-    with renderer.render(full, camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
-        assert frame.depth is not None
-    with renderer.render(DrawList(), camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
-        empty = images(frame)
-        assert np.isinf(empty["depth"]).all()
-        assert (empty["label"] == 0xFFFFFF).all()
-        assert (empty["instance"] == -1).all()
-        assert (empty["normal"] == 0).all()
-
-
-def test_pool_size_is_limited() -> None:
-    pool = ArrayPool(max_bytes=1000)
-    few, more, many = ((((count,), np.float32),) for count in (100, 200, 500))
-    first, second = pool.take(few), pool.take(more)
-    pool.give(first)
-    pool.give(second)
-    assert pool.take(few) is not first
-    assert pool.take(more) is second
-    huge = pool.take(many)
-    pool.give(huge)
-    assert pool.take(many) is not huge
-
-
-def test_pool_forgets_shapes_without_free_arrays() -> None:
-    """Clients choose image sizes, so that shapes must not accumulate."""
-    pool = ArrayPool()
-    for width in range(1, 50):
-        kinds: ArrayShapes = (((width,), np.float32), ((width, 3), np.uint8))
-        pool.give(pool.take(kinds))
-        pool.take(kinds)
-    assert not pool._free  # noqa: SLF001 - memory of forgotten shapes shows nowhere else
-
-
-def test_scratch_grows_and_large_scratch_is_dropped() -> None:
-    pool = ScratchPool(max_bytes=1000)
-    scratch = pool.take()
-    small, address = scratch.take("x", 10, np.float32)
-    assert address == small.ctypes.data
-    assert scratch.take("x", 5, np.float32)[0] is small
-    assert scratch.take("x", 100, np.float32)[0].size >= 100
-    assert scratch.nbytes == scratch.take("x", 100, np.float32)[0].nbytes
-    pool.give(scratch)
-    assert pool.take() is scratch
-    scratch.take("x", 10_000, np.float32)
-    pool.give(scratch)
-    assert pool.take() is not scratch
-
-
-def test_scratch_drops_an_array_before_it_allocates_a_larger_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    scratch = Scratch()
-    scratch.take("x", 100, np.float32)
-
-    def no_memory(*_: object) -> None:
-        raise MemoryError
-
-    with monkeypatch.context() as patched:
-        patched.setattr(buffer_pool, "aligned", no_memory)
-        with pytest.raises(MemoryError):
-            scratch.take("x", 10_000, np.float32)
-    assert scratch.nbytes == 0
-    assert scratch.take("x", 100, np.float32)[0].size >= 100
-
-
-def test_tables_count_as_scratch() -> None:
-    scratch = Scratch()
-    scratch.table("x", 1000)
-    assert scratch.nbytes == 8000
-    scratch.table("x", 10)
-    assert scratch.nbytes == 8000
-    scratch.table("x", 3000)
-    assert scratch.nbytes == 24_000
+    frame = renderer.render(full, camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL)
+    assert frame.depth is not None
+    frame = renderer.render(DrawList(), camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL)
+    empty = images(frame)
+    assert np.isinf(empty["depth"]).all()
+    assert (empty["label"] == 0xFFFFFF).all()
+    assert (empty["instance"] == -1).all()
+    assert (empty["normal"] == 0).all()
 
 
 def test_concurrent_frames() -> None:
@@ -205,16 +123,16 @@ def test_concurrent_frames() -> None:
     views = [camera(200 + 10 * k, 150) for k in range(4)]
     expected = []
     for view in views:
-        with renderer.render(scene, view, Output.DEPTH) as frame:
-            assert frame.depth is not None
-            expected.append(frame.depth.copy())
+        frame = renderer.render(scene, view, Output.DEPTH)
+        assert frame.depth is not None
+        expected.append(frame.depth.copy())
     wrong: list[int] = []
 
     def work(k: int) -> None:
         for _ in range(20):
-            with renderer.render(scene, views[k], Output.DEPTH) as frame:
-                if frame.depth is None or not np.array_equal(frame.depth, expected[k]):
-                    wrong.append(k)
+            frame = renderer.render(scene, views[k], Output.DEPTH)
+            if frame.depth is None or not np.array_equal(frame.depth, expected[k]):
+                wrong.append(k)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
     for thread in threads:
@@ -247,9 +165,10 @@ def test_primitives_that_share_a_long_vertex_array_transform_only_their_own() ->
     own = draw_list(mesh(points[elements.ravel()], np.arange(6).reshape(2, 3)))
     renderer = CpuRenderer(1)
     outputs = Output.DEPTH | Output.NORMAL
-    with renderer.render(shared, camera(), outputs) as a, renderer.render(own, camera(), outputs) as b:
-        for name, image in images(a).items():
-            np.testing.assert_array_equal(image, images(b)[name], err_msg=name)
+    a = renderer.render(shared, camera(), outputs)
+    b = renderer.render(own, camera(), outputs)
+    for name, image in images(a).items():
+        np.testing.assert_array_equal(image, images(b)[name], err_msg=name)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads cannot be placed here")

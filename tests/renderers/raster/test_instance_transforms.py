@@ -40,15 +40,13 @@ def test_selected_instances_keep_their_primitive_ids(select: tuple[bool, ...], c
     alone = DrawList(tuple(instance for instance, shown in zip(scene.instances, select, strict=True) if shown))
     masks = [None if mask is None else np.array(mask) for mask in (select, cull)]
     own_cull = None if masks[1] is None else masks[1][np.array(select)]
-    with (
-        RENDERER.visibility(scene, view, select=masks[0], cull_back=masks[1]) as seen,
-        RENDERER.visibility(alone, view, cull_back=own_cull) as expected,
-    ):
-        np.testing.assert_array_equal(seen.first_ids, first)
-        np.testing.assert_array_equal(seen.ids >= 0, expected.ids >= 0)
-        numbers = np.flatnonzero(np.repeat(select, np.diff(first)))
-        np.testing.assert_array_equal(seen.ids[seen.ids >= 0], numbers[expected.ids[seen.ids >= 0]])
-        np.testing.assert_array_equal(seen.inv_z[seen.ids >= 0], expected.inv_z[seen.ids >= 0])
+    seen = RENDERER.visibility(scene, view, select=masks[0], cull_back=masks[1])
+    expected = RENDERER.visibility(alone, view, cull_back=own_cull)
+    np.testing.assert_array_equal(seen.first_ids, first)
+    np.testing.assert_array_equal(seen.ids >= 0, expected.ids >= 0)
+    numbers = np.flatnonzero(np.repeat(select, np.diff(first)))
+    np.testing.assert_array_equal(seen.ids[seen.ids >= 0], numbers[expected.ids[seen.ids >= 0]])
+    np.testing.assert_array_equal(seen.inv_z[seen.ids >= 0], expected.inv_z[seen.ids >= 0])
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -58,12 +56,10 @@ def test_culled_balls_show_their_fronts(mirrored: bool) -> None:
     for z, shown in ((3.0, True), (0.0, False)):
         X[2, 3] = z
         scene, cull = DrawList((Instance(sphere(12, 9), Material(), X.copy(), 1, 1),)), np.array([True])
-        with (
-            RENDERER.visibility(scene, camera()) as both,
-            RENDERER.visibility(scene, camera(), cull_back=cull) as fronts,
-        ):
-            assert (both.ids >= 0).any()
-            np.testing.assert_array_equal(fronts.ids, both.ids if shown else np.full_like(both.ids, -1))
+        both = RENDERER.visibility(scene, camera())
+        fronts = RENDERER.visibility(scene, camera(), cull_back=cull)
+        assert (both.ids >= 0).any()
+        np.testing.assert_array_equal(fronts.ids, both.ids if shown else np.full_like(both.ids, -1))
 
 
 @settings(deadline=None, max_examples=30)
@@ -77,8 +73,8 @@ def test_poses_in_the_camera_frame(seed: int) -> None:
     poses[:, 3] = 0.0, 0.0, 0.0, 1.0
     triangle = mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),))
     scene = DrawList(tuple(Instance(triangle, Material(), pose) for pose in poses))
-    with RENDERER.visibility(scene, replace(camera(8, 6), X_world_camera=X)) as seen:
-        np.testing.assert_allclose(seen.X_camera_mesh, np.linalg.inv(X) @ poses, rtol=1e-11, atol=1e-11)
+    seen = RENDERER.visibility(scene, replace(camera(8, 6), X_world_camera=X))
+    np.testing.assert_allclose(seen.X_camera_mesh, np.linalg.inv(X) @ poses, rtol=1e-11, atol=1e-11)
 
 
 def test_camera_pose_with_homogeneous_scale() -> None:
@@ -87,11 +83,12 @@ def test_camera_pose_with_homogeneous_scale() -> None:
     pose = plain.X_world_camera * 2.0  # the same but for the scale of homogeneous coordinates, which halves depths
     scaled = Camera(plain.width, plain.height, plain.fx, plain.fy, plain.cx, plain.cy, plain.near / 2, plain.far, pose)
     renderer = CpuRenderer(1)
-    with renderer.render(scene, plain, Output.DEPTH) as frame, renderer.render(scene, scaled, Output.DEPTH) as other:
-        assert frame.depth is not None
-        assert other.depth is not None
-        assert np.isfinite(frame.depth).any()
-        np.testing.assert_allclose(other.depth, frame.depth / 2, rtol=1e-6)
+    frame = renderer.render(scene, plain, Output.DEPTH)
+    other = renderer.render(scene, scaled, Output.DEPTH)
+    assert frame.depth is not None
+    assert other.depth is not None
+    assert np.isfinite(frame.depth).any()
+    np.testing.assert_allclose(other.depth, frame.depth / 2, rtol=1e-6)
 
 
 def test_a_flat_pose_raises() -> None:

@@ -20,9 +20,9 @@ def renderer() -> CpuRenderer:
 
 
 def depth_of(renderer: CpuRenderer, scene: DrawList, **view: Any) -> np.ndarray:
-    with renderer.render(scene, camera(**view), Output.DEPTH) as frame:
-        assert frame.depth is not None
-        return frame.depth.copy()
+    frame = renderer.render(scene, camera(**view), Output.DEPTH)
+    assert frame.depth is not None
+    return frame.depth.copy()
 
 
 @pytest.mark.parametrize("width", [0.5, 1.0, 2.0, 3.5, 40.0])
@@ -36,8 +36,8 @@ def test_lines_agree_with_the_oracle(renderer: CpuRenderer, width: float, seed: 
     covered = np.isfinite(depth)
     # The oracle knows no guard band: clipped lines may differ by an edge pixel.
     assert np.count_nonzero(covered != np.isfinite(expected.depth)) <= 1
-    with renderer.visibility(scene, camera()) as seen:
-        same = (seen.ids == expected.ids) & covered
+    seen = renderer.visibility(scene, camera())
+    same = (seen.ids == expected.ids) & covered
     assert same.sum() > 0.99 * covered.sum() > 0
     # Where the line ends, rounding the ends to 1/256 px lets a pixel be sampled past them.
     np.testing.assert_allclose(depth[same], expected.depth[same], rtol=2e-6)
@@ -72,8 +72,8 @@ def test_points_agree_with_the_oracle(renderer: CpuRenderer, size: float) -> Non
     cloud = mesh(rng.uniform((-3, -3, -1), (3, 3, 5), size=(300, 3)), np.arange(300)[:, None])
     scene = draw_list(cloud, point_size=size)
     expected = oracle.draw(scene, camera())
-    with renderer.visibility(scene, camera()) as seen:
-        assert np.array_equal(seen.ids, expected.ids)
+    seen = renderer.visibility(scene, camera())
+    assert np.array_equal(seen.ids, expected.ids)
     np.testing.assert_allclose(depth_of(renderer, scene), expected.depth, rtol=2e-7)
 
 

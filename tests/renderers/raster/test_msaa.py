@@ -32,9 +32,9 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
 
 
 def color(renderer: CpuRenderer, scene: DrawList, view: Camera, name: Any, samples: Any = 1) -> NDArray[np.float64]:
-    with renderer.render(scene, view, Output.COLOR, Look(name, BACKGROUND, samples)) as frame:
-        assert frame.color is not None
-        return frame.color.astype(np.float64)
+    frame = renderer.render(scene, view, Output.COLOR, Look(name, BACKGROUND, samples))
+    assert frame.color is not None
+    return frame.color.astype(np.float64)
 
 
 def unlit(*meshes: Mesh, **material: Any) -> DrawList:

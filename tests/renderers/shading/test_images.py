@@ -96,9 +96,9 @@ def wide_view() -> Camera:
 
 
 def rendered(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> np.ndarray:
-    with renderer.render(scene, view, Output.COLOR, look) as frame:
-        assert frame.color is not None
-        return frame.color.copy()
+    frame = renderer.render(scene, view, Output.COLOR, look)
+    assert frame.color is not None
+    return frame.color.copy()
 
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)

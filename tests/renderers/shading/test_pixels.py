@@ -109,8 +109,8 @@ def assert_within_a_level(scene: DrawList, camera: Camera, look: Look, exception
     color = np.full((camera.height, camera.width, 3), 99, np.uint8)
     shading = prepare(scene.instances, look.name)
     paint(RENDERER, scene, shading, camera, look, color)
-    with RENDERER.visibility(scene, camera, cull_back=shading.cull_back) as visible:
-        expected = shaded(scene, visible, camera, look)
+    visible = RENDERER.visibility(scene, camera, cull_back=shading.cull_back)
+    expected = shaded(scene, visible, camera, look)
     differences = np.abs(color.astype(np.int64) - expected)
     assert (differences > 1).sum() <= exceptions
     assert (differences != 0).mean() < 0.02
@@ -279,9 +279,9 @@ def test_thread_count_does_not_change_the_image(size: tuple[int, int]) -> None:
         images = []
         for threads in (1, 2, 4):
             renderer = CpuRenderer(threads)
-            with renderer.render(scene, view(*size), Output.COLOR | Output.DEPTH, Look(name)) as frame:
-                assert frame.color is not None
-                images.append(frame.color.copy())
+            frame = renderer.render(scene, view(*size), Output.COLOR | Output.DEPTH, Look(name))
+            assert frame.color is not None
+            images.append(frame.color.copy())
             renderer.close()
         assert all((p == images[0]).all() for p in images)
 

@@ -40,9 +40,9 @@ def drawn(mesh: Mesh, material: Material, view: Camera, look: LookName, threads:
     """Return the colours of an unlit mesh, (H, W, 3)."""
     scene = DrawList((Instance(mesh, replace(material, unlit=True, double_sided=True), np.eye(4)),))
     renderer = CpuRenderer(threads)
-    with renderer.render(scene, view, Output.COLOR, Look(look)) as frame:
-        assert frame.color is not None
-        color: np.ndarray = frame.color.copy()
+    frame = renderer.render(scene, view, Output.COLOR, Look(look))
+    assert frame.color is not None
+    color: np.ndarray = frame.color.copy()
     renderer.close()
     return color
 
@@ -192,8 +192,8 @@ def test_new_images_are_decoded_in_parallel() -> None:
             for each in (texture, *textures)
         )
         renderer = CpuRenderer(2)
-        with renderer.render(DrawList(instances), view, Output.COLOR, Look("plain")) as frame:
-            np.testing.assert_array_equal(frame.color, expected)
+        frame = renderer.render(DrawList(instances), view, Output.COLOR, Look("plain"))
+        np.testing.assert_array_equal(frame.color, expected)
         renderer.close()
 
 
@@ -228,11 +228,11 @@ def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
     square = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)
     scene = DrawList((Instance(square, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
     view = Camera(100, 100, 100.0, 100.0, 50.0, 50.0, 0.05, 100.0, np.eye(4))
-    with CpuRenderer(1).render(scene, view, Output.COLOR) as frame:
-        assert frame.color is not None
-        row = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
-        expected = 255 * (np.arange(100) + 0.5) / 100
-        assert np.abs(row - expected).max() <= 1.5
+    frame = CpuRenderer(1).render(scene, view, Output.COLOR)
+    assert frame.color is not None
+    row = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
+    expected = 255 * (np.arange(100) + 0.5) / 100
+    assert np.abs(row - expected).max() <= 1.5
 
 
 @pytest.mark.parametrize("size", [(256, 256), (64, 512), (230, 100)], ids=["minified", "anisotropic", "fractions"])
@@ -249,9 +249,9 @@ def test_the_area_filter_averages_the_light_of_each_pixel(size: tuple[int, int])
     exact = fine.reshape(64, size[0], 64, size[1]).mean(axis=(1, 3))
     deviations = []
     for area_filter in (False, True):
-        with renderer.render(scene, view, Output.COLOR, Look("gltf", area_filter=area_filter)) as frame:
-            assert frame.color is not None
-            light = (frame.color[..., 0] / 255.0) ** 2.2
+        frame = renderer.render(scene, view, Output.COLOR, Look("gltf", area_filter=area_filter))
+        assert frame.color is not None
+        light = (frame.color[..., 0] / 255.0) ** 2.2
         assert light.mean() == pytest.approx(exact.mean(), abs=0.005)
         deviations.append(float((light - exact).std()))
     assert deviations[1] < 0.05

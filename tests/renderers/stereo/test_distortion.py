@@ -37,9 +37,9 @@ def chessboard() -> DrawList:
 
 def photograph(renderer: Renderer, scene: DrawList, pose: NDArray[np.float64], lens: Distortion) -> NDArray[np.uint8]:
     def render(camera: Camera) -> NDArray[np.uint8]:
-        with renderer.render(scene, camera, Output.COLOR, Look("plain", (90, 90, 90))) as frame:
-            assert frame.color is not None
-            return frame.color.copy()
+        frame = renderer.render(scene, camera, Output.COLOR, Look("plain", (90, 90, 90)))
+        assert frame.color is not None
+        return frame.color.copy()
 
     camera = Camera(K.width, K.height, K.focal_length, K.focal_length, K.cx, K.cy, 0.01, 100.0, pose)
     return distorted_image(render, camera, K, lens)
@@ -48,9 +48,9 @@ def photograph(renderer: Renderer, scene: DrawList, pose: NDArray[np.float64], l
 def test_a_lens_without_distortion_is_the_pinhole(renderer: Renderer) -> None:
     pose, scene = look_at((0.1, -0.4, 0.5), (0, 0, 0), (0, 1, 0)), chessboard()
     camera = Camera(K.width, K.height, K.focal_length, K.focal_length, K.cx, K.cy, 0.01, 100.0, pose)
-    with renderer.render(scene, camera, Output.COLOR, Look("plain", (90, 90, 90))) as frame:
-        assert frame.color is not None
-        assert (photograph(renderer, scene, pose, Distortion()) == frame.color).mean() > 0.999
+    frame = renderer.render(scene, camera, Output.COLOR, Look("plain", (90, 90, 90)))
+    assert frame.color is not None
+    assert (photograph(renderer, scene, pose, Distortion()) == frame.color).mean() > 0.999
 
 
 def test_opencv_estimates_the_lens_from_pictures_of_a_chessboard(renderer: Renderer) -> None:

@@ -26,15 +26,13 @@ def test_millimetres_of_disparities() -> None:
 def test_aligned_depth_is_what_the_colour_camera_sees(renderer: Renderer, k: Intrinsics) -> None:
     camera = ColorCamera(k, (0.03, -0.01, 0.02), TURNED)
     left = Camera(K.width, K.height, K.focal_length, K.focal_length, K.cx, K.cy, 0.1, 100.0, pose())
-    with (
-        renderer.render(table(), left, Output.DEPTH) as seen,
-        renderer.render(table(), camera.camera(pose(), near=0.1, far=100.0), Output.DEPTH) as expected,
-    ):
-        assert seen.depth is not None
-        assert expected.depth is not None
-        depth = np.where(np.isfinite(seen.depth), np.rint(1000 * seen.depth), 0).astype(np.uint16)
-        aligned = align_depth(depth, K, camera)
-        truth = np.where(np.isfinite(expected.depth), 1000 * expected.depth, 0)
+    seen = renderer.render(table(), left, Output.DEPTH)
+    expected = renderer.render(table(), camera.camera(pose(), near=0.1, far=100.0), Output.DEPTH)
+    assert seen.depth is not None
+    assert expected.depth is not None
+    depth = np.where(np.isfinite(seen.depth), np.rint(1000 * seen.depth), 0).astype(np.uint16)
+    aligned = align_depth(depth, K, camera)
+    truth = np.where(np.isfinite(expected.depth), 1000 * expected.depth, 0)
     both = (aligned > 0) & (truth > 0)
     assert both.sum() > 0.75 * (truth > 0).sum(), "the fields of view overlap by about that"
     errors = np.abs(aligned[both].astype(float) - truth[both]) / truth[both]

@@ -41,15 +41,13 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
     images = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
-    with (
-        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
-        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
-    ):
-        assert seen.depth is not None
-        assert other.depth is not None
-        true = true_disparity(
-            seen.depth, other.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
-        )
+    seen = imaging.render(capture, 0.0, divisor, Output.DEPTH)
+    other = imaging.render(capture, model.baseline, divisor, Output.DEPTH)
+    assert seen.depth is not None
+    assert other.depth is not None
+    true = true_disparity(
+        seen.depth, other.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+    )
     visible = true > 0
     assert visible.mean() > 0.6
     valid = visible & (images.disparity > 0)

@@ -95,13 +95,11 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    with (
-        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
-        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
-    ):
-        assert seen.depth is not None
-        assert other.depth is not None
-        true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
+    seen = imaging.render(capture, 0.0, divisor, Output.DEPTH)
+    other = imaging.render(capture, model.baseline, divisor, Output.DEPTH)
+    assert seen.depth is not None
+    assert other.depth is not None
+    true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
     measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
     valid = (true > 0) & (measured.disparity > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95

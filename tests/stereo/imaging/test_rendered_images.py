@@ -65,9 +65,9 @@ def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene
     for quality in Quality:
         disparity = measure(imaging, capture, quality).astype(np.float64) / 16
         k = model.intrinsics(quality.divisor)
-        with imaging.render(capture, 0.0, quality.divisor, Output.DEPTH) as frame:
-            assert frame.depth is not None
-            depth = frame.depth.astype(np.float64)
+        frame = imaging.render(capture, 0.0, quality.divisor, Output.DEPTH)
+        assert frame.depth is not None
+        depth = frame.depth.astype(np.float64)
         valid = disparity > 0
         assert valid.mean() > (0.3 if scene is demo else 0.05)
         # The published formula: Pz = f t / d; so the disparity of the rasterizer's depth is f t / Pz.
@@ -87,11 +87,11 @@ def test_both_cameras_have_the_same_light(renderer: CpuRenderer, look: LookName)
     capture = Capture(0, flatten(edit.commit()), 1, X, 0)
     images, depths = [], []
     for x in (0.0, model.baseline):
-        with imaging.render(capture, x, 1, Output.COLOR | Output.DEPTH) as frame:
-            assert frame.color is not None
-            assert frame.depth is not None
-            images.append(frame.color.astype(float))
-            depths.append(frame.depth.copy())
+        frame = imaging.render(capture, x, 1, Output.COLOR | Output.DEPTH)
+        assert frame.color is not None
+        assert frame.depth is not None
+        images.append(frame.color.astype(float))
+        depths.append(frame.depth.copy())
     width = depths[0].shape[1]
     rows, columns = np.nonzero(np.isfinite(depths[0]))
     landing = columns - np.rint(model.intrinsics().focal_length * model.baseline / depths[0][rows, columns]).astype(int)
@@ -113,8 +113,8 @@ def test_truth_has_no_cut_outs_and_no_surfaces_below_the_threshold(renderer: Cpu
     capture = Capture(0, DrawList(tuple(boxes)), 1, np.eye(4), 0)
     for threshold, label, depth in ((0.0, 2, 3.5), (0.5, 3, 5.5)):
         imaging = Imaging(StereoConfig(alpha_threshold=threshold), renderer)
-        with imaging.render(capture, 0.0, 8, Output.DEPTH | Output.LABEL) as frame:
-            assert frame.depth is not None
-            assert frame.label is not None
-            middle = frame.label.shape[0] // 2, frame.label.shape[1] // 2
-            assert (frame.label[middle], frame.depth[middle]) == (label, pytest.approx(depth, rel=1e-6))
+        frame = imaging.render(capture, 0.0, 8, Output.DEPTH | Output.LABEL)
+        assert frame.depth is not None
+        assert frame.label is not None
+        middle = frame.label.shape[0] // 2, frame.label.shape[1] // 2
+        assert (frame.label[middle], frame.depth[middle]) == (label, pytest.approx(depth, rel=1e-6))

@@ -103,6 +103,6 @@ def rendered(
     background: tuple[int, int, int] = (0, 0, 0),
 ) -> NDArray[np.uint8]:
     """Render the studio look: (H, W, 3)."""
-    with renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig)) as frame:
-        assert frame.color is not None
-        return frame.color.copy()
+    frame = renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig))
+    assert frame.color is not None
+    return frame.color.copy()

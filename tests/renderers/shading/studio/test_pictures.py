@@ -90,12 +90,10 @@ def test_geometry_outputs_do_not_depend_on_the_look(renderer: CpuRenderer) -> No
     """Depth, labels, instances and normals beside a studio image with samples are those without one."""
     geometry = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
     scene, camera = glass(), view()
-    with (
-        renderer.render(scene, camera, geometry) as geometry_only,
-        renderer.render(scene, camera, geometry | Output.COLOR, Look("studio", samples=8)) as with_color,
-    ):
-        for name in ("depth", "label", "instance", "normal"):
-            assert np.array_equal(getattr(geometry_only, name), getattr(with_color, name))
+    geometry_only = renderer.render(scene, camera, geometry)
+    with_color = renderer.render(scene, camera, geometry | Output.COLOR, Look("studio", samples=8))
+    for name in ("depth", "label", "instance", "normal"):
+        assert np.array_equal(getattr(geometry_only, name), getattr(with_color, name))
 
 
 def test_empty_scene(renderer: CpuRenderer) -> None:

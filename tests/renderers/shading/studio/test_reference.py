@@ -268,8 +268,8 @@ def test_samples(renderer: CpuRenderer, samples: SampleCount, look: Any) -> None
     sample_colors = [palette[ref.cast_rays(scene, c).instance] for c in sample_cameras(camera, samples)]
     mean = np.mean(sample_colors, axis=0)
     expected = (ref.srgb(mean) if look == "studio" else 255.0 * mean).reshape(36, 48, 3)
-    with renderer.render(scene, camera, Output.COLOR, Look(look, (255, 255, 255), samples, DARK)) as frame:
-        assert frame.color is not None
-        wrong = np.abs(frame.color - expected).max(axis=-1)
+    frame = renderer.render(scene, camera, Output.COLOR, Look(look, (255, 255, 255), samples, DARK))
+    assert frame.color is not None
+    wrong = np.abs(frame.color - expected).max(axis=-1)
     assert np.abs(mean - sample_colors[0]).max() > 0.2
     assert (wrong > 1.0).sum() <= 3  # samples on an edge that is rounded to 1/256 pixel

@@ -1,0 +1,161 @@
+"""Fonts for text in images: one of Pillow, one of OpenCV with most scripts, and those of this machine.
+
+Text is drawn in one font, the first that has all its characters. Only scripts that neither Pillow's nor OpenCV's font
+has, such as Thai, Devanagari and those that run from right to left, depend on the fonts of the machine.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import threading
+import unicodedata
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from typing import Any, Final, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+BLOCK_BITS: Final = 7
+"""The font for 2 to the power of this many neighbouring characters is looked up once."""
+LOOKUP_SECONDS: Final = 5.0
+"""Maximum time of a lookup."""
+_lock: Final = threading.Lock()
+"""Held while OpenCV draws: a font's state is not thread-safe."""
+
+
+class Font(Protocol):
+    """A scalable font for one text."""
+
+    missing: str
+    """Characters of the text that the font does not have. They appear as boxes."""
+
+    def width(self, line: str, size: int) -> float:
+        """Return the width of a line, pixels.
+
+        Args:
+            size: height from the deepest descender to the highest ascender, pixels.
+        """
+
+    def draw(self, lines: Sequence[str], letters: NDArray[np.uint8], margin: int, size: int) -> None:
+        """Draw lines below each other into an empty image of coverage, (H, W) uint8. Their height is ``size``."""
+
+
+def font_for(text: str) -> Font:
+    """Return the first font that has all characters of a text, or else the one that lacks the fewest."""
+    font: Font = PillowFont(text)
+    if font.missing and hasattr(cv2, "FontFace"):  # OpenCV 5
+        font = min(font, OpenCVFont(text), key=_missing_count)
+    if font.missing and (file := _machine_font(font.missing[0])):
+        font = min(font, PillowFont(text, file), key=_missing_count)
+    return font
+
+
+def _missing_count(font: Font) -> int:
+    return len(font.missing)
+
+
+class PillowFont:
+    """A font that Pillow reads, from a file or, without one, from itself; the latter has ASCII and a few symbols."""
+
+    def __init__(self, text: str, file: str = "") -> None:
+        self._file = file
+        font = _pillow_font(file, 16)
+        absent = bytes(font.getmask("\uffff"))
+        self.missing = "".join(
+            char for char in dict.fromkeys(text) if not char.isspace() and bytes(font.getmask(char)) == absent
+        )
+
+    def width(self, line: str, size: int) -> float:
+        width: float = _pillow_font(self._file, size).getlength(line)
+        return width
+
+    def draw(self, lines: Sequence[str], letters: NDArray[np.uint8], margin: int, size: int) -> None:
+        from PIL import Image, ImageDraw
+
+        font = _pillow_font(self._file, size)
+        image = Image.new("L", letters.shape[::-1], 0)
+        draw = ImageDraw.Draw(image)
+        ascent, descent = font.getmetrics()
+        top = margin + 0.5 * (size - ascent - descent)
+        for row, line in enumerate(lines):
+            draw.text((margin, top + row * size), line, fill=255, font=font)
+        letters[:] = np.asarray(image)
+
+
+class OpenCVFont:
+    """OpenCV's built-in font: Latin, Greek, Cyrillic, Chinese, Japanese, Korean. It draws from left to right only."""
+
+    def __init__(self, text: str) -> None:
+        question_mark = _opencv_letter("?")
+        self.missing = "".join(
+            char
+            for char in dict.fromkeys(text)
+            if unicodedata.bidirectional(char) in ("R", "AL", "AN")
+            or (char != "?" and np.array_equal(_opencv_letter(char), question_mark))
+        )
+        self._boxes = dict.fromkeys(map(ord, self.missing), "□")
+
+    def width(self, line: str, size: int) -> float:
+        with _lock:
+            rectangle = cv2.getTextSize((0, 0), line.translate(self._boxes), (0, 0), _opencv_font(), _opencv_size(size))
+        return float(rectangle[0] + rectangle[2])
+
+    def draw(self, lines: Sequence[str], letters: NDArray[np.uint8], margin: int, size: int) -> None:
+        letter_size = _opencv_size(size)
+        for row, line in enumerate(lines):
+            baseline = margin + row * size + letter_size
+            with _lock:
+                cv2.putText(letters, line.translate(self._boxes), (margin, baseline), 255, _opencv_font(), letter_size)
+
+
+def _opencv_letter(char: str) -> NDArray[np.uint8]:
+    """Return an image of a character; of a question mark if OpenCV's font does not have it."""
+    pixels = np.zeros((24, 24), np.uint8)
+    with _lock:
+        cv2.putText(pixels, char, (2, 18), 255, _opencv_font(), 16)
+    return pixels
+
+
+def _opencv_size(size: int) -> int:
+    """Return OpenCV's size for a height from descender to ascender: it is the distance from baseline to ascender."""
+    return round(0.8 * size)
+
+
+@cache
+def _opencv_font() -> Any:
+    return cv2.FontFace("uni")
+
+
+@lru_cache(maxsize=64)
+def _pillow_font(file: str, size: int) -> Any:
+    """Return a font whose ascender and descender fit into a line of ``size`` pixels."""
+    from PIL import ImageFont  # slow to import, and few scenes have text
+
+    return ImageFont.truetype(file, 0.8 * size) if file else ImageFont.load_default(size=0.8 * size)
+
+
+_machine_fonts: Final[dict[int, str]] = {}
+"""File of a font of this machine for each block of characters that was looked up; empty: there is none."""
+
+
+def _machine_font(char: str) -> str:
+    """Return the file of a font of this machine that fontconfig recommends for a character; empty: there is none."""
+    block = ord(char) >> BLOCK_BITS
+    if block not in _machine_fonts:
+        _machine_fonts[block] = _find_machine_font(char)
+    return _machine_fonts[block]
+
+
+def _find_machine_font(char: str) -> str:
+    fc_match = shutil.which("fc-match")
+    if fc_match is None:
+        return ""
+    command = [fc_match, "--format=%{file}", f":charset={ord(char):x}"]
+    try:
+        file = subprocess.run(command, capture_output=True, timeout=LOOKUP_SECONDS, check=True, text=True).stdout  # noqa: S603
+        return "" if PillowFont(char, file).missing else file
+    except (OSError, subprocess.SubprocessError):  # such as a font of colour bitmaps, which have fixed sizes
+        return ""
