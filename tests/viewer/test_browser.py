@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -490,7 +490,7 @@ def test_background_choices(view: tuple[View, Publisher]) -> None:
 
 
 def test_downloads_show_what_the_page_shows(view: tuple[View, Publisher]) -> None:
-    """The image has the page's hidden nodes, projection and background; the file has no hidden nodes."""
+    """The images have the page's hidden nodes, projection and background; the file has no hidden nodes."""
     shown, publisher = view
     publisher.box(["take"], RED, x=-1.0)
     publisher.box(["leave", "it"], GREEN, x=1.0)
@@ -508,9 +508,17 @@ def test_downloads_show_what_the_page_shows(view: tuple[View, Publisher]) -> Non
     drawn = np.asarray(Image.open(image.value.path()).convert("RGB"))
     np.testing.assert_array_equal(drawn, shown.colors())
     assert tuple(drawn[5, 5]) == (255, 255, 255)
+    with shown.page.expect_download() as image:
+        shown.page.get_by_role("link", name="Render").click()
+    assert image.value.suggested_filename == "scenegate-render.png"
+    rendered = np.asarray(Image.open(image.value.path()).convert("RGB"))
+    assert rendered.shape == drawn.shape
+    different = np.abs(rendered.astype(int) - drawn.astype(int)).max(axis=2) > 60
+    assert different.mean() < 0.005, "the gateway's image is the same view"
     with shown.page.expect_download() as scene:
         shown.page.get_by_role("link", name=".glb").click()
     assert scene.value.suggested_filename == "scene.glb"
+    assert "xmag=" in unquote(scene.value.url)
     read = read_gltf(Path(scene.value.path()).read_bytes())
     assert len([path for path, node in read.root.walk() if node.parts]) == 1, "it has the visible box"
 
@@ -547,7 +555,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
         keyboard.press("Tab")
         element = "e => [e.ariaLabel, e.textContent, e.title].find(text => text?.trim()) ?? ''"
         reached.add(shown.page.evaluate(f"({element})(document.activeElement)").strip())
-    assert {"Top", "Front", "Side", "Display", "PNG", ".glb"} <= reached
+    assert {"Top", "Front", "Side", "Display", "PNG", "Render", ".glb"} <= reached
     shown.open_display_menu()
     reached = set()
     for _ in range(12):
@@ -861,6 +869,7 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     publisher = Publisher(url)
     publisher.send(delete=[{"path": []}])
     publisher.box(["seen"], RED)
+    publisher.box(["hidden"], GREEN, size=1.5)
     page = new_page(browser)
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
@@ -869,11 +878,14 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     page.get_by_text("This browser has no WebGL 2.").wait_for()
     shown = page.locator(".stage > img")
 
-    def redness() -> float:
+    def share(channel: int, other: int) -> float:
         pixels = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB")).astype(int)
-        return float((pixels[:, :, 0] > pixels[:, :, 1] + 60).mean())
+        return float((pixels[:, :, channel] > pixels[:, :, other] + 60).mean())
 
-    wait_until(lambda: redness() > 0.05)
+    wait_until(lambda: share(1, 0) > 0.05)
+    page.locator(".row", has_text="hidden").locator(".eye").click()
+    wait_until(lambda: share(0, 1) > 0.02 and share(1, 0) == 0.0)
+    page.keyboard.press("h")
     camera = "new URL(document.querySelector('.stage > img').src).searchParams.get('camera')"
     before = page.evaluate(camera)
     page.get_by_role("button", name="Top").click()
@@ -882,7 +894,7 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.locator(".details h2", has_text="seen").wait_for()
     publisher.send(delete=[{"path": ["seen"]}])
-    wait_until(lambda: redness() == 0.0)
+    wait_until(lambda: share(0, 1) == 0.0)
     page.close()
     assert faults == []
 

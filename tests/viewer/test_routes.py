@@ -46,10 +46,12 @@ class CountingRenderer:
 
     cameras: list[Camera] = field(default_factory=list)
     looks: list[Look | None] = field(default_factory=list)
+    instance_counts: list[int] = field(default_factory=list)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
         self.cameras.append(camera)
         self.looks.append(look)
+        self.instance_counts.append(len(scene.instances))
         return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
 
 
@@ -152,6 +154,9 @@ async def test_an_image_waits_for_its_kernels_without_a_worker_thread(world: Wor
         ("width=1025&height=8", 400, "1025x8 is too large"),
         ("width=8&height=1025", 400, "8x1025 is too large"),
         ("width=1024&height=782", 400, "800000 pixels in total"),
+        ("hide=box", 400, "hide='box' is not a JSON list of paths"),
+        ("show=[[1.5]]", 400, "show='[[1.5]]' is not a JSON list of paths"),
+        ("background=white", 400, "background='white' is not a colour in six hexadecimal digits"),
     ],
 )
 async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:
@@ -160,6 +165,17 @@ async def test_invalid_requests_get_an_error_message(world: World, query: str, s
         assert response.status_code == status
         assert word in response.text
     assert world.images.streams == 0
+
+
+async def test_images_have_the_visibility_and_background_of_the_query(world: World) -> None:
+    for query in ("width=32&height=24", "width=32&height=24&hide=[[]]&background=0080ff"):
+        assert (await world.http.get(f"/view/frame.jpg?{query}")).status_code == 200
+    first, second = world.renderer.looks
+    assert first is not None
+    assert second is not None
+    assert second.background == (0, 128, 255) != first.background
+    before, after = world.renderer.instance_counts
+    assert (before > 0, after) == (True, 0)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1024, 1), (1, 1024), (1000, 800)])

@@ -95,7 +95,7 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
   );
   const button = h(
     "button",
-    { popovertarget: "display", title: "Grid, axes, shadows, point size, background, theme", "aria-haspopup": "dialog" },
+    { popovertarget: "display", title: "Grid, axes, shadows, point size, background, theme", "aria-label": "Display", "aria-haspopup": "dialog" },
     icon("display"),
     h("span", { class: "label" }, "Display"),
   );
