@@ -188,8 +188,31 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
     shown.until(lambda: drawn() == first, "three textures after 300 updates")
     publisher.send(delete=[{"path": [name]} for name in ("image", "text", "mesh")])
     shown.until(lambda: drawn() == before, "no texture after the deletes")
-    # An image may have been replaced before the page downloads it.
-    shown.faults = [fault for fault in shown.faults if "404" not in fault]
+
+
+def test_image_stays_until_the_next_one_is_downloaded(view: tuple[View, Publisher]) -> None:
+    """Late ones are shown until the newest is there: images may be published faster than they are downloaded."""
+    shown, publisher = view
+    held: list[Any] = []
+
+    def publish(*color: int) -> None:
+        pixels = png(np.full((4, 4, 3), color))
+        geometry = {"type": "image", "image": pixels, "width": 2, "transform": UPRIGHT}
+        publisher.send(setgeometry=[{"path": ["image"], "geometry": geometry}])
+
+    publish(255, 0, 0)
+    shown.look_at("image")
+    shown.until(lambda: shown.share("red") > 0.1, "the first image")
+    shown.page.route("**/view/image/*", lambda route: held.append(route))
+    publish(0, 255, 0)
+    shown.until(lambda: len(held) == 1, "the second image is requested")
+    publish(0, 0, 255)
+    shown.until(lambda: len(held) == 2, "the third image is requested")
+    assert shown.share("red") > 0.1
+    held[0].continue_()
+    shown.until(lambda: shown.share("green") > 0.1, "the second image")
+    held[1].continue_()
+    shown.until(lambda: shown.share("blue") > 0.1, "the third image")
 
 
 def test_large_coordinates_are_as_precise_as_small_ones(

@@ -25,6 +25,7 @@ from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
+from gateway.viewer.resources import RECENT_IMAGES, Resources
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
@@ -287,6 +288,12 @@ async def test_channel_has_values_of_finite_points_only(world: World) -> None:
     assert np.frombuffer(response.content, "<f4").tolist() == [1.0, 3.0]
     assert (await world.http.get(f"/view/channel/{numbers[0]}?name=none")).status_code == 404
     assert (await world.http.get("/view/image/12345")).status_code == 404
+
+
+def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
+    resources = Resources()
+    numbers = [resources.image_id(Image(b"", lambda: np.zeros((1, 1, 4), np.uint8))) for _ in range(RECENT_IMAGES + 1)]
+    assert [resources.image(number) is None for number in numbers] == [True, *(False,) * RECENT_IMAGES]
 
 
 def test_rejects_previews_of_undecodable_images() -> None:
