@@ -605,10 +605,13 @@ def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -
     tabs.wait_for(state="hidden")
 
 
-def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Publisher]) -> None:
-    """Three chunks; what is drawn before them stays."""
+@pytest.mark.parametrize("glass", [False, True])
+def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Publisher], glass: bool) -> None:
+    """Three chunks; what is drawn before them stays, also in the image in which translucent surfaces are blended."""
     shown, publisher = view
     publisher.box(["beside"], GREEN, x=1.3, size=0.8)
+    if glass:
+        publisher.box(["glass"], [0.0, 0.0, 1.0, 0.1], x=9.0, size=0.1)
     count = 3 * 65_536
     x, z = np.random.default_rng(1).uniform(-1, 0, (2, count))
     points = np.stack((x, np.zeros(count), z + 0.5), axis=1).round(4).tolist()

@@ -28,9 +28,10 @@ const FRAMING_MS = 2000;
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(
+const stage: Stage = new Stage(
   stageElement,
   () => `view/frame.jpg?${imageQuery()}`,
+  () => materials.areTranslucent,
   () => materials.disposeUnused(),
   () => {
     drawing.moveAll();

@@ -90,6 +90,11 @@ export class Materials {
     private readonly environmentMap: () => Texture | null,
   ) {}
 
+  /** True if a material in use is translucent. */
+  get areTranslucent(): boolean {
+    return [...this.shared.values()].some(({ material, users }) => users > 0 && material.transparent);
+  }
+
   /** Return the key of a batch: all properties but the colour. */
   key(material: Material, vertexColors: boolean): string {
     const { color: _, ...rest } = material;

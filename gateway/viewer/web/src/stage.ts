@@ -17,6 +17,7 @@ import {
   type Intersection,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { LinearImage } from "./blending";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
 import { h } from "./dom";
 import { Lights } from "./lights";
@@ -82,6 +83,7 @@ export class Stage {
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   readonly lights: Lights;
+  private readonly linearImage: LinearImage | null;
   /** Null: off. */
   private occlusion: AmbientOcclusion | null = null;
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
@@ -102,16 +104,19 @@ export class Stage {
 
   /**
    * @param imageUrl returns the URL of the gateway's image of this view, which is shown without WebGL
+   * @param isTranslucent returns true if the scene has translucent surfaces
    * @param drawn called after an image was drawn
    * @param originMoved called after `origin` has changed
    */
   constructor(
     private readonly holder: HTMLElement,
     private readonly imageUrl: () => string,
+    private readonly isTranslucent: () => boolean,
     private readonly drawn: () => void,
     private readonly originMoved: () => void,
   ) {
     this.canvas = this.renderer?.domElement ?? h("img", { alt: "", draggable: "false" });
+    this.linearImage = this.renderer && new LinearImage(this.renderer);
     this.lights = new Lights(this.renderer);
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
@@ -375,8 +380,14 @@ export class Stage {
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
-    else renderer.render(this.scene, this.camera);
+    else this.render(renderer);
     this.drawn();
+  }
+
+  private render(renderer: WebGLRenderer): void {
+    const draw = () => renderer.render(this.scene, this.camera);
+    if (this.linearImage && this.isTranslucent()) this.linearImage.draw(draw);
+    else draw();
   }
 
   /** Add chunks of point clouds to the image. Its colours and depths are kept. */
@@ -386,7 +397,7 @@ export class Stage {
     this.camera.layers.set(CLOUD_LAYER);
     this.scene.background = null; // three.js clears the image to a background, even without autoClear
     renderer.autoClear = renderer.shadowMap.autoUpdate = false;
-    renderer.render(this.scene, this.camera);
+    this.render(renderer);
     renderer.autoClear = renderer.shadowMap.autoUpdate = true;
     this.scene.background = background;
     this.camera.layers.mask = mask;
