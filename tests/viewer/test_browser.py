@@ -563,6 +563,32 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
         return camera()
 
     assert moved_by("h")[0] > 1.0, "from the front right"
+    home = camera()
+
+    def distance() -> float:
+        return float(shown.page.evaluate("scenegate.stage.controls.getDistance()"))
+
+    before = distance()
+    moved_by("+")
+    assert distance() == pytest.approx(0.8 * before)
+    moved_by("-")
+    assert camera() == pytest.approx(home)
+    moved_by("1")
+    keyboard.press("CapsLock")
+    assert moved_by("H") == pytest.approx(home), "letters are shortcuts with Caps Lock, too"
+    keyboard.press("CapsLock")
+    shown.open_display_menu()
+    shown.page.get_by_label("Single-key shortcuts").uncheck()
+    keyboard.press("Escape")
+    shown.page.evaluate("document.activeElement.blur()")
+    keyboard.press("1")
+    assert camera() == pytest.approx(home), "shortcuts are off"
+    shown.page.locator(".stage canvas").focus()
+    moved_by("1")
+    shown.open_display_menu()
+    shown.page.get_by_label("Single-key shortcuts").check()
+    keyboard.press("Escape")
+    shown.page.evaluate("document.activeElement.blur()")
     assert moved_by("1")[2] > 4.0 * abs(camera()[1]), "from above"
     moved_by("2")
     shown.page.evaluate("scenegate.select(scenegate.model.find(['keys', 'small']))")
@@ -588,6 +614,30 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     assert {"Grid on the ground", "Wireframe", "Shadows", "Point size", "Background", "Dark theme"} <= reached
     keyboard.press("Escape")
     shown.page.locator("#display").wait_for(state="hidden")
+
+
+def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
+    """The point under the cursor stays there; the camera does not reach it, and flies on over nothing."""
+    shown, publisher = view
+    publisher.box(["near"], RED, x=-1.0)
+    publisher.box(["marker"], GREEN, x=1.0, size=0.01)
+    shown.look_at("marker")
+    point_at = "([x, y]) => scenegate.stage.pick(x, y)?.point.toArray() ?? null"
+    scroll = """([clientX, clientY, times]) => {
+      const { canvas, camera } = scenegate.stage;
+      for (let i = 0; i < times; i += 1) canvas.dispatchEvent(new WheelEvent("wheel", { clientX, clientY, deltaY: -100 }));
+      return camera.position.y;
+    }"""
+    box = shown.page.locator(".stage canvas").bounding_box()
+    x, y = box["x"] + int(0.25 * box["width"]), box["y"] + int(0.4 * box["height"])
+    point = shown.page.evaluate(point_at, [x, y])
+    assert point[1] == pytest.approx(-0.5)
+    before = shown.page.evaluate("scenegate.stage.camera.position.y")
+    assert before + 1.0 < shown.page.evaluate(scroll, [x, y, 10]) < -0.5
+    assert -0.53 < shown.page.evaluate(scroll, [x, y, 100]) < -0.5
+    assert shown.page.evaluate(point_at, [x, y]) == pytest.approx(point, abs=1e-3)
+    shown.look()
+    assert shown.page.evaluate(scroll, [box["x"] + box["width"] / 2, y, 150]) > 0.5, "past the boxes"
 
 
 def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:

@@ -86,6 +86,7 @@ const chosen = {
   orthographic: isOn("orthographic", false),
   shadows: isOn("shadows", false),
   occlusion: isOn("occlusion", false),
+  shortcuts: isOn("shortcuts", true),
 };
 const bar = toolbar(
   {
@@ -101,6 +102,7 @@ const bar = toolbar(
       placeShadows();
     },
     occlusion: (on) => stage.setOcclusion(on),
+    shortcuts: (on) => (chosen.shortcuts = on),
     pointSize: (pixels) => materials.setPointSize(pixels),
     background: (name) => {
       keep("background", name);
@@ -379,6 +381,9 @@ const KEYS: Record<string, () => void> = {
   1: () => look("top"),
   2: () => look("front"),
   3: () => look("side"),
+  "+": () => stage.zoom(0.8),
+  "=": () => stage.zoom(0.8),
+  "-": () => stage.zoom(1.25),
   t: () => layout.toggle("left"),
   s: () => layout.toggle("right"),
   Escape: () => (layout.closeDrawers() ? undefined : select(null)),
@@ -386,7 +391,10 @@ const KEYS: Record<string, () => void> = {
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || lightbox.isOpen) return;
   if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
-  KEYS[event.key]?.();
+  // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
+  const isCharacter = event.key.length === 1;
+  if (isCharacter && !chosen.shortcuts && event.target !== stage.canvas) return;
+  KEYS[isCharacter ? event.key.toLowerCase() : event.key]?.();
 });
 
 let framesBefore = 0;

@@ -90,6 +90,8 @@ export class Stage {
   private dirty = true;
   /** Half the height of the orthographic view, metres. */
   private halfHeight = 1;
+  /** Distance of the target when the camera was last placed, metres. */
+  private framedDistance = 1;
   /** Number of frames drawn. */
   frames = 0;
   /** Number of times that the camera was placed, or taken by the visitor. */
@@ -133,6 +135,7 @@ export class Stage {
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
+    this.canvas.addEventListener("wheel", ({ clientX, clientY }) => this.aim(clientX, clientY), { capture: true, passive: true });
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
     const loop = () => {
@@ -144,10 +147,29 @@ export class Stage {
 
   private newControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.canvas);
+    controls.zoomToCursor = true;
     controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => this.redraw());
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
+  }
+
+  /** Zoom about the target: by a factor below 1 to come closer. */
+  zoom(factor: number): void {
+    this.controls.dollyIn(factor);
+  }
+
+  /**
+   * Move the target along the view to the depth of the geometry at a point of the page, since the wheel moves the camera by a
+   * fraction of the target's distance. Over nothing, the camera is not stuck at the target: the distance has a minimum.
+   */
+  private aim(x: number, y: number): void {
+    if (this.camera !== this.perspective) return;
+    const { position } = this.camera;
+    const forward = this.camera.getWorldDirection(new Vector3());
+    const hit = this.pick(x, y);
+    const depth = hit ? hit.point.sub(position).dot(forward) : Math.max(this.controls.getDistance(), this.framedDistance / 20);
+    this.controls.target.copy(position).addScaledVector(forward, depth);
   }
 
   redraw(): void {
@@ -221,6 +243,7 @@ export class Stage {
     this.halfHeight = halfHeight;
     this.resize();
     this.controls.update();
+    this.framedDistance = this.controls.getDistance();
     this.scaleGrid(halfHeight);
     this.redraw();
   }
