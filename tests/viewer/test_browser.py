@@ -391,6 +391,11 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
     ):
         page.keyboard.press(key)
         assert selected.all_inner_texts() == [name], key
+    for keys, name in (("t", "table"), ("l", "last"), ("ro", "robot"), ("d", "demo")):
+        page.keyboard.type(keys)
+        assert selected.all_inner_texts() == [name], keys
+        page.wait_for_timeout(800)  # short: a slow page is only tested less
+    assert row(shown, ["demo", "table"]).locator(".name").get_attribute("title") == "demo / table"
     table = row(shown, ["demo", "table"])
     assert [table.get_attribute(f"aria-{name}") for name in ("level", "posinset", "setsize")] == ["3", "2", "2"]
     eye = table.locator(".eye")
@@ -625,7 +630,8 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     point_at = "([x, y]) => scenegate.stage.pick(x, y)?.point.toArray() ?? null"
     scroll = """([clientX, clientY, times]) => {
       const { canvas, camera } = scenegate.stage;
-      for (let i = 0; i < times; i += 1) canvas.dispatchEvent(new WheelEvent("wheel", { clientX, clientY, deltaY: -100 }));
+      const wheel = { clientX, clientY, deltaY: -100 };
+      for (let i = 0; i < times; i += 1) canvas.dispatchEvent(new WheelEvent("wheel", wheel));
       return camera.position.y;
     }"""
     box = shown.page.locator(".stage canvas").bounding_box()
@@ -676,15 +682,79 @@ def test_large_cloud_is_drawn_in_steps_until_it_is_complete(view: tuple[View, Pu
     assert shown.share("green", "right") > 0.05
 
 
+def test_panels_are_resized_and_keep_their_width(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["wide"], RED)
+    shown.wait_for_node("wide")
+    tree, handle = (
+        shown.page.locator(".drawer.left"),
+        shown.page.get_by_role("separator", name="Width of the scene tree"),
+    )
+    before = tree.bounding_box()["width"]
+    box = handle.bounding_box()
+    shown.page.mouse.move(box["x"] + 2, 300)
+    shown.page.mouse.down()
+    shown.page.mouse.move(500, 300, steps=3)
+    shown.page.mouse.up()
+    assert tree.bounding_box()["width"] == pytest.approx(500, abs=2)
+    handle.focus()
+    shown.page.keyboard.press("ArrowLeft")
+    assert tree.bounding_box()["width"] == pytest.approx(484, abs=2)
+    shown.page.reload()
+    shown.wait_for_node("wide")
+    assert tree.bounding_box()["width"] == pytest.approx(484, abs=2)
+    handle.dblclick()
+    assert tree.bounding_box()["width"] == before
+
+
+AXE = Path(__file__).parents[2] / "gateway/viewer/web/node_modules/axe-core/axe.min.js"
+
+
+@pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed (npm ci in gateway/viewer/web)")
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_accessibility_rules_of_axe(view: tuple[View, Publisher], theme: str) -> None:
+    shown, publisher = view
+    page = shown.page
+    page.evaluate("theme => (document.documentElement.dataset.theme = theme)", theme)
+    page.evaluate(AXE.read_text())
+
+    def check(what: str) -> None:
+        violations = page.evaluate("axe.run().then(({ violations }) => violations)")
+        assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == [], what
+
+    page.get_by_text("The scene is empty").wait_for()
+    check("the empty scene")
+    publisher.box(["robot", "arm"], RED)
+    shown.wait_for_node("robot", "arm")
+    row(shown, ["robot", "arm"]).click()
+    for tab in ("Selection", "Stereo", "Renders"):
+        page.get_by_role("tab", name=tab).click()
+        page.get_by_role("tabpanel", name=tab).wait_for()
+        check(tab)
+    shown.open_display_menu()
+    check("the display menu")
+
+
+COVERED = """() => [...document.querySelectorAll(".bar button, .bar a")].filter((button) => {
+  if (!button.checkVisibility({ visibilityProperty: true })) return false;
+  const { left, top, width, height } = button.getBoundingClientRect();
+  return [0.1, 0.5, 0.9].some((x) => !button.contains(document.elementFromPoint(left + x * width, top + height / 2)));
+}).map((button) => button.title)"""
+"""Titles of the buttons of the bar of which something else covers a part."""
+
+
 def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["phone"], RED)
-    shown.page.set_viewport_size({"width": 360, "height": 740})
-    shown.until(lambda: shown.page.evaluate("innerWidth") == 360, "a small screen")
-    for bar in (".bar", ".bar .tools", ".status"):
-        assert shown.page.evaluate(
-            "bar => { const e = document.querySelector(bar); return e.scrollWidth <= e.clientWidth; }", bar
-        ), f"{bar} is wider than the screen"
+    # 320 x 256: a screen of 1280 x 1024 with a zoom of 400 %.
+    for width, height in ((320, 256), (360, 740)):
+        shown.page.set_viewport_size({"width": width, "height": height})
+        shown.until(lambda width=width: shown.page.evaluate("innerWidth") == width, "a small screen")
+        for bar in (".bar", ".bar .tools", ".status"):
+            assert shown.page.evaluate(
+                "bar => { const e = document.querySelector(bar); return e.scrollWidth <= e.clientWidth; }", bar
+            ), f"{bar} is wider than the screen"
+        assert shown.page.evaluate(COVERED) == []
     shown.open_display_menu()
     menu = shown.page.locator("#display")
     box = menu.bounding_box()

@@ -53,6 +53,6 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
     download("scene.glb", "download", ".glb", "The visible scene as .glb, with this view as its camera", actions.file),
   );
   const brand = h("a", { class: "brand", href: "./", title: "All interfaces of this gateway" }, icon("cube"), h("span", { class: "word" }, "Scenegate"));
-  const element = h("div", { class: "bar" }, left, brand, tools, right, menu.element);
+  const element = h("header", { class: "bar" }, left, h("h1", {}, brand), tools, right, menu.element);
   return { element, left, right, setGrid: menu.setGrid };
 }
