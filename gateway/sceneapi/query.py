@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
-import msgspec
-
 from gateway.scene.cameras import (
     CAMERA_PATTERN,
     DEFAULT_FOVY,
@@ -21,6 +19,7 @@ from gateway.scene.cameras import (
     parse_camera,
     quoted,
 )
+from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
 from gateway.scene.tree import Path
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
@@ -67,6 +66,8 @@ class ImageQuery:
     """Nodes to hide with everything below them."""
     show: tuple[Path, ...] = ()
     """Hidden nodes to show."""
+    background: tuple[int, int, int] | None = None
+    """Background of colour images, 0 .. 255; None: the server's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,19 +90,15 @@ class Parameter:
         Raises:
             QueryError: The value does not match the schema.
         """
-        if self.name == "camera":
-            try:
+        try:
+            if self.name == "camera":
                 return parse_camera(text)
-            except CameraError as error:
-                raise QueryError(str(error)) from error
-        if self.name in ("hide", "show"):
-            try:
-                return msgspec.json.decode(text, type=tuple[Path, ...])
-            except (msgspec.DecodeError, UnicodeEncodeError) as error:
-                example_text = quoted(str(self.example))
-                raise QueryError(
-                    f"{self.name}={quoted(text)} is not a JSON list of paths such as {example_text}"
-                ) from error
+            if self.name in ("hide", "show"):
+                return parse_paths(self.name, text)
+            if self.name == "background":
+                return parse_color(self.name, text)
+        except (CameraError, ShownError) as error:
+            raise QueryError(str(error)) from error
         if "enum" in self.schema:
             choices = {str(choice): choice for choice in self.schema["enum"]}
             if text not in choices:
@@ -186,6 +183,12 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
         ),
         Parameter("hide", "JSON list of the paths of nodes to hide.", paths, '[["robot","arm"]]'),
         Parameter("show", "JSON list of the paths of hidden nodes to show.", paths, '[["ghost"]]'),
+        Parameter(
+            "background",
+            "Background of colour images: red, green and blue in hexadecimal. Default: the server's.",
+            {"type": "string", "pattern": COLOR_PATTERN},
+            "ffffff",
+        ),
     )
 
 
@@ -211,7 +214,7 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
     """
     parameters = image_parameters(config)
     _check_names(query, tuple(parameter.name for parameter in parameters))
-    values: dict[str, Any] = {"camera": parse_camera("fit"), "hide": (), "show": ()}
+    values: dict[str, Any] = {"camera": parse_camera("fit"), "hide": (), "show": (), "background": None}
     for parameter in parameters:
         if parameter.name in query:
             values[parameter.name] = parameter.parse(query[parameter.name])

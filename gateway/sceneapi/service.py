@@ -18,7 +18,7 @@ from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.tree import TreeEdit
+from gateway.scene.shown import with_visibility
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
@@ -137,7 +137,8 @@ class SceneApi:
         draw_list = flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
         config = self.config
-        look = Look(query.look, config.background, query.samples, config.rig, config.alpha_threshold)
+        background = query.background or config.background
+        look = Look(query.look, background, query.samples, config.rig, config.alpha_threshold)
         apply_fxaa = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
@@ -154,12 +155,7 @@ class SceneApi:
         snapshot = self._tree.snapshot
         if query is None or not (query.hide or query.show):
             return snapshot, self._flattener
-        edit = TreeEdit(snapshot.root)
-        for paths, visible in ((query.hide, False), (query.show, True)):
-            for path in paths:
-                if snapshot.root.find(path) is not None:
-                    edit.set_visible(path, visible)
-        return Snapshot(edit.commit(), snapshot.revision), Flattener(self._labels)
+        return with_visibility(snapshot, query.hide, query.show), Flattener(self._labels)
 
     def _camera(self, query: ImageQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         try:

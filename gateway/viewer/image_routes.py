@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.requests import ClientDisconnect
 
-from gateway.scene.cameras import CAMERA_PATTERN, CameraError, NoSuchCameraError, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraError, NoSuchCameraError, parse_camera
+from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
 from gateway.server.unavailable import UnavailableErrors, unavailable
@@ -47,7 +49,7 @@ CameraText = Annotated[
     Query(
         description=(
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
-            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees"
+            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, or xmag=metres in place of fovy (orthographic)"
         ),
         json_schema_extra={"pattern": CAMERA_PATTERN},
         openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
@@ -62,6 +64,30 @@ LookChoice = Annotated[
         openapi_examples=example("plain"),
     ),
 ]
+Hide = Annotated[
+    str,
+    Query(
+        description="JSON list of the paths of nodes to hide.",
+        json_schema_extra={"pattern": PATHS_PATTERN},
+        openapi_examples=example('[["robot","arm"]]'),
+    ),
+]
+Show = Annotated[
+    str,
+    Query(
+        description="JSON list of the paths of hidden nodes to show.",
+        json_schema_extra={"pattern": PATHS_PATTERN},
+        openapi_examples=example('[["ghost"]]'),
+    ),
+]
+Background = Annotated[
+    str | None,
+    Query(
+        description="Red, green and blue in hexadecimal. Default: the server's.",
+        json_schema_extra={"pattern": COLOR_PATTERN},
+        openapi_examples=example("ffffff"),
+    ),
+]
 StereoImage = Annotated[
     str,
     Path(
@@ -73,7 +99,7 @@ StereoImage = Annotated[
 
 _PLAIN_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "The camera or the size is invalid; the text says why.", "content": _PLAIN_TEXT},
+    400: {"description": "A parameter is invalid; the text says why.", "content": _PLAIN_TEXT},
     404: {
         "description": "The camera's node is not in the scene, or there is no stereo camera.",
         "content": _PLAIN_TEXT,
@@ -121,7 +147,7 @@ class _PlainErrorRoute(APIRoute):
                 return Response(status_code=CLIENT_GONE)
             except NoSuchCameraError as error:
                 return PlainTextResponse(str(error), 404)
-            except (CameraError, _SizeError) as error:
+            except (CameraError, ShownError, _SizeError) as error:
                 return PlainTextResponse(str(error), 400)
             except ImageError as error:
                 return PlainTextResponse(str(error), 422)
@@ -145,8 +171,15 @@ def image_router(images: SceneImages, sensor: SensorImages | None, renders: Rece
 def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     config = images.config
 
-    def parse_request(camera: str, width: int | None, height: int | None, quality: int, look: LookName) -> ImageRequest:
-        """Return the requested image; raise CameraError or _SizeError."""
+    def request_of(
+        camera: CameraText = "fit",
+        width: Width = None,
+        height: Height = None,
+        hide: Hide = "[]",
+        show: Show = "[]",
+        background: Background = None,
+    ) -> Callable[..., ImageRequest]:
+        """Return ImageRequest with all arguments but quality and look; raise CameraError, ShownError or _SizeError."""
         spec = parse_camera(camera)
         width, height = width or config.width, height or config.height
         if max(width, height) > config.max_side or width * height > config.max_pixels:
@@ -154,19 +187,27 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
                 f"{width}x{height} is too large; the limits are {config.max_side} pixels per side and "
                 f"{config.max_pixels} pixels in total"
             )
-        return ImageRequest(spec, width, height, quality, look)
+        return partial(
+            ImageRequest,
+            spec,
+            width,
+            height,
+            hide=parse_paths("hide", hide),
+            show=parse_paths("show", show),
+            background=None if background is None else parse_color("background", background),
+        )
+
+    requested: Any = Depends(request_of)
 
     @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG_RESPONSES)
     async def frame(
         request: Request,
-        camera: CameraText = "fit",
-        width: Width = None,
-        height: Height = None,
+        new_request: Callable[..., ImageRequest] = requested,
         quality: Quality = 85,
         look: LookChoice = None,
     ) -> Response:
         """The gateway renders it on request."""
-        image_request = parse_request(camera, width, height, quality, look or config.look)
+        image_request = new_request(quality=quality, look=look or config.look)
         data, revision = await while_connected(request, images.jpeg(image_request))
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
@@ -178,15 +219,13 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     )
     async def stream(
         request: Request,
-        camera: CameraText = "fit",
-        width: Width = None,
-        height: Height = None,
+        new_request: Callable[..., ImageRequest] = requested,
         quality: Quality = 80,
         look: LookChoice = None,
         rate: FrameRate = 15.0,
     ) -> Response:
         """A new image whenever the scene changes."""
-        image_request = parse_request(camera, width, height, quality, look or config.stream_look)
+        image_request = new_request(quality=quality, look=look or config.stream_look)
         await while_connected(request, images.jpeg(image_request))  # reports errors as HTTP errors
         closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
         parts = images.stream(image_request, min(rate, config.max_stream_rate), closing)

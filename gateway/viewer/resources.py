@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary, finalize
 
 import numpy as np
@@ -19,6 +19,9 @@ from renderers.color import srgb_colors_from_linear
 from renderers.drawlist import Image, Mesh, Topology
 
 T = TypeVar("T")
+
+RECENT_IMAGES: Final = 8
+"""Number of new images that are kept although the scene may use them no more: pages may still download them."""
 
 
 class WeakIds(Generic[T]):
@@ -53,6 +56,7 @@ class Resources:
     def __init__(self) -> None:
         self._meshes: WeakIds[Mesh] = WeakIds()
         self._images: WeakIds[Image] = WeakIds()
+        self._recent_images: deque[Image] = deque(maxlen=RECENT_IMAGES)
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         """Point clouds by the id of the mesh that draws them."""
         self._mesh_frames: WeakCache[Mesh, bytes] = WeakCache("browser_meshes")
@@ -70,10 +74,13 @@ class Resources:
     def image_id(self, image: Image) -> int:
         """Return the id of an image. A new image is assigned one."""
         image_id = self._images.find_id(image)
-        return self._images.assign_id(image) if image_id is None else image_id
+        if image_id is None:
+            image_id = self._images.assign_id(image)
+            self._recent_images.append(image)
+        return image_id
 
     def image(self, image_id: int) -> Image | None:
-        """Return the image with an id, or None if the scene no longer uses it."""
+        """Return the image with an id, or None if the scene no longer uses it and it is not recent."""
         return self._images.find_object(image_id)
 
     def add_cloud(self, mesh_id: int, cloud: PointCloud) -> None:

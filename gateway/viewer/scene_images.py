@@ -12,7 +12,10 @@ import structlog
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
+from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.shown import with_visibility
+from gateway.scene.tree import Path
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.shared_results import SharedResults
@@ -39,7 +42,7 @@ class StreamsFull(RuntimeError):  # noqa: N818 - an expected response, not an er
 
 @dataclass(frozen=True, slots=True)
 class ImageRequest:
-    """Camera, size, quality and look of an image."""
+    """What an image of the live scene shows, and how."""
 
     camera: CameraSpec
     width: int
@@ -49,6 +52,12 @@ class ImageRequest:
     quality: int
     """JPEG quality, 1 to 100."""
     look: LookName
+    hide: tuple[Path, ...] = ()
+    """Nodes to hide with everything below them."""
+    show: tuple[Path, ...] = ()
+    """Hidden nodes to show."""
+    background: tuple[int, int, int] | None = None
+    """0 .. 255; None: the configured one."""
 
 
 class SceneImages:
@@ -100,14 +109,15 @@ class SceneImages:
 
     def _look(self, request: ImageRequest) -> Look:
         samples = self.config.samples if request.look == "studio" else 1
-        return Look(request.look, self.config.background, samples, self.config.rig)
+        return Look(request.look, request.background or self.config.background, samples, self.config.rig)
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         """Return a snapshot as JPEG. Called in a worker thread."""
-        draw_list = self._flattener.flatten(snapshot)
+        shown = with_visibility(snapshot, request.hide, request.show)
+        draw_list = (self._flattener if shown is snapshot else Flattener(LabelTable())).flatten(shown)
         camera = resolve_camera(
             request.camera,
-            snapshot.root,
+            shown.root,
             request.width,
             request.height,
             stereo=self._stereo_camera(),

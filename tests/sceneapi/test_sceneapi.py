@@ -166,6 +166,17 @@ async def test_images_and_files_with_the_visibility_of_the_query(world: World) -
         assert "is not a JSON list of paths" in refusal.text
 
 
+async def test_background_of_the_query(world: World) -> None:
+    assert (await world.client.get(f"/scene/render?{SMALL}&background=FF8000")).status_code == 200
+    look = world.renderer.calls[-1][3]
+    assert look is not None
+    assert look.background == (255, 128, 0)
+    for text in ("#ff8000", "ff80", "ff800\n", "gg8000", "٠٠٠٠٠٠"):
+        refusal = await world.client.get("/scene/render", params={"background": text})
+        assert refusal.status_code == 400
+        assert f"background={text!r} is not a colour in six hexadecimal digits" in refusal.text
+
+
 async def test_glb_beyond_the_size_limit_is_413(world: World) -> None:
     world.service.config = SceneApiConfig(max_export_bytes=10)
     response = await world.client.get("/scene.glb")
@@ -395,6 +406,7 @@ async def test_all_parameters_are_documented(world: World) -> None:
         "format",
         "hide",
         "show",
+        "background",
     ]
 
 
@@ -407,7 +419,7 @@ def test_documented_defaults_and_examples_are_valid() -> None:
         assert not parameter["required"]
         if name in ("hide", "show"):
             assert [list(path) for path in getattr(query, name)] == json.loads(value)
-        elif name != "camera":
+        elif name not in ("camera", "background"):
             assert getattr(query, name) == value
             assert getattr(defaults, name) == schema.get("default", getattr(defaults, name))
         if "enum" in schema:

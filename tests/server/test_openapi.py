@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from gateway.app import create_app
 from gateway.scene.cameras import CAMERA_PATTERN, CameraError, parse_camera
+from gateway.scene.shown import COLOR_PATTERN, parse_color
 from gateway.server.openapi import SECURITY_SCHEMES
 from gateway.settings import Settings
 from gateway.stereo.device.parameter_specs import NODE_ALIASES, NODES
@@ -81,6 +82,11 @@ def test_token_is_described_except_for_health(tmp_path: Path) -> None:
     assert free == {"GET /healthz", "GET /readyz"}
     assert "401" in schema["paths"]["/metrics"]["get"]["responses"]
     assert "401" not in schema["paths"]["/healthz"]["get"]["responses"]
+
+
+@given(st.from_regex(COLOR_PATTERN, fullmatch=True))
+def test_the_pattern_of_colours_is_their_grammar(text: str) -> None:
+    assert bytes(parse_color("background", text)).hex() == text.lower()
 
 
 @given(st.from_regex(CAMERA_PATTERN))

@@ -25,6 +25,7 @@ from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
+from gateway.viewer.resources import RECENT_IMAGES, Resources
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
@@ -46,10 +47,12 @@ class CountingRenderer:
 
     cameras: list[Camera] = field(default_factory=list)
     looks: list[Look | None] = field(default_factory=list)
+    instance_counts: list[int] = field(default_factory=list)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
         self.cameras.append(camera)
         self.looks.append(look)
+        self.instance_counts.append(len(scene.instances))
         return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
 
 
@@ -166,6 +169,9 @@ async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
         ("width=1025&height=8", 400, "1025x8 is too large"),
         ("width=8&height=1025", 400, "8x1025 is too large"),
         ("width=1024&height=782", 400, "800000 pixels in total"),
+        ("hide=box", 400, "hide='box' is not a JSON list of paths"),
+        ("show=[[1.5]]", 400, "show='[[1.5]]' is not a JSON list of paths"),
+        ("background=white", 400, "background='white' is not a colour in six hexadecimal digits"),
     ],
 )
 async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:
@@ -174,6 +180,17 @@ async def test_invalid_requests_get_an_error_message(world: World, query: str, s
         assert response.status_code == status
         assert word in response.text
     assert world.images.streams == 0
+
+
+async def test_images_have_the_visibility_and_background_of_the_query(world: World) -> None:
+    for query in ("width=32&height=24", "width=32&height=24&hide=[[]]&background=0080ff"):
+        assert (await world.http.get(f"/view/frame.jpg?{query}")).status_code == 200
+    first, second = world.renderer.looks
+    assert first is not None
+    assert second is not None
+    assert second.background == (0, 128, 255) != first.background
+    before, after = world.renderer.instance_counts
+    assert (before > 0, after) == (True, 0)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1024, 1), (1, 1024), (1000, 800)])
@@ -285,6 +302,12 @@ async def test_channel_has_values_of_finite_points_only(world: World) -> None:
     assert np.frombuffer(response.content, "<f4").tolist() == [1.0, 3.0]
     assert (await world.http.get(f"/view/channel/{numbers[0]}?name=none")).status_code == 404
     assert (await world.http.get("/view/image/12345")).status_code == 404
+
+
+def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
+    resources = Resources()
+    numbers = [resources.image_id(Image(b"", lambda: np.zeros((1, 1, 4), np.uint8))) for _ in range(RECENT_IMAGES + 1)]
+    assert [resources.image(number) is None for number in numbers] == [True, *(False,) * RECENT_IMAGES]
 
 
 def test_rejects_previews_of_undecodable_images() -> None:

@@ -11,7 +11,7 @@ const MENU_WIDTH = 246;
 const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
 
 /** Settings that are on or off. The browser keeps them. */
-type Switch = "grid" | "axes" | "wireframe" | "orthographic" | "shadows" | "occlusion";
+type Switch = "grid" | "axes" | "wireframe" | "orthographic" | "shadows" | "occlusion" | "shortcuts";
 
 /** Callbacks of the controls in the menu. */
 export interface DisplayActions extends Record<Switch, (on: boolean) => void> {
@@ -91,11 +91,11 @@ export function displayMenu(actions: DisplayActions, chosen: DisplayChoices): Di
       kept("occlusion", "Ambient occlusion", "Darkens corners and contacts; costs the most"),
     ),
     group("Points", h("div", { class: "points" }, points, pixels)),
-    group("Page", h("label", { class: "field" }, "Background", backgrounds), dark),
+    group("Page", h("label", { class: "field" }, "Background", backgrounds), dark, kept("shortcuts", "Single-key shortcuts", "Letters, digits, + and −")),
   );
   const button = h(
     "button",
-    { popovertarget: "display", title: "Grid, axes, shadows, point size, background, theme", "aria-haspopup": "dialog" },
+    { popovertarget: "display", title: "Grid, axes, shadows, point size, background, theme", "aria-label": "Display", "aria-haspopup": "dialog" },
     icon("display"),
     h("span", { class: "label" }, "Display"),
   );

@@ -16,6 +16,7 @@ import {
   Vector3,
   type Intersection,
   type Material as ThreeMaterial,
+  type MeshBasicMaterial,
 } from "three";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
@@ -64,15 +65,18 @@ export class Drawing {
 
   /** Recreate a node's objects after its geometry, visibility or opacity changed. */
   refresh(node: TreeNode): void {
+    const before = (this.drawn.get(node) ?? []).map((drawn) => ("instance" in drawn ? drawn.instance.batch : drawn.object).material);
     this.erase(node);
     if (!node.parts || !visible(node)) return;
     const opacity = combinedOpacity(node);
     const draws: Drawn[] = [];
     for (const part of node.parts)
       for (const draw of part.draws) {
+        this.materials.replaced = (before[draws.length] as MeshBasicMaterial | undefined)?.map ?? null;
         const drawn = this.draw(node, draw, opacity, part.facesCamera === true);
         if (drawn) draws.push(drawn);
       }
+    this.materials.replaced = null;
     if (draws.length) this.drawn.set(node, draws);
   }
 

@@ -6,6 +6,7 @@ const PATHS = {
   home: "M2 8l6-5.5L14 8M4 7v6.5h8V7",
   cube: "M8 1.8l5.5 3v6.4L8 14.2l-5.5-3V4.8zM2.5 4.8L8 8l5.5-3.2M8 8v6.2",
   snapshot: "M2 5h3l1-1.8h4L11 5h3v8H2zM8 9m-2.4 0a2.4 2.4 0 1 0 4.8 0a2.4 2.4 0 1 0-4.8 0",
+  render: "M2 3h12v10H2zM2 11l3.5-4 3 3 2-2 3.5 3M10.7 5.6h.1",
   download: "M8 2v8M4.8 7L8 10.2 11.2 7M2.5 13.5h11",
   close: "M4 4l8 8M12 4l-8 8",
   chevron: "M6 3.5L10.5 8 6 12.5",

@@ -1,6 +1,7 @@
 // Layout: tree on the left, view, panels on the right. On small screens tree and panels are drawers, one open at a time.
 
 import { h } from "./dom";
+import { splitter } from "./splitter";
 import type { Toolbar } from "./toolbar";
 
 export type Side = "left" | "right";
@@ -18,6 +19,7 @@ export class Layout {
   ) {
     const shade = h("div", { class: "shade", onclick: () => this.closeDrawers() });
     this.element = h("div", { class: "layout" }, h("nav", { class: "drawer left" }, tree), stage, panels, shade);
+    stage.append(splitter(this.element, "left", "Width of the scene tree"), splitter(this.element, "right", "Width of the panels"));
   }
 
   /** Open the tree if the screen has room for it, also after it was resized. */

@@ -1,4 +1,4 @@
-import { Box3, type Vector3 } from "three";
+import { Box3, type Color, type Vector3 } from "three";
 import "./style.css";
 import { Clicks } from "./clicks";
 import { Connection } from "./connection";
@@ -28,9 +28,10 @@ const FRAMING_MS = 2000;
 const model = new Model();
 const redraw = () => stage.redraw();
 const stageElement = h("main", { class: "stage" });
-const stage = new Stage(
+const stage: Stage = new Stage(
   stageElement,
-  () => `view/frame.jpg?${viewQuery()}`,
+  () => `view/frame.jpg?${imageQuery()}`,
+  () => materials.areTranslucent,
   () => materials.disposeUnused(),
   () => {
     drawing.moveAll();
@@ -85,6 +86,7 @@ const chosen = {
   orthographic: isOn("orthographic", false),
   shadows: isOn("shadows", false),
   occlusion: isOn("occlusion", false),
+  shortcuts: isOn("shortcuts", true),
 };
 const bar = toolbar(
   {
@@ -100,6 +102,7 @@ const bar = toolbar(
       placeShadows();
     },
     occlusion: (on) => stage.setOcclusion(on),
+    shortcuts: (on) => (chosen.shortcuts = on),
     pointSize: (pixels) => materials.setPointSize(pixels),
     background: (name) => {
       keep("background", name);
@@ -112,6 +115,7 @@ const bar = toolbar(
     },
     snapshot,
     file: () => `scene.glb?${viewQuery()}`,
+    rendering: () => `scene/render?${imageQuery()}`,
   },
   chosen,
 );
@@ -297,15 +301,16 @@ function showBackground(): void {
   stage.setBackground(colors.background, colors.grid);
 }
 
-/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one, as in glTF files. */
+/** Return this view's camera in the gateway's syntax. */
 function cameraText(): string {
   const text = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
   const at = (v: Vector3) => text(v.clone().add(stage.origin));
-  const fovy = stage.perspective.fov.toFixed(2);
-  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=${text(stage.camera.up)};fovy=${fovy}`;
+  const { camera, perspective, orthographic } = stage;
+  const size = camera === perspective ? `fovy=${perspective.fov}` : `xmag=${(orthographic.right / orthographic.zoom).toPrecision(9)}`;
+  return `eye=${at(camera.position)};target=${at(stage.controls.target)};up=${text(camera.up)};${size}`;
 }
 
-/** Return this view as parameters of `/scene.glb` and of the gateway's images. */
+/** Return this view as parameters of `/scene.glb`. */
 function viewQuery(): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = stageElement;
   const changed = [...model.nodes.values()].filter(({ shown, visible }) => (shown ?? visible) !== visible);
@@ -313,10 +318,17 @@ function viewQuery(): URLSearchParams {
   return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
 }
 
+/** Return the parameters of the gateway's image of this view. */
+function imageQuery(): URLSearchParams {
+  const query = viewQuery();
+  query.set("background", (stage.scene.background as Color).getHexString());
+  return query;
+}
+
 /** Download the view as it is shown; without WebGL, an image of the gateway. */
 function snapshot(): void {
   const save = (href: string) => h("a", { href, download: "scenegate.png" }).click();
-  if (!stage.renderer) return save(`scene/render?${viewQuery()}`);
+  if (!stage.renderer) return save(`scene/render?${imageQuery()}`);
   stage.renderer.domElement.toBlob((image) => {
     if (!image) return;
     const url = URL.createObjectURL(image);
@@ -369,6 +381,9 @@ const KEYS: Record<string, () => void> = {
   1: () => look("top"),
   2: () => look("front"),
   3: () => look("side"),
+  "+": () => stage.zoom(0.8),
+  "=": () => stage.zoom(0.8),
+  "-": () => stage.zoom(1.25),
   t: () => layout.toggle("left"),
   s: () => layout.toggle("right"),
   Escape: () => (layout.closeDrawers() ? undefined : select(null)),
@@ -376,7 +391,10 @@ const KEYS: Record<string, () => void> = {
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || lightbox.isOpen) return;
   if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
-  KEYS[event.key]?.();
+  // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
+  const isCharacter = event.key.length === 1;
+  if (isCharacter && !chosen.shortcuts && event.target !== stage.canvas) return;
+  KEYS[isCharacter ? event.key.toLowerCase() : event.key]?.();
 });
 
 let framesBefore = 0;

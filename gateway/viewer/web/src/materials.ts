@@ -16,6 +16,7 @@ import {
   PointsMaterial,
   RepeatWrapping,
   SRGBColorSpace,
+  Source,
   Texture,
   type Color,
   type Material as ThreeMaterial,
@@ -72,6 +73,11 @@ export class Materials {
   private readonly keys = new WeakMap<ThreeMaterial, string>();
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new ImageLoader();
+  private readonly downloaded = new WeakSet<Texture>();
+  /** Textures by those that they replaced. */
+  private readonly replacements = new WeakMap<Texture, Texture>();
+  /** Texture that new ones show until they are downloaded: that of the draw that they replace. */
+  replaced: Texture | null = null;
   /** True if a material was released since the last `disposeUnused`. */
   private released = false;
   private wireframe = false;
@@ -83,6 +89,11 @@ export class Materials {
     private readonly redraw: () => void,
     private readonly environmentMap: () => Texture | null,
   ) {}
+
+  /** True if a material in use is translucent. */
+  get areTranslucent(): boolean {
+    return [...this.shared.values()].some(({ material, users }) => users > 0 && material.transparent);
+  }
 
   /** Return the key of a batch: all properties but the colour. */
   key(material: Material, vertexColors: boolean): string {
@@ -258,15 +269,22 @@ export class Materials {
   }
 
   private load(key: string, url: string, tries = 3): Texture {
-    const texture = new Texture<HTMLCanvasElement | HTMLImageElement>(placeholderImage());
+    const texture = new Texture();
+    texture.source = this.replaced?.source ?? new Source(placeholderImage());
     texture.needsUpdate = true;
+    if (this.replaced) this.replacements.set(this.replaced, texture);
     const download = () =>
       this.loader.load(
         url,
         (image) => {
-          texture.dispose(); // the image has another size than the placeholder
-          texture.image = image;
-          texture.needsUpdate = true;
+          const source = new Source(image);
+          // Replacements that are not yet downloaded show the image, too.
+          for (let each: Texture | undefined = texture; each && !this.downloaded.has(each); each = this.replacements.get(each)) {
+            each.dispose(); // the image has another size than the last one
+            each.source = source;
+            each.needsUpdate = true;
+          }
+          this.downloaded.add(texture);
           this.redraw();
         },
         undefined,

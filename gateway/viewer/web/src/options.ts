@@ -4,7 +4,7 @@ const PREFIX = "scenegate.";
 
 /** Return a setting, or the default if no source has an allowed value. */
 export function choice<T extends string>(name: string, allowed: readonly T[], fallback: T): T {
-  const values = [new URLSearchParams(location.search).get(name), stored(name)];
+  const values = [new URLSearchParams(location.search).get(name), kept(name)];
   for (const value of values) {
     const found = allowed.find((each) => each === value);
     if (found) return found;
@@ -44,7 +44,8 @@ export function keptInTab<T>(name: string): T | null {
   }
 }
 
-function stored(name: string): string | null {
+/** Return a setting that was stored at an earlier visit. */
+export function kept(name: string): string | null {
   try {
     return localStorage.getItem(PREFIX + name);
   } catch {

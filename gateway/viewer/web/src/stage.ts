@@ -17,6 +17,7 @@ import {
   type Intersection,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { LinearImage } from "./blending";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
 import { h } from "./dom";
 import { Lights } from "./lights";
@@ -82,12 +83,15 @@ export class Stage {
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   readonly lights: Lights;
+  private readonly linearImage: LinearImage | null;
   /** Null: off. */
   private occlusion: AmbientOcclusion | null = null;
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
   /** Half the height of the orthographic view, metres. */
   private halfHeight = 1;
+  /** Distance of the target when the camera was last placed, metres. */
+  private framedDistance = 1;
   /** Number of frames drawn. */
   frames = 0;
   /** Number of times that the camera was placed, or taken by the visitor. */
@@ -102,16 +106,19 @@ export class Stage {
 
   /**
    * @param imageUrl returns the URL of the gateway's image of this view, which is shown without WebGL
+   * @param isTranslucent returns true if the scene has translucent surfaces
    * @param drawn called after an image was drawn
    * @param originMoved called after `origin` has changed
    */
   constructor(
     private readonly holder: HTMLElement,
     private readonly imageUrl: () => string,
+    private readonly isTranslucent: () => boolean,
     private readonly drawn: () => void,
     private readonly originMoved: () => void,
   ) {
     this.canvas = this.renderer?.domElement ?? h("img", { alt: "", draggable: "false" });
+    this.linearImage = this.renderer && new LinearImage(this.renderer);
     this.lights = new Lights(this.renderer);
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
@@ -128,6 +135,7 @@ export class Stage {
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
+    this.canvas.addEventListener("wheel", ({ clientX, clientY }) => this.aim(clientX, clientY), { capture: true, passive: true });
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
     const loop = () => {
@@ -139,10 +147,29 @@ export class Stage {
 
   private newControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.canvas);
+    controls.zoomToCursor = true;
     controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => this.redraw());
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
+  }
+
+  /** Zoom about the target: by a factor below 1 to come closer. */
+  zoom(factor: number): void {
+    this.controls.dollyIn(factor);
+  }
+
+  /**
+   * Move the target along the view to the depth of the geometry at a point of the page, since the wheel moves the camera by a
+   * fraction of the target's distance. Over nothing, the camera is not stuck at the target: the distance has a minimum.
+   */
+  private aim(x: number, y: number): void {
+    if (this.camera !== this.perspective) return;
+    const { position } = this.camera;
+    const forward = this.camera.getWorldDirection(new Vector3());
+    const hit = this.pick(x, y);
+    const depth = hit ? hit.point.sub(position).dot(forward) : Math.max(this.controls.getDistance(), this.framedDistance / 20);
+    this.controls.target.copy(position).addScaledVector(forward, depth);
   }
 
   redraw(): void {
@@ -216,6 +243,7 @@ export class Stage {
     this.halfHeight = halfHeight;
     this.resize();
     this.controls.update();
+    this.framedDistance = this.controls.getDistance();
     this.scaleGrid(halfHeight);
     this.redraw();
   }
@@ -375,8 +403,14 @@ export class Stage {
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
-    else renderer.render(this.scene, this.camera);
+    else this.render(renderer);
     this.drawn();
+  }
+
+  private render(renderer: WebGLRenderer): void {
+    const draw = () => renderer.render(this.scene, this.camera);
+    if (this.linearImage && this.isTranslucent()) this.linearImage.draw(draw);
+    else draw();
   }
 
   /** Add chunks of point clouds to the image. Its colours and depths are kept. */
@@ -386,7 +420,7 @@ export class Stage {
     this.camera.layers.set(CLOUD_LAYER);
     this.scene.background = null; // three.js clears the image to a background, even without autoClear
     renderer.autoClear = renderer.shadowMap.autoUpdate = false;
-    renderer.render(this.scene, this.camera);
+    this.render(renderer);
     renderer.autoClear = renderer.shadowMap.autoUpdate = true;
     this.scene.background = background;
     this.camera.layers.mask = mask;

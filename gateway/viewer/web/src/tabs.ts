@@ -52,7 +52,7 @@ export class Tabs {
   ) {
     const id = (name: string) => `page-${name.toLowerCase().replaceAll(" ", "-")}`;
     this.list = new TabList(Object.keys(pages), id, (name) => this.show(name));
-    this.element = h("div", { class: "drawer right" }, this.list.element);
+    this.element = h("aside", { class: "drawer right", "aria-label": "Panels" }, this.list.element);
     for (const [name, content] of Object.entries(pages)) {
       const page = h("div", { class: "page", role: "tabpanel", id: id(name), "aria-label": name, tabindex: -1 }, content);
       this.pages.set(name, page);

@@ -11,6 +11,8 @@ export interface ToolbarActions extends DisplayActions {
   snapshot(): void;
   /** URL of the scene's file with this view as its camera. */
   file(): string;
+  /** URL of the gateway's image of this view. */
+  rendering(): string;
 }
 
 export interface Toolbar {
@@ -26,13 +28,11 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
     h("button", { title, "aria-label": title, onclick: () => run() }, icon(name));
   const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
   const right = button("panel", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
-  const file = h(
-    "a",
-    { class: "button", href: "scene.glb", download: "scene.glb", title: "The visible scene as .glb, with this view as its camera" },
-    icon("download"),
-    h("span", { class: "word" }, ".glb"),
-  );
-  file.addEventListener("click", () => (file.href = actions.file()));
+  const download = (name: string, image: Icon, word: string, title: string, url: () => string) => {
+    const link = h("a", { class: "button", href: "", download: name, title }, icon(image), h("span", { class: "word" }, word));
+    link.addEventListener("click", () => (link.href = url()));
+    return link;
+  };
   const menu = displayMenu(actions, chosen);
   const tools = h(
     "div",
@@ -49,9 +49,10 @@ export function toolbar(actions: ToolbarActions, chosen: DisplayChoices): Toolba
       icon("snapshot"),
       h("span", { class: "word" }, "PNG"),
     ),
-    file,
+    download("scenegate-render.png", "render", "Render", "This view by the gateway's rasterizer, as PNG", actions.rendering),
+    download("scene.glb", "download", ".glb", "The visible scene as .glb, with this view as its camera", actions.file),
   );
   const brand = h("a", { class: "brand", href: "./", title: "All interfaces of this gateway" }, icon("cube"), h("span", { class: "word" }, "Scenegate"));
-  const element = h("div", { class: "bar" }, left, brand, tools, right, menu.element);
+  const element = h("header", { class: "bar" }, left, h("h1", {}, brand), tools, right, menu.element);
   return { element, left, right, setGrid: menu.setGrid };
 }

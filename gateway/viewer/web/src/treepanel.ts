@@ -1,6 +1,6 @@
 // The tree of paths: expand, search, hide, select. Only visible rows are elements, so thousands of nodes are fast.
 
-import { counted, h } from "./dom";
+import { counted, h, pathText } from "./dom";
 import { FamiliesPanel } from "./familiespanel";
 import { icon } from "./icons";
 import type { Model, TreeNode } from "./model";
@@ -8,6 +8,8 @@ import type { Model, TreeNode } from "./model";
 /** Height of a row, CSS pixels: a finger needs more than a pointer. */
 const ROW = matchMedia("(pointer: coarse)").matches ? 40 : 26;
 const OPEN_AT_FIRST = 2;
+/** Time after which a character starts a new search for a name. */
+const TYPING_MS = 700;
 
 interface Row {
   node: TreeNode;
@@ -28,6 +30,8 @@ export class TreePanel {
   private rows: Row[] = [];
   private selected: TreeNode | null = null;
   private scheduled = false;
+  /** Characters typed to find a row, and when the last one was, `Event.timeStamp`. */
+  private typed = { text: "", time: 0 };
 
   constructor(
     private readonly model: Model,
@@ -146,8 +150,9 @@ export class TreePanel {
       },
     });
     eye.append(icon(node.isShown ? "eye" : "hidden"));
-    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name", title: name }, name);
-    const kinds = h("span", { class: "kinds" }, counted(node.parts?.map((part) => part.kind) ?? []).join(", "));
+    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name", title: pathText(node.path) }, name);
+    const kindNames = counted(node.parts?.map((part) => part.kind) ?? []).join(", ");
+    const kinds = h("span", { class: "kinds", title: kindNames }, kindNames);
     const element = h(
       "div",
       {
@@ -186,7 +191,18 @@ export class TreePanel {
     this.paint();
   }
 
+  /** Return the next row whose name starts with the characters that were typed in quick succession. */
+  private findTyped(index: number, { key, timeStamp }: KeyboardEvent): number {
+    const quick = timeStamp - this.typed.time < TYPING_MS;
+    const text = (quick ? this.typed.text : "") + key.toLowerCase();
+    this.typed = { text, time: timeStamp };
+    const count = this.rows.length;
+    const order = this.rows.map((_, i) => (index + i + (text.length === 1 ? 1 : 0) + count) % count);
+    return order.find((i) => String(this.rows[i]?.node.name).toLowerCase().startsWith(text)) ?? index;
+  }
+
   private key(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const index = this.rows.findIndex((row) => row.node === this.selected);
     const row = this.rows[index];
     const go = (to: number) => {
@@ -200,6 +216,7 @@ export class TreePanel {
     else if (event.key === "ArrowUp") go(index - 1);
     else if (event.key === "Home") go(0);
     else if (event.key === "End") go(this.rows.length - 1);
+    else if (event.key.length === 1 && event.key !== " ") go(this.findTyped(index, event));
     else if (!row) return;
     else if (event.key === "ArrowRight") {
       if (!row.node.children.size) return;
@@ -210,8 +227,8 @@ export class TreePanel {
       if (canClose) this.toggle(row.node, row.depth);
       else go(this.rows.findIndex(({ node }) => node === row.node.parent));
     }
-    else if (event.key === "e" || event.key === " ") this.setShown(row.node, !row.node.isShown);
-    else if (event.key === "f" || event.key === "Enter") this.onFocus(row.node);
+    else if (event.key === " ") this.setShown(row.node, !row.node.isShown);
+    else if (event.key === "Enter") this.onFocus(row.node);
     else return;
     event.preventDefault();
   }

@@ -1,0 +1,65 @@
+"""Parses what a query shows of the live scene besides its camera: hidden nodes and the background."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import msgspec
+
+from gateway.scene.cameras import quoted
+from gateway.scene.live import Snapshot
+from gateway.scene.tree import Path, TreeEdit
+
+COLOR_PATTERN: Final = "^[0-9a-fA-F]{6}$"
+"""Pattern of a colour: red, green and blue in hexadecimal."""
+
+_paths_decoder: Final = msgspec.json.Decoder(tuple[Path, ...])
+
+
+class ShownError(ValueError):
+    """A parameter that cannot be parsed. The message has its name, its value and an example."""
+
+
+def parse_paths(name: str, text: str) -> tuple[Path, ...]:
+    """Parse the JSON list of paths in the parameter ``name``.
+
+    Raises:
+        ShownError: The text is not such a list.
+    """
+    try:
+        return _paths_decoder.decode(text)
+    except (msgspec.DecodeError, UnicodeEncodeError) as error:
+        raise ShownError(
+            f"""{name}={quoted(text)} is not a JSON list of paths such as '[["robot","arm"]]'"""
+        ) from error
+
+
+def parse_color(name: str, text: str) -> tuple[int, int, int]:
+    """Parse the colour in the parameter ``name``; return red, green and blue, 0 .. 255.
+
+    Raises:
+        ShownError: The text is not six hexadecimal digits.
+    """
+    if len(text) != 6 or not text.isascii() or not text.isalnum():
+        raise _color_error(name, text)
+    try:
+        red, green, blue = bytes.fromhex(text)
+    except ValueError as error:
+        raise _color_error(name, text) from error
+    return red, green, blue
+
+
+def _color_error(name: str, text: str) -> ShownError:
+    return ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
+
+
+def with_visibility(snapshot: Snapshot, hide: tuple[Path, ...], show: tuple[Path, ...]) -> Snapshot:
+    """Return a snapshot with nodes hidden and shown. Paths that are not in the scene are left out."""
+    if not (hide or show):
+        return snapshot
+    edit = TreeEdit(snapshot.root)
+    for paths, visible in ((hide, False), (show, True)):
+        for path in paths:
+            if snapshot.root.find(path) is not None:
+                edit.set_visible(path, visible)
+    return Snapshot(edit.commit(), snapshot.revision)
