@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.render_requests import CONTENT_TYPE
-from gateway.testing.gateway import clean_environment
+from scenegate.testing.gateway import clean_environment
 
 TIMEOUT = 600.0
 
@@ -78,7 +78,7 @@ class Gateway:
     def __init__(self, *flags: str, environment: dict[str, str] | None = None) -> None:
         self.began = time.perf_counter()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.cli", "serve", "--http-port", "0", *flags],
+            [sys.executable, "-m", "scenegate", "serve", "--http-port", "0", *flags],
             env={
                 **clean_environment(),
                 "SCENEGATE_LOG_FORMAT": "json",

@@ -19,7 +19,6 @@ import grpc
 import numpy as np
 import uvloop
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.process_tuning import tune
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, server, wire
@@ -35,6 +34,7 @@ from gateway.stereo.service import StereoService
 from renderers.interface import LookName
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.realism import parse_realism
+from scenegate.camera import image_interface_pb2 as pb
 
 PAYLOADS = {
     "A": "left mono",

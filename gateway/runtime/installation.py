@@ -55,7 +55,7 @@ IMPORTS: Final = {
     "ray": "ray.init",
 }
 """A name that Scenegate imports from each required library."""
-_GENERATED: Final = "gateway.generated.image_interface_pb2"
+_GENERATED: Final = "scenegate.camera.image_interface_pb2"
 _REQUIREMENT: Final = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?(?P<limits>[^;]*)(;(?P<marker>.*))?")
 _NONE_WORKS: Final = "Scenegate does not start, or some of its interfaces fail."
 _REINSTALL: Final = "pip install --force-reinstall"

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.hub import LimitError
 from gateway.stereo.messages import time_message
+from scenegate.camera import image_interface_pb2 as pb
 
 
 class EventHub:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import wire
 from gateway.stereo.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.wire import Chunk
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
+from scenegate.camera import image_interface_pb2 as pb
 
 OUTPUT_MASK = 0b0011
 """GPIO bits of Out1 and Out2."""

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.regular_files import read_regular
 from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
 from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
@@ -22,6 +21,7 @@ from renderers.interface import Frame, Output
 from renderers.stereo.model import StereoModel
 from renderers.stereo.pixel_classes import ImageKind
 from renderers.stereo.sensor import SensorImage
+from scenegate.regular_files import read_regular
 
 MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.frame import Frame
@@ -15,6 +14,7 @@ from gateway.stereo.request import SetKind
 from gateway.stereo.settings import read_settings
 from renderers.raster import CpuRenderer
 from renderers.stereo.mesh import MeshOptions
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import pose, table
 

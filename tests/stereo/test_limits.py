@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import parse_timestamp
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.faults import FaultInjector, Faults
@@ -24,6 +23,7 @@ from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.truth import DepthRange, true_disparity
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support.waiting import until
 
 

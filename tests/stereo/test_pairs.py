@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.client.stream_files import save
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.node_routes import node_router
@@ -27,6 +25,8 @@ from renderers.drawlist import ImageError
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.noise import NoiseStream
 from renderers.stereo.sensor import SensorImage
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.files import save
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.test_exposure import capture_set
 

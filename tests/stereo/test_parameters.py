@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError, check_value
@@ -15,6 +14,7 @@ from gateway.stereo.settings import Region, StreamSettings, read_settings
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.model import Quality, StereoModel
+from scenegate.camera import image_interface_pb2 as pb
 
 NUMBERS = [spec for specs in NODES.values() for spec in specs.values() if spec.type in ("float64", "int32")]
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import parse_timestamp, timestamp_text
 from gateway.stereo.faults import FaultInjector, Faults
 from gateway.stereo.frame import FrameRecord
@@ -17,6 +16,7 @@ from gateway.stereo.messages import time_message
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import read_settings
 from gateway.stereo.truth import find_frame
+from scenegate.camera import image_interface_pb2 as pb
 
 
 def record(number: int, camera: int, depth: int) -> FrameRecord:

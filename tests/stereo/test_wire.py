@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.request import RequestError, SetKind, read_set_kind
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import Intrinsics
+from scenegate.camera import image_interface_pb2 as pb
 
 METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, gpio=1)
 
