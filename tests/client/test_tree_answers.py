@@ -27,7 +27,7 @@ class FakeConnection:
         self.bodies: list[dict[str, Any]] = []
         self.requests: list[dict[str, Any]] = []
 
-    def publish(self, channel: str, message: Any) -> None:
+    def publish(self, channel: str, message: Any, failed: Any) -> None:
         request = wire_body(message)
         self.requests.append(request)
         if self.bodies:

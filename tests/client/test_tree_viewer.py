@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -221,8 +222,9 @@ def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
         TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: no hub
     with pytest.raises(ConnectionError, match="must begin with udpm://, tcpq://"):
         TreeViewer("bogus://here", timeout=SECONDS)
+    monkeypatch.setattr("socket.getaddrinfo", Mock(side_effect=socket.gaierror))
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
-        TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
+        TreeViewer("tcpq://no-such-host.invalid", timeout=0.5)  # short: no hub
 
 
 def test_ignores_foreign_messages() -> None:

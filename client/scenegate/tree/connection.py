@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
 
 from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
@@ -15,6 +13,7 @@ CLOSE_SECONDS = 2.0
 """Maximum time for messages to be sent when the connection is closed."""
 
 
+OnFailure = Callable[[ConnectionError], None]
 _LIMITS = TransportLimits(receive_buffer_bytes=128 << 10)
 """Only responses are received, so that no more than the system's default is needed."""
 
@@ -50,27 +49,24 @@ class LcmConnection:
             self.close()
             raise ConnectionError(f"LCM cannot join {self.url}: {problem}")
 
-    def publish(self, channel: str, message: bytes | bytearray) -> None:
-        """Send a message. Waits up to the timeout while there is no connection.
+    def publish(self, channel: str, message: bytes | bytearray, failed: OnFailure = lambda error: None) -> None:
+        """Send a message. Waits up to the timeout while there is no connection, but not until the message is sent.
+
+        Args:
+            failed: called by the receiving thread if the message cannot be sent.
 
         Raises:
-            ConnectionError: no connection within the timeout, or the message cannot be sent.
+            ConnectionError: no connection within the timeout.
         """
         if threading.current_thread() is self._thread:
-            return self._send(channel, message, Future())
+            self._send(channel, message, failed)
+            return
         with self._changed:
             if not self._changed.wait_for(lambda: self.is_connected or self._closed, self._timeout):
                 raise ConnectionError(f"the LCM hub {self.url} has gone")
             if self._closed:
                 raise ConnectionError("this viewer was closed")
-            sent: Future[None] = Future()
-            self._loop.call_soon_threadsafe(self._send, channel, message, sent)
-        try:
-            sent.result(self._timeout)
-        except (OSError, ValueError, FutureTimeoutError) as error:
-            reason = f"LCM could not send {len(message)} bytes to {self.url}: {error}"
-            raise ConnectionError(reason) from None
-        return None
+            self._loop.call_soon_threadsafe(self._send, channel, message, failed)
 
     def close(self) -> None:
         """Stop the receiving thread. Further calls do nothing."""
@@ -113,9 +109,8 @@ class LcmConnection:
         if handler is not None:
             handler(bytes(message))
 
-    def _send(self, channel: str, message: bytes | bytearray, sent: Future[None]) -> None:
+    def _send(self, channel: str, message: bytes | bytearray, failed: OnFailure) -> None:
         try:
             self._transport.publish(channel, message)
-            sent.set_result(None)
         except (OSError, ValueError) as error:
-            sent.set_exception(error)
+            failed(ConnectionError(f"LCM could not send {len(message)} bytes to {self.url}: {error}"))

@@ -302,7 +302,7 @@ class TreeViewer:
             future = self.pending[utime] = Future()
         try:
             message = wire.encode({"timestamp": utime, **body}, utime, message_format)
-            self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message)
+            self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
         except BaseException:
             self.pending.pop(utime, None)
             raise
