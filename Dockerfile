@@ -23,9 +23,11 @@ RUN --mount=type=secret,id=ca \
  && find /opt/scenegate/lib -type d -name tests -prune -exec rm -rf {} + \
  && python -m compileall -q -j 0 /opt/scenegate/lib
 COPY pyproject.toml hatch_build.py README.md LICENSE ./
+COPY client client
 COPY gateway gateway
 COPY renderers renderers
-RUN /opt/tools/bin/python -m hatchling build -t wheel -d dist \
+RUN (cd client && /opt/tools/bin/python -m hatchling build -t wheel -d ../dist) \
+ && /opt/tools/bin/python -m hatchling build -t wheel -d dist \
  && /opt/tools/bin/uv pip install --quiet --python /opt/scenegate/bin/python --no-deps --offline --compile-bytecode \
     dist/*.whl
 

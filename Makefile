@@ -10,6 +10,8 @@ SITE_VENV ?= .venv-site
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3.14 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
 COSMIC_RAY := 8.7.0
+# The protoc in it writes classes for protobuf 3.20 and newer; that of grpcio-tools 1.63 needs 5.26, later ones still more.
+GRPCIO_TOOLS := 1.62.3
 KUBERNETES_VALIDATE := 1.37.0
 ZIZMOR := 1.32.0
 
@@ -53,7 +55,7 @@ test-all: $(VENV)/.installed-dev ## set up and run all tests
 
 test-lowest: $(VENV)/.tools ## run the fast tests with the lowest versions of libraries that pyproject.toml allows
 	$(UV) venv --quiet --clear --python $(BIN)/python .venv-lowest
-	$(UV) pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable '.[robots]'
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --no-sources --editable ./client --editable '.[robots]'
 	$(UV) pip install --quiet --python .venv-lowest/bin/python --group test ruamel.yaml
 	.venv-lowest/bin/python -m pytest -m "not slow" -W ignore::DeprecationWarning $(ARGS)
 
@@ -79,15 +81,17 @@ check-deploy: $(VENV)/.tools ## Kubernetes objects and workflows, by programs th
 	$(UVX) zizmor@$(ZIZMOR) --quiet --offline .github
 	if command -v actionlint >/dev/null; then actionlint; fi
 
-dist: $(VENV)/.tools ## build sdist and, from it, wheel into dist/
-	$(UV) build --quiet --clear --no-build-isolation --python $(BIN)/python -o dist .
+dist: $(VENV)/.tools ## build the sdists of client and server and, from them, the wheels into dist/
+	$(UV) build --quiet --clear --no-build-isolation --python $(BIN)/python -o dist client
+	$(UV) build --quiet --no-build-isolation --python $(BIN)/python -o dist .
 
-dist-test: $(VENV)/.installed-dev dist ## install the wheel of dist/ in an empty environment, serve the demo from it
+dist-test: $(VENV)/.installed-dev dist ## install the wheels of dist/ in empty environments, serve the demo from it
 	SCENEGATE_DIST=dist $(BIN)/python -m pytest tests/packaging $(ARGS)
 
-publish: $(VENV)/.tools ## upload dist/ to the package index (ARGS=--dry-run: check only)
+publish: $(VENV)/.tools ## upload dist/ to the package index, first the client that the server needs (ARGS=--dry-run: check only)
 	@grep -q '^Repository = ' pyproject.toml || { echo "Set Repository in pyproject.toml: see Release in CONTRIBUTING.md."; exit 1; }
-	$(UV) publish $(ARGS) dist/*
+	$(UV) publish $(ARGS) dist/scenegate_client-*
+	$(UV) publish $(ARGS) dist/scenegate-*
 
 image: ## build the container image (ENGINE=podman, IMAGE=name, TAG=latest)
 	DOCKER_BUILDKIT=1 $(ENGINE) build -t $(IMAGE):$(TAG) $(if $(CA),--secret id=ca$(comma)src=$(CA)) .
@@ -125,14 +129,15 @@ docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site
 docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
 	$(SITE_ENV) $(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
 
-generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
-	$(BIN)/python protos/generate.py
+generate: $(VENV)/.tools ## write the protobuf classes from protos/ (needs Python 3.11 or 3.12)
+	$(UV) run --quiet --no-project --python $(BIN)/python --with grpcio-tools==$(GRPCIO_TOOLS) --with "setuptools<80" \
+		python protos/generate.py $(ARGS)
 
 web: ## build the page of the browser view (needs node 20)
 	cd gateway/viewer/web && npm ci --no-audit --no-fund && npm run check && npm run build
 
-# No index names get into the locks: --no-header, and no --emit-index-url.
-COMPILE := $(UV) pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --no-header
+# No index names get into the locks: --no-header, and no --emit-index-url. The client is installed from client/.
+COMPILE := $(UV) pip compile pyproject.toml --no-emit-package scenegate-client --quiet --universal --python-version 3.11 --generate-hashes --no-header
 
 lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer versions)
 	$(COMPILE) $(ARGS) -o requirements.lock
@@ -144,7 +149,7 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 
 clean: ## remove what the recipes made
 	rm -rf $(VENV) $(SITE_VENV) .venv-lowest out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
-	find gateway renderers tests bench examples tools -name __pycache__ -type d -prune -exec rm -rf {} +
+	find gateway renderers client tests bench examples tools -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:
 	@test -n "$(PYTHON)" || { echo "No Python found; Scenegate needs 3.11 to 3.14 (make PYTHON=/path/to/python3)."; exit 1; }
@@ -159,9 +164,9 @@ $(VENV)/.tools: requirements-tools.lock | $(VENV)/.made
 	@$(PIP) install --quiet --require-hashes -r requirements-tools.lock
 	@touch $@
 
-$(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.tools
+$(VENV)/.installed: requirements.lock pyproject.toml client/pyproject.toml | $(VENV)/.tools
 	@$(call install,--require-hashes -r requirements.lock)
-	@$(call install,--no-deps --no-build-isolation --editable .)
+	@$(call install,--no-deps --no-build-isolation --editable ./client --editable .)
 	@touch $@
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed

@@ -17,11 +17,11 @@ _NUMBER: Final = r"\d+\.\d+\.\d+"
 
 FIRST_RELEASE: Final = {
     "README.md": {
-        "`pip install .`": "`pip install scenegate`",
+        "`pip install ./client .`": "`pip install scenegate`",
         " Scenegate is not on the package index yet.": "",
         "Not released yet; the [changelog]": "The [changelog]",
     },
-    "docs/README.md": {"pip install .         ": "pip install scenegate "},
+    "docs/README.md": {"pip install ./client . ": "pip install scenegate   "},
 }
 """Replacements, by file, of texts that are true only before the first release."""
 
@@ -41,7 +41,8 @@ def release(version: str, root: Path = ROOT) -> None:
     if git(root, "status", "--porcelain"):
         raise ReleaseError("There are changes that are not committed.")
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    replace(root / "gateway/__init__.py", rf'(__version__: Final = )"{_NUMBER}"', rf'\g<1>"{version}"')
+    replace(root / "client/scenegate/__init__.py", rf'(__version__: Final = )"{_NUMBER}"', rf'\g<1>"{version}"')
+    replace(root / "pyproject.toml", rf"(scenegate-client\[.*\]==){_NUMBER}", rf"\g<1>{version}")
     replace(root / "CHANGELOG.md", r"^## \[Unreleased\]\n", rf"\g<0>\n## [{version}] - {today}\n")
     replace(root / "CITATION.cff", r"^(date-released: .*\n)?version: .*\n", "")
     replace(root / "CITATION.cff", r"^license: ", rf'version: {version}\ndate-released: "{today}"\n\g<0>')
@@ -55,7 +56,7 @@ def release(version: str, root: Path = ROOT) -> None:
 
 def read_version(root: Path = ROOT) -> str:
     """Return the version of a checkout."""
-    match = re.search(rf'__version__: Final = "({_NUMBER})"', (root / "gateway/__init__.py").read_text())
+    match = re.search(rf'__version__: Final = "({_NUMBER})"', (root / "client/scenegate/__init__.py").read_text())
     assert match is not None
     return match[1]
 

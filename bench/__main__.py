@@ -208,7 +208,7 @@ def main() -> None:
     load, begin = os.getloadavg()[0], time.perf_counter()
     found, reason = peers_in(options.peers)
     print("Kernels are compiled into the cache, where they are not.", flush=True)
-    if failure := run(("-m", "gateway.cli", "warmup"), LIMIT).failure:
+    if failure := run(("-m", "scenegate", "warmup"), LIMIT).failure:
         print(f"`scenegate warmup`: {failure}")
     results: list[Result] = []
     try:

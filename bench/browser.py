@@ -23,7 +23,7 @@ import numpy as np
 
 from bench.gateways import Gateway, gateway, post
 from bench.render_requests import KINDS, corpus, recorded
-from gateway.client import MeshFile, PointCloud, TreeViewer, Triad
+from scenegate import MeshFile, PointCloud, TreeViewer, Triad
 
 FLAGS: Final = ("--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
 ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")

@@ -36,7 +36,7 @@ SCENES = 4
 
 def settings() -> Any:
     """Colour, depth and labels of 320 x 240."""
-    from gateway.client.manifest import Settings
+    from scenegate.datasets.manifest import Settings
 
     return Settings(
         types=("color", "depth", "label"), width=320, height=240, fovy=45.0, look="plain", up="auto", antialias="fxaa",

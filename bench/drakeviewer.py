@@ -27,8 +27,8 @@ from bench.drakeviewer_peer import play, read_log
 from bench.table import Row, at_least, show, skipped
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.viewer import DrakeViewer
-from gateway.lcm.event_log import pack_event
 from gateway.scene.live import LiveTree
+from scenegate.lcm.event_log import pack_event
 from tests.drakeviewer import encoding
 
 LINKS = 100

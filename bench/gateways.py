@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.render_requests import CONTENT_TYPE
-from gateway.testing.gateway import clean_environment
+from scenegate.testing.gateway import clean_environment
 
 TIMEOUT = 600.0
 
@@ -81,7 +81,7 @@ class Gateway:
         self,
         *flags: str,
         environment: dict[str, str] | None = None,
-        program: tuple[str, ...] = ("-m", "gateway.cli"),
+        program: tuple[str, ...] = ("-m", "scenegate"),
     ) -> None:
         self.began = time.perf_counter()
         self.process = subprocess.Popen(

@@ -18,9 +18,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench.table import Row, show
-from gateway.client import manifest
-from gateway.client.dataset import Dataset
-from gateway.client.manifest import CameraRecord, ImageFile, SampleRecord, Settings
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Job, make_job
@@ -28,6 +25,9 @@ from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
+from scenegate.datasets import manifest
+from scenegate.datasets.dataset import Dataset
+from scenegate.datasets.manifest import CameraRecord, ImageFile, SampleRecord, Settings
 
 VIEWS = 100
 """Views of each scene."""

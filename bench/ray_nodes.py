@@ -25,8 +25,8 @@ import msgspec
 from gateway.datasets.ray_tasks import run_pickled_task
 
 if TYPE_CHECKING:
-    from gateway.client.manifest import Settings
     from gateway.datasets.job import Job
+    from scenegate.datasets.manifest import Settings
 
 KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
@@ -112,10 +112,10 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     ensure_compiled()
     from ray.cluster_utils import Cluster
 
-    from gateway.client.manifest import Settings
     from gateway.datasets.job import Result, Task
     from gateway.datasets.ray_tasks import run_ray
     from gateway.datasets.run import run
+    from scenegate.datasets.manifest import Settings
 
     cluster = two_nodes(Cluster)
     killed: list[int] = []

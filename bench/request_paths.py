@@ -29,12 +29,12 @@ from websockets.sync.client import connect
 from bench.gateways import Gateway, post
 from bench.render_requests import corpus, recorded
 from bench.table import Row, show
-from gateway.generated import image_interface_pb2 as pb
-from gateway.testing.publish import publish
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.testing.publish import publish
 
 ROOT = Path(__file__).parent.parent
 OURS = tuple(f"{ROOT / name}{os.sep}" for name in ("gateway", "renderers", "client"))
-GENERATED = f"{os.sep}generated{os.sep}"
+GENERATED = "image_interface_pb2"
 SOCKET = "SCENEGATE_BENCH_SOCKET"
 """Environment variable with the path of the profiler's socket."""
 SECONDS = 30.0
@@ -74,7 +74,7 @@ class Profiler:
 
 def serve() -> None:
     """Run the command line with a profiler that a client of a Unix socket starts and stops."""
-    from gateway.cli import main
+    from scenegate.cli import main
 
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(os.environ.pop(SOCKET))

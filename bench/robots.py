@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
+from scenegate.robots.errors import RobotFileError
 
 PATTERNS: Final = ("*.urdf", "*.sdf")
 START: Final = "<!-- robots: python -m bench.robots -->\n"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from bench.soak_clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription_frame
+from scenegate.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription_frame
 
 SECONDS = 6.0
 NODES = 50_000

@@ -87,7 +87,7 @@ def client(kind: str, port: int, seconds: float, pause: float) -> None:
 def _grpc_sets(port: int) -> Any:
     import grpc
 
-    from gateway.generated import image_interface_pb2 as pb
+    from scenegate.camera import image_interface_pb2 as pb
 
     wanted: dict[str, Any] = dict.fromkeys(LIVE, True)
     options = [("grpc.max_receive_message_length", -1)]
@@ -114,7 +114,7 @@ def _fill(connection: socket.socket, view: memoryview) -> None:
 
 def _stamp(data: Any) -> float:
     """The set's timestamp: the first field, so the rest need not be parsed."""
-    from gateway.generated import image_interface_pb2 as pb
+    from scenegate.camera import image_interface_pb2 as pb
 
     try:
         stamp = pb.ImageSet.FromString(bytes(data[: 2 + data[1]])).timestamp

@@ -19,7 +19,6 @@ import grpc
 import numpy as np
 import uvloop
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.process_tuning import tune
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import Rate, StereoConfig
@@ -37,6 +36,7 @@ from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 from renderers.interface import LookName
 from renderers.stereo.realism import parse_realism
 from renderers.stereo.sensor.exposure import Exposure
+from scenegate.camera import image_interface_pb2 as pb
 
 PAYLOADS = {
     "A": "left mono",

@@ -2,7 +2,7 @@
 
     python -m bench.treeviewer_binary [--peers PYTHON] [--seconds S]
 
-Ours is ``gateway.client.TreeViewer`` over TCPQ and over UDP multicast, to the gateway's service, in a process
+Ours is ``scenegate.TreeViewer`` over TCPQ and over UDP multicast, to the gateway's service, in a process
 of its own; the call ends with the viewer's answer, when the geometry is in the scene. The peer is the fastest of the
 others that speaks binary over a socket: meshcat (MessagePack over ZeroMQ to its server's process; viser queues in
 process, meldis takes messages in process). PYTHON is an interpreter that has it. All are asked in turn, so that
@@ -31,7 +31,7 @@ from bench.running import tree_of
 from bench.table import Row, at_least, at_most, show, skipped
 from bench.treeviewer_clients import Figures, process, started
 from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
-from gateway.client import Box, Geometry, Heightmap, ImagePlane, Mesh, PointCloud, TreeViewer
+from scenegate import Box, Geometry, Heightmap, ImagePlane, Mesh, PointCloud, TreeViewer
 
 OURS = ("ours, tcpq", "ours, udp")
 PEER = "meshcat"

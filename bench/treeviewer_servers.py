@@ -23,13 +23,13 @@ import msgspec
 import uvloop
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.receive_buffer import raise_receive_buffer
 from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, response_channel
 from gateway.treeviewer.service import TreeViewerService
+from scenegate.lcm.receive_buffer import raise_receive_buffer
 
 
 async def serve(url: str, port: int) -> None:

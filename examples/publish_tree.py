@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.client import Box, Cylinder, PointCloud, Transform, TreeViewer
+from scenegate import Box, Cylinder, PointCloud, Transform, TreeViewer
 
 network = sys.argv[1] if len(sys.argv) > 1 else "tcpq://127.0.0.1:7700"
 url = sys.argv[2] if len(sys.argv) > 2 else "http://127.0.0.1:8000"

@@ -1,6 +1,6 @@
 """Serves Drake's render endpoint on a Ray cluster: replicas come and go with the requests.
 
-    pip install '.[ray]'    # in a checkout; 'scenegate[ray]' where the package is on the index
+    pip install ./client '.[ray]'    # in a checkout; 'scenegate[ray]' where the package is on the index
     python examples/ray_serve.py [--address auto] [--port 8000] [--most 8]
 
 Every replica is a whole gateway that runs nothing but ``/render`` (and ``/healthz``, ``/readyz``, ``/metrics``), on one

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from gateway.client.dataset import NO_LABEL, Dataset
+from scenegate.datasets import NO_LABEL, Dataset
 
 folder = sys.argv[1] if len(sys.argv) > 1 else "out"
 file = sys.argv[2] if len(sys.argv) > 2 else "points.npz"

@@ -10,7 +10,7 @@ import sys
 import grpc
 import numpy as np
 
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
 
 address = sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1:50051"
 file = sys.argv[2] if len(sys.argv) > 2 else "points.npy"

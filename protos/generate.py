@@ -1,7 +1,7 @@
-"""Writes gateway/generated/image_interface_pb2.py and .pyi from image_interface.proto.
+"""Writes image_interface_pb2.py and .pyi of ``scenegate.camera`` from image_interface.proto.
 
-``python protos/generate.py [FOLDER]``; needs grpcio-tools (the dev group). The results are committed, so that
-installing needs no compiler; a test generates again and compares.
+``make generate`` runs it with grpcio-tools. The results are committed, so that installing needs no compiler; a test
+generates again and compares.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-TARGET = HERE.parent / "gateway" / "generated"
+TARGET = HERE.parent / "client" / "scenegate" / "camera"
 
 
 def generate(folder: Path) -> None:

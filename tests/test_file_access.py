@@ -1,4 +1,4 @@
-"""Files are read by ``gateway.runtime.regular_files`` only: a named pipe or a device must not hang a command."""
+"""Files are read by ``scenegate.regular_files`` only: a named pipe or a device must not hang a command."""
 
 from __future__ import annotations
 
@@ -52,5 +52,5 @@ def reads(path: Path) -> list[str]:
 def test_files_are_opened_in_one_place() -> None:
     found = {path.relative_to(FOLDER).as_posix(): reads(path) for path in FOLDER.rglob("*.py")}
     others = {name: calls for name, calls in found.items() if calls and name not in ALLOWED}
-    assert not others, "use gateway.runtime.regular_files"
+    assert not others, "use scenegate.regular_files"
     assert not [name for name in ALLOWED if not found[name]], "these open no file any more"

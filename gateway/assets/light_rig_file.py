@@ -38,9 +38,9 @@ from typing import Annotated, Final, Literal
 import structlog
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from gateway.runtime.regular_files import read_regular, read_text
 from renderers.drawlist import Light, LightKind
 from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
+from scenegate.regular_files import read_regular, read_text
 
 _log = structlog.get_logger("gateway")
 

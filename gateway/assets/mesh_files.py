@@ -18,12 +18,12 @@ from urllib.parse import unquote
 import msgspec
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
-from gateway.assets.ros_packages import Packages, folders_of_environment, split_url
 from gateway.gltf import GltfError, GltfLimits
-from gateway.runtime.regular_files import read_regular
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
 from renderers.cache import SHARED, Cache, CacheBudget
+from scenegate.regular_files import read_regular
+from scenegate.robots.ros_packages import Packages, folders_of_environment, split_url
 
 SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
 """If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -106,6 +106,23 @@ def parse_mesh(
         warnings += content.warnings
         parts = _parts_of_content(content, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels)
+
+
+def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
+    """Return parts with materials in place of ``PLAIN_MATERIAL``. Those of the file override, as in RViz.
+
+    Args:
+        plain: Material of meshes without texture coordinates.
+        textured: Material of the others.
+    """
+
+    def material_of(part: Part) -> Material:
+        mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
+        if part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None):
+            return part.material
+        return textured if mesh is not None and mesh.uv0 is not None else plain
+
+    return tuple(msgspec.structs.replace(part, material=material_of(part)) for part in parts)
 
 
 def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits, warnings: list[str], up: Up) -> tuple[Part, ...]:

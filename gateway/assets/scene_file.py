@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
-from gateway.runtime.regular_files import read_regular
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from renderers.drawlist import Light
+from scenegate.regular_files import read_regular
 
 Up = Literal["auto", "y", "z"]
 

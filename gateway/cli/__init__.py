@@ -1,21 +1,27 @@
-"""The command line: ``scenegate serve | render | stream | publish | record | play | dataset | check | warmup``."""
+"""The server's commands: ``scenegate serve | render | dataset | doctor | warmup``."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 from gateway.cli import first_line
 
 
-def main() -> None:
-    """Run the command; the console script calls this."""
-    first_line.write(sys.argv[1:])
-    if sys.argv[1:] == ["doctor"]:  # before other imports: it says which of them fail
+def main(arguments: Sequence[str]) -> None:
+    """Run a command; the entry points of ``scenegate.commands`` call this.
+
+    Args:
+        arguments: Name of the command, and its arguments.
+
+    Raises:
+        SystemExit: The command has an exit code.
+    """
+    first_line.write(arguments)
+    if list(arguments) == ["doctor"]:  # before other imports: it says which of them fail
         from gateway.cli.doctor import print_findings
 
         sys.exit(0 if print_findings() else 1)
-    try:
-        from gateway.cli.commands import run  # after the line: where files are not in memory, it takes seconds
-    except ImportError as error:
-        sys.exit(f"scenegate: {error}; `scenegate doctor` says what is wrong with the installation")
-    run()
+    from gateway.cli.commands import app  # after the line: where files are not in memory, it takes seconds
+
+    app(arguments, prog_name="scenegate")

@@ -1,19 +1,12 @@
-"""The command ``scenegate``. Commands import lazily, and every expected error is one sentence without a traceback."""
+"""The server's commands, which ``scenegate.cli`` runs. They import lazily."""
 
 from __future__ import annotations
 
-import sys
-from typing import Annotated
-
 import typer
 
-from gateway import __version__
 from gateway.cli import dataset
-from gateway.cli.lcm_log import play, record
-from gateway.cli.publish import publish
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
-from gateway.client.command import stream
 
 app = typer.Typer(
     name="scenegate",
@@ -22,21 +15,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"scenegate {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    pass
 
 
 def warmup() -> None:
@@ -59,18 +37,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (render, stream, publish, record, play, doctor, warmup):
+for command in (render, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")
-
-
-def run() -> None:
-    """Run the command. Every expected error is one sentence without a traceback."""
-    try:
-        app()
-    except (OSError, ValueError, RuntimeError, ImportError) as error:
-        message = str(error)
-        if isinstance(error, OSError) and error.filename is not None:
-            message = f"{error.filename}: {error.strerror}"
-        typer.echo(f"scenegate: {message}", err=True)
-        sys.exit(1)

@@ -56,7 +56,7 @@ def _from_file(name: str, arguments: Sequence[str]) -> Any:
         return None
     import tomllib
 
-    from gateway.runtime.regular_files import read_text
+    from scenegate.regular_files import read_text
 
     try:
         values = tomllib.loads(read_text(path))

@@ -143,8 +143,8 @@ def render(
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
-    from gateway.robots.joint_text import parse_joints
     from gateway.runtime.kernels.loading import ensure_compiled
+    from scenegate.robots.joint_text import parse_joints
 
     joints = tuple(joint or ())
     parse_joints(joints)  # raises an error now instead of for each scene
@@ -153,13 +153,13 @@ def render(
     from gateway.assets.light_rig_file import rig_digest
     from gateway.cli.render_dataset import render_dataset
     from gateway.cli.render_image import render_image
-    from gateway.client.manifest import Settings
     from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
     from gateway.datasets.sources import find_sources
     from gateway.datasets.views import View
     from gateway.runtime.worker_pool import usable_cpus
     from gateway.scene.cameras import OrbitCamera
+    from scenegate.datasets.manifest import Settings
 
     settings = Settings(
         types=image_types,

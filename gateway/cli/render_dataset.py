@@ -11,12 +11,12 @@ from typing import Final
 
 import typer
 
-from gateway.client import manifest
 from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
 from gateway.datasets.run import Progress, run
-from gateway.runtime.progress_bar import progress_bar
+from scenegate.cli.progress_bar import progress_bar
+from scenegate.datasets import manifest
 
 LOG_SECONDS: Final = 10.0
 """Minimum time between two lines of progress, if stderr is not a terminal."""

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import typer
 
-from gateway.client import manifest
-from gateway.client.manifest import Settings
 from gateway.datasets.rendering import IMAGE_FORMATS, ignored_rig, render_images, style_of
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import Settings
 
 
 def render_image(

@@ -4,5 +4,5 @@ A ``job`` lists scene files (``sources``) and their ``views``, some of which com
 one view of one scene. ``run`` renders a job: it keeps the valid samples of the previous run (``resume``), runs tasks
 for the others in worker processes (``local_tasks`` or ``ray_tasks``), appends finished samples to the ``journal``, and
 writes the manifest. A ``worker`` loads ``scenes`` and renders their images (``rendering``). ``check`` verifies a
-dataset. ``gateway.client.manifest`` defines the files of a dataset.
+dataset. ``scenegate.datasets.manifest`` defines the files of a dataset.
 """

@@ -18,12 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.client import dataset, manifest
-from gateway.client.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
-from gateway.runtime.regular_files import open_regular, read_regular, sha256_of
+from renderers.stop import check_stop
+from scenegate.datasets import dataset, manifest
+from scenegate.datasets.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
+from scenegate.regular_files import open_regular, read_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
 """Number of samples that are checked at a time, per thread. A dataset may have millions, which do not fit in memory."""
@@ -193,7 +194,7 @@ def _image_problem(
     path = folder / image.path
     if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
         return "lies outside of the dataset"
-    digest = sha256_of(path)
+    digest = sha256_of(path, check_stop)
     if digest is None:
         return "missing, or not a regular file that can be read"
     if digest != image.sha256:

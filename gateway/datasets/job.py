@@ -9,10 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from gateway.client.manifest import FailureRecord, SampleRecord, Settings
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import REQUEST_VIEW_NAME, View
+from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
 
 VIEWS_PER_TASK: Final = 16
 """Maximum number of views in a task. They take about a second. A worker reads the scene once for each task; if it dies,

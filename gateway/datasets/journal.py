@@ -10,9 +10,9 @@ from array import array
 from collections.abc import Iterator
 from typing import BinaryIO, Final
 
-from gateway.client import manifest
-from gateway.client.manifest import SampleRecord
 from gateway.datasets.job import Job
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import SampleRecord
 
 _ABSENT: Final = -1
 """Offset of a sample that is not in the journal."""

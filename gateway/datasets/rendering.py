@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final, Literal
 
 from gateway.assets.light_rig_file import NO_LIGHT, read_rig
-from gateway.client.manifest import ImageType, Settings
 from gateway.datasets.scenes import LoadedScene
 from gateway.render.camera import camera_of
 from gateway.render.config import LookChoice, RenderConfig
@@ -25,6 +24,7 @@ from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_floa
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
 from renderers.light_rig import STUDIO, Rig
+from scenegate.datasets.manifest import ImageType, Settings
 
 OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 """The renderer's output for each type of image."""

@@ -9,13 +9,13 @@ from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
-from gateway.client import manifest
-from gateway.client.manifest import RecordError, SampleRecord, Settings, SourceFile
 from gateway.datasets.job import Job, JobError
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.sources import Source
-from gateway.runtime.regular_files import sha256_of
-from renderers.stop import StopFlag
+from renderers.stop import StopFlag, check_stop
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import RecordError, SampleRecord, Settings, SourceFile
+from scenegate.regular_files import sha256_of
 
 BATCH_SAMPLES: Final = 1000
 """Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
@@ -75,7 +75,7 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
 
     def has_same_files(sample: SampleRecord) -> bool:
         return stop.run(
-            lambda: all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
+            lambda: all(sha256_of(job.out / image.path, check_stop) == image.sha256 for image in sample.images.values())
         )
 
     candidates = filter(has_same_input, _recorded_samples(job))
@@ -110,5 +110,5 @@ def _current_digest(job: Job, source: Source) -> str | None:
         return None
     folder = Path(source.path).parent
     return scene_digest(
-        tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in description.sources)
+        tuple(SourceFile(file.path, sha256_of(folder / file.path, check_stop) or "") for file in description.sources)
     )

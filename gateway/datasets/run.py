@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import __version__
-from gateway.client import manifest
-from gateway.client.manifest import FailureRecord
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset, valid_samples
 from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import FailureRecord
 
 Execute = Callable[[list[Task]], Iterator[Result]]
 """Function that runs tasks in worker processes, and yields their results in any order."""

@@ -13,7 +13,6 @@ import msgspec
 
 from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
-from gateway.client import manifest
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import usable_camera
 from gateway.gltf import GltfCamera
@@ -23,7 +22,7 @@ from gateway.render.form import RenderRequest, read_form
 from gateway.render.labels import labels_of
 from gateway.render.multipart import FormReader
 from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
-from gateway.runtime.warning_list import WarningList, strict_refusal
+from gateway.runtime.warning_list import WarningList
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
@@ -37,6 +36,8 @@ from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.quota import TreeQuota
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
+from scenegate.datasets import manifest
+from scenegate.warning_text import strict_refusal
 
 _BOUNDARY_BYTES: Final = 200
 """Bytes at the start of a request in which its boundary is found. It has at most 70 characters (RFC 2046, 5.1.1)."""

@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 
-from gateway.client.manifest import CameraRecord
 from gateway.gltf import GltfCamera
 from gateway.render.camera import rigid_pose
 from gateway.render.errors import RequestError
@@ -30,6 +29,7 @@ from gateway.scene.tree import Node
 from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
+from scenegate.datasets.manifest import CameraRecord
 
 NAME_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Allowed names of views. They become parts of file names."""

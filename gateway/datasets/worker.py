@@ -12,8 +12,6 @@ from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Final, TypeVar
 
-from gateway.client import manifest
-from gateway.client.manifest import FailureRecord, ImageType, SampleRecord
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task
 from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, ignored_rig, render_images, style_of
@@ -29,6 +27,8 @@ from renderers.compiler import cache_folder
 from renderers.drawlist import ImageError
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import FailureRecord, ImageType, SampleRecord
 
 T = TypeVar("T")
 

@@ -17,12 +17,13 @@ from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
-from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
-from gateway.runtime.warning_list import WarningList, joined_warnings
+from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
 from gateway.scene.live import LiveTree
 from renderers.compiler.pending import any_pending
+from scenegate.lcm.arrival import arrival_time, set_arrival
+from scenegate.warning_text import joined_warnings
 
 _log = structlog.get_logger("gateway.drakeviewer")
 

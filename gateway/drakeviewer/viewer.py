@@ -22,9 +22,9 @@ from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
 from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
-from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
+from scenegate.warning_text import strict_refusal
 
 PREFIXES: Final = ("DRAKE_", "CONTACT_RESULTS")
 """Prefixes of the names of channels that are received. Not all of them are shown."""

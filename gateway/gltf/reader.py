@@ -34,10 +34,10 @@ from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
 from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh, Primitive
 from gateway.gltf.textures import Textures
-from gateway.runtime.warning_list import joined_warnings
 from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
+from scenegate.warning_text import joined_warnings
 
 _DEFAULT_LIMITS: Final = GltfLimits()
 _MAX_LISTED_WARNINGS: Final = 100

@@ -1,10 +1,6 @@
-"""LCM transports on the event loop: they send and receive (channel, bytes), and do not decode messages.
+"""The hub of TCPQ, and what receives LCM's messages in the server. ``scenegate.lcm`` has the transports.
 
-- ``transport``: the interface of all transports; ``network``: opens the transport for a URL.
-- ``udpm``, ``udpm_assembler``: datagrams of UDP multicast; ``udpm_socket``, ``udpm_sender``, ``udpm_transport``: I/O.
-- ``tcpq``: frames of TCPQ, LCM over TCP; ``tcpq_transport``: a client of another hub; ``tcpq_hub``: our own hub.
-- ``patterns``, ``subscriptions``: regular expressions of hub clients, with a limit on their matching time.
-- ``liblcm_transport``: LCM's own library, for ``memq://``, ``mpudpm://`` and ``file://``.
-- ``receive_queue``: received messages before they are handled; ``receive_buffer``: the kernel's buffer of a UDP socket.
-- ``event_log``, ``replay``: record a network to LCM's log files, and play these into a network.
+- ``tcpq_hub``: the hub; ``patterns``, ``subscriptions``: regular expressions of its clients, with a limit on the time
+  of their matching.
+- ``listener``: a part of the server that receives some channels.
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gateway.lcm.transport import OnMessage
+from scenegate.lcm.transport import OnMessage
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from gateway.lcm.patterns import CHANNEL_CHARS, MAX_STEPS, Pattern, PatternError, compile_pattern
-from gateway.lcm.tcpq import MAX_PATTERN_BYTES
+from scenegate.lcm.tcpq import MAX_PATTERN_BYTES
 
 MAX_CLIENT_STEPS: Final = 2 * MAX_STEPS
 """Maximum number of steps to match one channel name with all patterns of one client.

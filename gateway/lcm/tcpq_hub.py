@@ -15,10 +15,11 @@ from typing import Any, Final, cast
 
 import structlog
 
-from gateway.lcm.config import MAX_HEADER_BYTES, LcmConfig
+from gateway.lcm.config import LcmConfig
 from gateway.lcm.patterns import Pattern, PatternError, compile_pattern
 from gateway.lcm.subscriptions import Subscriptions
-from gateway.lcm.tcpq import (
+from scenegate.lcm.limits import MAX_HEADER_BYTES
+from scenegate.lcm.tcpq import (
     HUB_HELLO,
     MAGIC_CLIENT,
     MAX_CHANNEL_BYTES,
@@ -27,7 +28,7 @@ from gateway.lcm.tcpq import (
     FrameType,
     publish_header,
 )
-from gateway.lcm.transport import LcmUnavailableError
+from scenegate.lcm.transport import LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")
 

@@ -14,7 +14,6 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
 from gateway.render.scenes import PreparedScene, SceneStore
-from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
 from renderers.depth_range import depth_in_millimetres, limit_depth
@@ -22,6 +21,7 @@ from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer
+from scenegate.warning_text import strict_refusal
 
 Backdrop = Callable[[], DrawList | Node | None]
 """Function that returns a scene to draw in addition to the request's; None for none.

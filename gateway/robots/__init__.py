@@ -1,5 +1,5 @@
-"""Reads robot files (URDF, SDF, MJCF): links with their geometry, joints, and the poses of links for joint values.
+"""Reads robot files (URDF, SDF, MJCF) as parts of the scene.
 
-``reader.read_robot`` reads any of them. ``urdf*`` and ``sdf*`` are our own parsers. ``mjcf*`` and xacro files need
+``reader.read_robot`` reads any of them. ``scenegate.robots`` parses URDF and SDF. ``mjcf*`` and xacro files need
 packages that the extra ``scenegate[robots]`` installs.
 """

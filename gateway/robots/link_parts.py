@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
 
 from gateway.assets.mesh_formats import (
     FORMATS,
-    PLAIN_MATERIAL,
     MeshFormatError,
     diffuse_material,
     parse_mesh,
+    with_default_materials,
 )
 from gateway.assets.scene_file import Up
 from gateway.gltf import GltfError
-from gateway.robots.errors import RobotFileError
-from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.link_model import Link, LinkGeometry, LinkMaterial, MeshReference
+from gateway.scene import geometry as scene
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
-from gateway.scene.transforms import scaling
+from gateway.scene.transforms import scaling, translation
+from renderers import primitives
 from renderers.drawlist import Image, ImageError, Material
 from renderers.images import image_from_bytes
-
-DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
-"""Colour of geometry without a material, as in Drake."""
-_LFS_POINTER: Final = b"version https://git-lfs"
+from scenegate.messages import geometry as message
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.link_geometry import DEFAULT_RGBA, LFS_POINTER
+from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
 
 
 class LinkParts:
@@ -59,8 +59,11 @@ class LinkParts:
     def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
         material, textured = self._materials(link, geometry.material)
+        if isinstance(shape, Cone):
+            X_cone = translation(0.0, 0.0, 0.5 * shape.length) @ scaling(shape.radius, shape.radius, shape.length)
+            return [Part(Surface(primitives.cone()), material, X @ X_cone)]
         if not isinstance(shape, MeshReference):
-            return [Part(shape, material, X)]
+            return [Part(_scene_shape(shape), material, X)]
         try:
             parts = self._mesh(link, shape.filename)
         except (RobotFileError, MeshFormatError, GltfError, OSError) as error:
@@ -68,15 +71,9 @@ class LinkParts:
             self._warnings.append(f"link {link!r}: the mesh {shape.filename} is not shown: {reason}")
             return []
         X = X @ scaling(*shape.scale)
-
-        def material_of(part: Part) -> Material:
-            if _has_material(part):
-                return part.material
-            return textured if _has_uv(part) else material
-
         return [
-            msgspec.structs.replace(part, X_node_part=X @ part.X_node_part, material=material_of(part))
-            for part in parts
+            msgspec.structs.replace(part, X_node_part=X @ part.X_node_part)
+            for part in with_default_materials(parts, material, textured)
         ]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
@@ -119,7 +116,7 @@ class LinkParts:
         path = self._files.find(name)
         if path not in self._meshes:
             data = self._files.read(path)
-            if data.startswith(_LFS_POINTER):
+            if data.startswith(LFS_POINTER):
                 raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
             warnings: list[str] = []
             self._meshes[path] = parse_mesh(
@@ -135,11 +132,17 @@ class LinkParts:
         return self._meshes[path]
 
 
-def _has_material(part: Part) -> bool:
-    """Return True if the mesh file has a material or colours, which then override the robot file's, as in RViz."""
-    colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
-    return part.material != PLAIN_MATERIAL or colored
-
-
-def _has_uv(part: Part) -> bool:
-    return isinstance(part.shape, Surface) and part.shape.mesh.uv0 is not None
+def _scene_shape(shape: message.Geometry) -> scene.Shape:
+    """Return a primitive as a shape of the scene."""
+    match shape:
+        case message.Box(lengths=(x, y, z)):
+            return scene.Box((x, y, z))
+        case message.Sphere(radius=radius):
+            return scene.Sphere(radius)
+        case message.Ellipsoid(radii=(x, y, z)):
+            return scene.Ellipsoid((x, y, z))
+        case message.Capsule(radius=radius, length=length):  # before Cylinder, its base class
+            return scene.Capsule(radius, length)
+        case message.Cylinder(radius=radius, length=length):
+            return scene.Cylinder(radius, length)
+    raise TypeError(type(shape).__name__)

@@ -9,14 +9,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.robots.errors import RobotFileError, name_hint
-from gateway.robots.files import RobotFiles
-from gateway.robots.limits import RobotLimits, check_count
+from gateway.robots.limits import RobotLimits
 from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
-from gateway.robots.robot import GeometryUse, Joint, JointKind, Mimic, Robot
-from gateway.robots.xml_text import Element
+from gateway.robots.robot import Robot
+from scenegate.robots.errors import RobotFileError, name_hint
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.limits import check_count
+from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic
+from scenegate.robots.xml_text import Element
 
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 

@@ -8,9 +8,9 @@ from typing import Any, Final
 import msgspec
 
 from gateway.parsers.mjcf_data import CompiledModel
-from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
+from scenegate.robots.errors import RobotFileError
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""

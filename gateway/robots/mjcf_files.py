@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.errors import RobotFileError
-from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
-from gateway.robots.xml_text import Element, parse_xml
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.xml_text import Element, parse_xml
 
 MAX_FOLDERS: Final = 16
 """Maximum number of folders in which an asset is searched: robots have at most four."""

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.mjcf_materials import MjcfMaterials
-from gateway.robots.robot import GeometryUse
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
 from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
+from scenegate.robots.robot import GeometryUse
 
 COLLISION_GROUP: Final = 3
 """First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""

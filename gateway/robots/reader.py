@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
 
-from gateway.robots.errors import RobotFileError
-from gateway.robots.files import RobotFiles
 from gateway.robots.gltf_up import RobotGltfUp, nearer_up
 from gateway.robots.limits import RobotLimits
-from gateway.robots.link_kinematics import LinkKinematics
-from gateway.robots.link_model import LinkModel
 from gateway.robots.link_parts import LinkParts
-from gateway.robots.robot import GeometryUse, Robot, without_invalid_mimics
-from gateway.robots.sdf import parse_sdf
-from gateway.robots.urdf import parse_urdf
+from gateway.robots.robot import Robot
 from gateway.robots.xacro_files import expand_xacro
-from gateway.robots.xml_text import parse_xml, uses_xacro
-from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.geometry import Part
-
-SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
-"""Suffixes of robot files."""
+from renderers.stop import check_stop
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import LinkModel
+from scenegate.robots.reader import errors_of, parse_links
+from scenegate.robots.robot import GeometryUse, without_invalid_mimics
+from scenegate.robots.xml_text import parse_xml, uses_xacro
+from scenegate.warning_text import strict_refusal
 
 
 def read_robot(
@@ -52,23 +48,19 @@ def read_robot(
             it has a warning. The message names the robot file and the reason.
         ImportError: The file is MJCF or has xacro elements, and the package ``mujoco`` or ``xacro`` is not installed.
     """
-    try:
+    with errors_of(path):
         reader = _Reader(Path(path), tuple(Path(root) for root in roots), limits or RobotLimits())
         robot = reader.read(geometry, keyframe, gltf_up)
         if strict and robot.warnings:
             raise RobotFileError(strict_refusal(robot.warnings))
         return robot
-    except RobotFileError as error:
-        raise RobotFileError(f"{os.fspath(path)}: {error}") from None
-    except OSError as error:
-        raise RobotFileError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
 
 
 class _Reader:
     """Reads one robot file."""
 
     def __init__(self, path: Path, roots: tuple[Path, ...], limits: RobotLimits) -> None:
-        self._files = RobotFiles(path, roots, limits)
+        self._files = RobotFiles(path, roots, limits, check_stop)
         self._limits = limits
         self._warnings: list[str] = []
         self._root = parse_xml(self._files.read_robot_file(), limits.max_elements, self._warnings)
@@ -84,7 +76,7 @@ class _Reader:
             return read_mjcf(self._root, self._files, use, keyframe, self._limits)
         if keyframe:
             raise RobotFileError("only MJCF files have keyframes")
-        model = self._parse(use, self._warnings)
+        model = parse_links(self._root, self._files, use, self._limits, self._warnings)
         joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
         joints = without_invalid_mimics(joints, self._warnings)
         kinematics = LinkKinematics(model)
@@ -100,15 +92,6 @@ class _Reader:
             self._files.digests,
         )
 
-    def _parse(self, use: GeometryUse, warnings: list[str]) -> LinkModel:
-        """Return the content of a URDF or SDF file."""
-        if self._root.tag == "robot":
-            return parse_urdf(self._root, use, self._limits, warnings)
-        if self._root.tag == "sdf":
-            return parse_sdf(self._root, self._files, use, self._limits, warnings)
-        start = f"its first element is <{self._root.tag[:60]}>"
-        raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
-
     def _parts(
         self, model: LinkModel, use: GeometryUse, gltf_up: RobotGltfUp
     ) -> tuple[tuple[tuple[Part, ...], ...], tuple[str, ...]]:
@@ -117,7 +100,8 @@ class _Reader:
             return LinkParts(self._files, self._limits, self._warnings, gltf_up).parts_of_links(model.links), ()
         y_up = LinkParts(self._files, self._limits, self._warnings, "y").parts_of_links(model.links)
         z_up = LinkParts(self._files, self._limits, [], "z").parts_of_links(model.links)
-        collision = LinkParts(self._files, self._limits, [], "y").parts_of_links(self._parse("collision", []).links)
+        collision_links = parse_links(self._root, self._files, "collision", self._limits, []).links
+        collision = LinkParts(self._files, self._limits, [], "y").parts_of_links(collision_links)
         up = nearer_up(y_up, z_up, collision)
         note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
         return (z_up if up == "z" else y_up), (note,)

@@ -9,12 +9,13 @@ from typing import Final
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
 from gateway.gltf import GltfError
-from gateway.robots.errors import RobotFileError
 from gateway.robots.gltf_up import RobotGltfUp
-from gateway.robots.joint_text import parse_joints
-from gateway.robots.reader import SUFFIXES, read_robot
-from gateway.runtime.warning_list import strict_refusal
+from gateway.robots.reader import read_robot
 from gateway.scene.tree import Node
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.joint_text import parse_joints
+from scenegate.robots.reader import SUFFIXES
+from scenegate.warning_text import strict_refusal
 
 _GLTF_SUFFIXES: Final = (".gltf", ".glb")
 SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - set(_GLTF_SUFFIXES)), *SUFFIXES)

@@ -9,10 +9,10 @@ from typing import Final
 
 import msgspec
 
-from gateway.robots.errors import RobotFileError
-from gateway.robots.files import RobotFiles
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
 
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, list[str]])
 

@@ -44,6 +44,7 @@ IMPORTS: Final = {
     "pydantic-settings": "pydantic_settings.BaseSettings",
     "python-multipart": "python_multipart.MultipartParser",
     "rich": "rich.console.Console",
+    "scenegate-client": "scenegate.TreeViewer",
     "structlog": "structlog.get_logger",
     "trimesh": "trimesh.Trimesh",
     "typer": "typer.Typer",
@@ -55,7 +56,7 @@ IMPORTS: Final = {
     "ray": "ray.init",
 }
 """A name that Scenegate imports from each required library."""
-_GENERATED: Final = "gateway.generated.image_interface_pb2"
+_GENERATED: Final = "scenegate.camera.image_interface_pb2"
 _REQUIREMENT: Final = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?(?P<limits>[^;]*)(;(?P<marker>.*))?")
 _NONE_WORKS: Final = "Scenegate does not start, or some of its interfaces fail."
 _REINSTALL: Final = "pip install --force-reinstall"
@@ -110,6 +111,10 @@ def _own_packages() -> Iterator[Finding]:
             detail = f"{found or 'nothing'}{owners} is imported instead of {home / name}"
             remedy = "remove it, or install Scenegate into a virtual environment of its own"
             yield Finding(name, Verdict.ERROR, detail, _NONE_WORKS, remedy)
+        elif others := _others_with(name):
+            detail = f"{' and '.join(others)} has a package of this name, too"
+            meaning = "Both have one folder: installing or removing one of them changes files of the other."
+            yield Finding(name, Verdict.NOTE, detail, meaning, "keep them in different virtual environments")
     for name in OWN_PACKAGES:
         for path in (Path.cwd() / f"{name}.py", Path.cwd() / name):
             if path.exists() and path.resolve() not in (home / name, home / f"{name}.py"):
@@ -231,9 +236,11 @@ def _plain(name: str) -> str:
 
 
 def _is_within(installed: str, limits: str) -> bool:
-    """Return True if a version is within limits such as ``<0.70,>=0.68``; other operators are ignored."""
+    """Return True if a version is within limits such as ``<0.70,>=0.68`` or ``==1.2``; other operators are ignored."""
     for limit in filter(None, (each.strip() for each in limits.split(","))):
         wanted = limit.lstrip("<>=")
+        if limit.startswith("==") and _numbers(installed) != _numbers(wanted):
+            return False
         if limit.startswith(">=") and _numbers(installed) < _numbers(wanted):
             return False
         if limit.startswith("<") and not limit.startswith("<=") and _numbers(installed) >= _numbers(wanted):

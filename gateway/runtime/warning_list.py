@@ -1,31 +1,17 @@
-"""Warnings of an interface that still hold, and the sentences of errors that join several warnings.
+"""Warnings of an interface that still hold.
 
 ``/healthz`` lists the warnings, and the page shows the interface in yellow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final
 
 MAX_SUBJECTS: Final = 1000
 """Maximum number of subjects with warnings. A new one replaces the oldest."""
 MAX_LISTED: Final = 20
 """Maximum number of warnings in a list, and of those kept of one subject. Further ones are only counted."""
-
-_MAX_JOINED: Final = 3
-"""Maximum number of warnings in the sentence of an error."""
-
-
-def joined_warnings(warnings: Sequence[str]) -> str:
-    """Return the first warnings, and the number of further ones, as one sentence for an error."""
-    more = f"; and {len(warnings) - _MAX_JOINED} more" if len(warnings) > _MAX_JOINED else ""
-    return "; ".join(warnings[:_MAX_JOINED]) + more
-
-
-def strict_refusal(warnings: Sequence[str]) -> str:
-    """Return the sentence of the error for warnings that ``--strict`` refuses."""
-    return f"{joined_warnings(warnings)} (refused: --strict)"
 
 
 class WarningList:

@@ -2,57 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-Matrix = NDArray[np.float64]
-"""(4, 4) float64."""
-
-
-def _identity() -> Matrix:
-    matrix = np.eye(4)
-    matrix.flags.writeable = False
-    return matrix
-
-
-IDENTITY: Final[Matrix] = _identity()
-"""(4, 4) float64, read-only. A matrix that ``is IDENTITY`` need not be multiplied."""
-
-SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
-"""Range of squared norms for which a quaternion is normalised without underflow or overflow."""
-
-
-def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matrix:
-    """Return a rigid transform.
-
-    Args:
-        translation: (3,) metres.
-        quaternion: (4,) [w, x, y, z] of any length. All zeros means no rotation, as in Director. Non-finite numbers
-            give a non-finite matrix.
-    """
-    w, x, y, z = quaternion
-    squared_norm = w * w + x * x + y * y + z * z
-    if not SAFE_SQUARED_NORMS[0] < squared_norm < SAFE_SQUARED_NORMS[1] and all(map(math.isfinite, quaternion)):
-        scale = max(abs(w), abs(x), abs(y), abs(z))
-        if scale > 0.0:
-            w, x, y, z = w / scale, x / scale, y / scale, z / scale
-            squared_norm = w * w + x * x + y * y + z * z
-    s = 2.0 / squared_norm if squared_norm > 0.0 else squared_norm
-    wx, wy, wz = s * w * x, s * w * y, s * w * z
-    xx, xy, xz = s * x * x, s * x * y, s * x * z
-    yy, yz, zz = s * y * y, s * y * z, s * z * z
-    tx, ty, tz = translation
-    rows = (
-        (1.0 - (yy + zz), xy - wz, xz + wy, tx),
-        (xy + wz, 1.0 - (xx + zz), yz - wx, ty),
-        (xz - wy, yz + wx, 1.0 - (xx + yy), tz),
-        (0.0, 0.0, 0.0, 1.0),
-    )
-    return np.array(rows)
+from scenegate.transforms import IDENTITY as IDENTITY
+from scenegate.transforms import SAFE_SQUARED_NORMS as SAFE_SQUARED_NORMS
+from scenegate.transforms import Matrix as Matrix
+from scenegate.transforms import from_pose as from_pose
+from scenegate.transforms import quaternions_of as quaternions_of
+from scenegate.transforms import scaling as scaling
+from scenegate.transforms import translation as translation
 
 
 def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -80,31 +42,6 @@ def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return matrices
 
 
-def quaternions_of(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit quaternions [w, x, y, z] of rotation matrices, by Shepperd's method (1978).
-
-    Each row of the matrix below is a multiple of the quaternion. The row with the largest diagonal element is used.
-
-    Args:
-        R: (N, 3, 3) float64.
-
-    Returns:
-        (N, 4) float64.
-    """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.transpose(1, 2, 0)
-    rows = np.array(
-        (
-            (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
-            (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx),
-            (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy),
-            (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz),
-        )
-    ).transpose(2, 0, 1)
-    largest = np.argmax(rows.diagonal(axis1=1, axis2=2), axis=1)
-    q = rows[np.arange(len(rows)), largest]
-    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
-
-
 def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return X @ Y of affine matrices. Unlike NumPy's matrix product, the result is bit-identical on every CPU.
 
@@ -119,18 +56,6 @@ def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np
     product[:, :3, 3] += X[:, :3, 3]
     product[:, 3] = IDENTITY[3]
     return product
-
-
-def translation(x: float, y: float, z: float) -> Matrix:
-    """Return a translation, metres."""
-    matrix = np.eye(4)
-    matrix[:3, 3] = (x, y, z)
-    return matrix
-
-
-def scaling(x: float, y: float, z: float) -> Matrix:
-    """Return a scale along the axes."""
-    return np.diag((x, y, z, 1.0))
 
 
 def look_at(

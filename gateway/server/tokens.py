@@ -7,7 +7,7 @@ import hmac
 from pathlib import Path
 from typing import Final
 
-from gateway.runtime.regular_files import read_regular
+from scenegate.regular_files import read_regular
 
 MIN_CHARS: Final = 16
 """Minimum length of a token; ``openssl rand -hex 32`` makes one of 64."""

@@ -10,10 +10,10 @@ from pydantic import model_validator
 from pydantic_settings import SettingsConfigDict
 
 from gateway.settings.interfaces import InterfaceSettings
-from gateway.settings.lcm_url import check_lcm_url
 from gateway.settings.option import ENV_PREFIX
 from gateway.settings.process import ProcessSettings
 from gateway.settings.stereo import StereoSettings
+from scenegate.lcm.url import check_lcm_url
 
 
 class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic lists the last base's fields first

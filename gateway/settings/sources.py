@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from gateway.runtime.regular_files import read_file_or_pipe
 from gateway.settings.all import Settings
 from gateway.settings.option import ENV_PREFIX, env_of, flag_of
+from scenegate.regular_files import read_file_or_pipe
 
 CONFIG_ENV = "SCENEGATE_CONFIG"
 OTHER_ENV = frozenset(

@@ -11,8 +11,8 @@ from urllib.parse import unquote
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_settings import NoDecode
 
-from gateway.settings.lcm_url import check_lcm_url
 from renderers.stereo.realism import RealismPart, parse_realism
+from scenegate.lcm.url import check_lcm_url
 
 _ROOT_PATH: Final = re.compile(r"(/[^/\s?#]+)+")
 _ORIGIN: Final = re.compile(r"\*|[A-Za-z][A-Za-z0-9+.-]*:(//[^\s;,'\"/?#]+)?")

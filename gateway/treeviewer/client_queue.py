@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.runtime.arrival import arrival_time
+from scenegate.lcm.arrival import arrival_time
 
 Message = bytes | memoryview
 Publish = Callable[[str, bytes], None]

@@ -14,7 +14,6 @@ from typing import Final, Protocol
 
 import structlog
 
-from gateway.runtime.arrival import set_arrival
 from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
 from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
@@ -25,6 +24,7 @@ from gateway.treeviewer.page_commands import ClickReceiver, update_page
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
 from gateway.treeviewer.responses import AnyResponse, Response
 from renderers.compiler.pending import any_pending
+from scenegate.lcm.arrival import set_arrival
 
 _log = structlog.get_logger("gateway.treeviewer")
 

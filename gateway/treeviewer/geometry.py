@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, PointCloud, Shape, Sphere, Triad
-from gateway.scene.materials import POINT_SIZE, Color, material, tinted
+from gateway.scene.materials import POINT_SIZE, Color, material
 from gateway.scene.transforms import IDENTITY
-from gateway.treeviewer import array_geometry, fields, image_geometry
+from gateway.treeviewer import array_geometry, fields, image_geometry, mesh_file_geometry
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 
@@ -129,44 +129,6 @@ def _triad(params: Params, context: ReadContext) -> Shape:
     return Triad(scale, bool(params.get("tube")))
 
 
-def _mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Load a mesh file, and return its parts with the command's colour."""
-    filename = params.get("filename")
-    if not isinstance(filename, str):
-        raise CommandError(
-            "filename is missing" if filename is None else f"filename must be a string, not {show(filename)}"
-        )
-    if context.meshes is None:
-        raise CommandError("filename: no folder of mesh files is open to clients")
-    scale = _mesh_file_scale(params)
-    try:
-        parts = context.meshes.load(filename, scale, context.warnings)
-    except (ValueError, OSError) as error:
-        if getattr(error, "missing", isinstance(error, FileNotFoundError)):
-            raise NothingToDraw(f"{error}, so nothing is drawn") from None
-        reason = error.strerror if isinstance(error, OSError) else error  # without a path, for clients
-        raise CommandError(f"filename: {reason}") from None
-    return tuple(
-        msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
-        for part in parts
-    )
-
-
-def _mesh_file_scale(params: Params) -> tuple[float, float, float]:
-    """Return the scale factors along x, y, z. The field has one number for all axes, or three."""
-    value = params.get("scale")
-    if value is None:
-        return 1.0, 1.0, 1.0
-    if isinstance(value, list) and len(value) == 3:
-        x, y, z = (fields.drawable(v, "scale") for v in fields.numbers(value, "scale", 3))
-        return x, y, z
-    single = value[0] if isinstance(value, list) and len(value) == 1 else value
-    if not isinstance(single, (int, float)):
-        raise CommandError(f"scale must be a number or three, not {show(value)}")
-    scale = fields.drawable(fields.number(single, "scale"), "scale")
-    return scale, scale, scale
-
-
 _SHAPES: Final[dict[str, Callable[[Params, ReadContext], Shape | None]]] = {
     "box": _box,
     "sphere": _sphere,
@@ -182,7 +144,7 @@ _SHAPES: Final[dict[str, Callable[[Params, ReadContext], Shape | None]]] = {
 """Readers of geometries that become one shape in the command's colour."""
 
 _PARTS: Final[dict[str, Callable[[Params, Color, ReadContext], tuple[Part, ...]]]] = {
-    "mesh_file": _mesh_file,
+    "mesh_file": mesh_file_geometry.mesh_file,
     "mesh": image_geometry.mesh,
     "image": image_geometry.image,
     "heightmap": image_geometry.heightmap,

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import msgspec
 
-from gateway.runtime.warning_list import strict_refusal
 from gateway.scene.tree import Path
 from gateway.treeviewer import fast_schema, fields
 from gateway.treeviewer.command_lists import commands
@@ -22,6 +21,7 @@ from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import NAMES, read_newer_commands
 from gateway.treeviewer.requests import Finding, Request, RequestError
+from scenegate.warning_text import strict_refusal
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""

@@ -11,21 +11,21 @@ from urllib.parse import urlsplit
 
 import structlog
 
-from gateway.lcm import tcpq_transport
 from gateway.lcm.listener import ChannelListener
-from gateway.lcm.network import channel_pattern, open_transport, resolve_url
 from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
-from gateway.lcm.transport import LcmUnavailableError, Transport
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
-from gateway.settings.lcm_url import OFF
 from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.dispatch import Dispatcher, DurableStore
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
+from scenegate.lcm import tcpq_transport
+from scenegate.lcm.network import channel_pattern, open_transport, resolve_url
+from scenegate.lcm.transport import LcmUnavailableError, Transport
+from scenegate.lcm.url import OFF
 
 _log = structlog.get_logger("gateway.treeviewer")
 

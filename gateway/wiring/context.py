@@ -14,7 +14,6 @@ from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime import process_tuning
-from gateway.runtime.arrival import arrival_time
 from gateway.runtime.kernels.loading import KernelLoader
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
@@ -28,6 +27,7 @@ from gateway.settings import Settings
 from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
+from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles

@@ -15,12 +15,14 @@ from typer.testing import CliRunner
 from gateway import __version__
 from gateway.cli import dataset, doctor, render_dataset
 from gateway.cli.commands import app
-from gateway.client.manifest import FailureRecord
 from gateway.datasets import check as dataset_check
-from gateway.lcm import replay
-from gateway.lcm.event_log import EventLogError
 from gateway.runtime import logs
 from gateway.runtime.kernels import cache
+from scenegate.cli import SERVER_COMMANDS
+from scenegate.datasets.manifest import FailureRecord
+from scenegate.lcm import replay
+from scenegate.lcm.event_log import EventLogError
+from tests.support.command import scenegate
 from tests.support.waiting import SECONDS
 
 
@@ -32,7 +34,8 @@ def _process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def invoke(*arguments: str) -> Any:
-    return CliRunner().invoke(app, arguments)
+    """Run a command of the client, or one of the server."""
+    return CliRunner().invoke(app, arguments) if arguments[0] in SERVER_COMMANDS else scenegate(*arguments)
 
 
 def test_the_version() -> None:
@@ -101,9 +104,7 @@ def test_a_file_that_is_no_log_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(replay, "play", play)
     log = tmp_path / "x.lcmlog"
     log.write_bytes(b"")
-    error = invoke("play", str(log)).exception
-    assert isinstance(error, ValueError)
-    assert str(error) == f"{log}: it has no events"
+    assert invoke("play", str(log)).stderr == f"scenegate: {log}: it has no events\n"
     assert invoke("play", str(log), "--speed", "-1").exit_code == 2
     assert invoke("play", str(tmp_path / "none")).exit_code == 2
 

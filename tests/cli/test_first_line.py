@@ -82,7 +82,7 @@ def test_a_file_that_cannot_be_read_is_reported_later(
 
 
 def test_it_comes_before_the_libraries_are_imported() -> None:
-    script = "import sys, gateway.cli; print(*sys.modules)"
+    script = "import sys, scenegate.cli; print(*sys.modules)"
     command = [sys.executable, "-c", script]
     loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     packages = {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import errno
+from importlib.metadata import entry_points
 from typing import NoReturn
 
 import pytest
 
-from gateway.cli import commands, main
+from scenegate import cli
+from scenegate.cli import play
+from tests.support.command import scenegate
 
 
 @pytest.mark.parametrize(
@@ -20,23 +23,42 @@ from gateway.cli import commands, main
         (OSError(errno.ENOENT, "No such file or directory", "scene.glb"), "scene.glb: No such file or directory"),
     ],
 )
-def test_expected_errors_are_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: Exception, text: str
-) -> None:
-    def fail() -> NoReturn:
+def test_expected_errors_are_one_sentence(monkeypatch: pytest.MonkeyPatch, error: Exception, text: str) -> None:
+    def fail(options: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr(commands, "app", fail)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 1
-    assert capsys.readouterr().err == f"scenegate: {text}\n"
+    monkeypatch.setattr(play, "run", fail)
+    ran = scenegate("play", __file__)
+    assert (ran.exit_code, ran.stderr) == (1, f"scenegate: {text}\n")
 
 
 def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> NoReturn:
+    def fail(options: object) -> NoReturn:
         raise KeyError("a fault")
 
-    monkeypatch.setattr(commands, "app", fail)
+    monkeypatch.setattr(play, "run", fail)
     with pytest.raises(KeyError):
-        main()
+        scenegate("play", __file__)
+
+
+def test_help_lists_the_commands_of_both_distributions() -> None:
+    shown = scenegate("--help")
+    assert shown.exit_code == 0
+    for name in (*cli.CLIENT_COMMANDS, *cli.SERVER_COMMANDS):
+        assert f"\n    {name} " in shown.stdout
+    assert (scenegate().exit_code, scenegate().stdout) == (0, shown.stdout)
+    assert scenegate("publsh").exit_code == 2
+
+
+def test_commands_of_the_server_have_entry_points() -> None:
+    assert {each.name for each in entry_points(group="scenegate.commands")} == set(cli.SERVER_COMMANDS)
+
+
+@pytest.mark.parametrize("command", cli.SERVER_COMMANDS)
+def test_without_the_server_the_remedy_is_named(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "entry_points", lambda **_: [])
+    ran = scenegate(command, "--help")
+    assert (ran.exit_code, ran.stderr) == (
+        1,
+        f"scenegate: `scenegate {command}` needs the server, which is not installed: pip install scenegate\n",
+    )

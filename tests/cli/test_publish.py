@@ -11,23 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
-from gateway.cli.commands import app
-from gateway.cli.publish import _read_request
-from gateway.client.tree.geometry import Mesh as Triangles
-from gateway.client.tree.geometry import PointCloud, Transform
-from gateway.client.tree.part_images import MAX_IMAGE_SIDE, PartImages
-from gateway.client.tree.parts import geometries_of
-from gateway.client.tree.published import Changes, Entry
+from gateway.robots.part_geometry import geometries_of
+from gateway.robots.part_images import MAX_IMAGE_SIDE, PartImages
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
 from gateway.scene.geometry import PointCloud as Points
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import from_pose, scaling, translation
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
 from renderers.images import decode_image
+from scenegate.cli.publish import _read_request
+from scenegate.messages.changes import Changes, Entry
+from scenegate.messages.geometry import Mesh as Triangles
+from scenegate.messages.geometry import PointCloud, Transform
 from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
+from tests.support.command import scenegate
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
@@ -186,30 +185,26 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
     robot = write(tmp_path, ARM)
     with gateway_process("--only", "treeviewer", "--lcm-url", "off", "--tcpq-port", "0") as (_, url):
         hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-        result = CliRunner().invoke(
-            app, ["publish", str(robot), "--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision"]
-        )
-        assert result.exit_code == 0, result.output
-        assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.output
+        options = ("--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision")
+        result = scenegate("publish", str(robot), *options)
+        assert result.exit_code == 0, result.stderr
+        assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.stdout
         pipe = tmp_path / "pipe"
         os.mkfifo(pipe)
         writer = threading.Thread(target=pipe.write_bytes, args=(robot.read_bytes(),))
         writer.start()
-        result = CliRunner().invoke(app, ["publish", str(pipe), "--lcm-url", hub, "--collision"])
+        result = scenegate("publish", str(pipe), "--lcm-url", hub, "--collision")
         writer.join(SECONDS)
-        assert "set: robot/base, robot/upper" in result.output, result.output
+        assert "set: robot/base, robot/upper" in result.stdout, result.stderr
         boxes = write(
             tmp_path, json.dumps({"setgeometry": [{"path": [i], "geometry": BOX} for i in range(12)]}), "b.json"
         )
-        result = CliRunner().invoke(app, ["publish", str(boxes), "--lcm-url", hub])
-        assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.output
-        with pytest.raises(ValueError, match="the robot has no joint 'elbo'; did you mean elbow"):
-            CliRunner().invoke(
-                app, ["publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub], catch_exceptions=False
-            )
+        result = scenegate("publish", str(boxes), "--lcm-url", hub)
+        assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.stdout
+        result = scenegate("publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub)
+        assert "the robot has no joint 'elbo'; did you mean elbow" in result.stderr
     mesh = write(tmp_path, TRIANGLE, "m.obj")
-    with pytest.raises(
-        ValueError,
-        match=r"--collision and --reload are for robot files \(\.urdf, \.sdf, \.world, \.xml, \.mjcf, \.xacro\)",
-    ):
-        CliRunner().invoke(app, ["publish", str(mesh), "--collision"], catch_exceptions=False)
+    assert (
+        "--collision and --reload are for robot files (.urdf, .sdf, .world, .xml, .mjcf, .xacro)"
+        in scenegate("publish", str(mesh), "--collision").stderr
+    )

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.client.channel import Credentials
-from gateway.client.imu import ImuFailure, ImuRecorder
-from gateway.client.stream import StreamOptions, receive_all
 from gateway.server.http_server import PortService
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.routes.imu_routes import imu_router
 from gateway.stereo.service import StereoService
+from scenegate.camera.credentials import Credentials
+from scenegate.camera.imu import ImuFailure, ImuRecorder
+from scenegate.camera.stream import StreamOptions, receive_all
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until
 
@@ -30,8 +30,8 @@ __all__ = ["renderer", "start"]
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for connections as long as every test does."""
-    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", SECONDS)
-    monkeypatch.setattr("gateway.client.imu._CONNECT_SECONDS", SECONDS)
+    monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", SECONDS)
+    monkeypatch.setattr("scenegate.camera.imu._CONNECT_SECONDS", SECONDS)
 
 
 @asynccontextmanager

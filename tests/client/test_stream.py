@@ -11,21 +11,19 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import typer
 from fastapi import FastAPI
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
-from gateway.client.command import stream
-from gateway.client.stream import Progress, StreamFailure, StreamOptions, receive_all
-from gateway.client.stream_files import BadImageError, depth, pixels, preview
-from gateway.client.truth import TruthFailure
-from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.pair_files import read_geometry
 from gateway.stereo.routes.truth_routes import truth_router
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.files import BadImageError, depth, pixels, preview
+from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive_all
+from scenegate.camera.truth import TruthFailure
 from tests.stereo.conftest import Start, renderer, start
+from tests.support.command import scenegate
 from tests.support.waiting import SECONDS, until
 
 __all__ = ["renderer", "start"]
@@ -34,7 +32,7 @@ __all__ = ["renderer", "start"]
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for connections as long as every test does."""
-    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", SECONDS)
+    monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", SECONDS)
 
 
 def read_image(*args: Any) -> NDArray[Any]:
@@ -122,7 +120,7 @@ async def test_exposure_and_gpios_are_written_on_request(start: Start, tmp_path:
 
 
 def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = f"127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(StreamFailure, match="accepts connections, but does not answer: only one side uses TLS"):
@@ -132,7 +130,7 @@ def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyP
 
 
 def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", 0.2)
     with pytest.raises(StreamFailure, match="'camera' is not a port"):
         receive_all(StreamOptions("localhost:camera", count=1))
 
@@ -146,12 +144,10 @@ async def test_a_refusal_is_one_sentence(start: Start) -> None:
 
 async def test_the_command(start: Start, tmp_path: Path) -> None:
     camera = await start(rate="max")
-    app = typer.Typer()
-    app.command()(stream)
     arguments = [f"127.0.0.1:{camera.service.port}", "--mesh", "--count", "1", "-o", str(tmp_path)]
-    result = await asyncio.to_thread(CliRunner().invoke, app, arguments)
-    assert result.exit_code == 0, result.output
-    assert "1 sets" in result.output
+    result = await asyncio.to_thread(scenegate, "stream", *arguments)
+    assert result.exit_code == 0, result.stderr
+    assert "1 sets" in result.stderr
     assert [p.suffix for p in tmp_path.iterdir()] == [".ply"]  # noqa: ASYNC240 - nothing else runs
 
 
@@ -191,10 +187,13 @@ FLAGS = ("left", "right", "disparity", "error", "confidence", "mesh", "color", "
 @pytest.mark.parametrize("flags", [(), *((flag,) for flag in FLAGS), FLAGS])
 def test_flags_of_the_command(flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     received: list[StreamOptions] = []
-    monkeypatch.setattr("gateway.client.stream.receive_all", lambda options, report: received.append(options))
-    app = typer.Typer()
-    app.command()(stream)
-    CliRunner().invoke(app, ["camera:1", *(f"--{flag}" for flag in flags)])
+
+    def receive(options: StreamOptions, report: Any) -> Progress:
+        received.append(options)
+        return Progress()
+
+    monkeypatch.setattr("scenegate.camera.stream.receive_all", receive)
+    scenegate("stream", "camera:1", *(f"--{flag}" for flag in flags))
     (options,) = received
     values = {flag: options.credentials.tls if flag == "tls" else getattr(options, flag) for flag in FLAGS}
     assert values == {flag: flag in flags for flag in FLAGS}
@@ -203,12 +202,10 @@ def test_flags_of_the_command(flags: tuple[str, ...], monkeypatch: pytest.Monkey
 
 
 def test_options_for_files_need_a_folder() -> None:
-    app = typer.Typer()
-    app.command()(stream)
     for option in (["--gpio"], ["--imu", "http://127.0.0.1:1"]):
-        result = CliRunner().invoke(app, ["127.0.0.1:1", *option])
+        result = scenegate("stream", "127.0.0.1:1", *option)
         assert result.exit_code == 2
-        assert "-o FOLDER" in result.output
+        assert "-o FOLDER" in result.stderr
 
 
 def test_default_is_left_and_disparity() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.client.stream_files import disparity_to_rgb, preview
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.files import disparity_to_rgb, preview
 
 BLUE, RED, BLACK = (48, 18, 59), (122, 4, 3), (0, 0, 0)
 """Ends of the colour scale, and invalid pixels."""

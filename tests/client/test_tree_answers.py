@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from gateway.client.tree import viewer as viewer_module
-from gateway.client.tree import wire
-from gateway.client.tree.answer import Answer, TreeViewerError
-from gateway.client.tree.geometry import Sphere
-from gateway.client.tree.published import Changes, PublishedTree, path_of
-from gateway.client.tree.viewer import TreeViewer
+from scenegate.messages import wire
+from scenegate.messages.changes import Changes, PublishedTree, path_of
+from scenegate.messages.geometry import Sphere
+from scenegate.tree import viewer as viewer_module
+from scenegate.tree.answer import Answer, TreeViewerError
+from scenegate.tree.viewer import TreeViewer
 from tests.support.waiting import SECONDS
 
 
@@ -27,7 +27,7 @@ class FakeConnection:
         self.bodies: list[dict[str, Any]] = []
         self.requests: list[dict[str, Any]] = []
 
-    def publish(self, channel: str, message: Any) -> None:
+    def publish(self, channel: str, message: Any, failed: Any) -> None:
         request = wire_body(message)
         self.requests.append(request)
         if self.bodies:

@@ -12,7 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.client import (
+from gateway.scene.materials import material
+from gateway.scene.transforms import from_pose
+from gateway.treeviewer import wire as server_wire
+from gateway.treeviewer.packed_arrays import unpack
+from scenegate import (
     Box,
     CameraFrustum,
     Capsule,
@@ -31,11 +35,7 @@ from gateway.client import (
     Transform,
     Triad,
 )
-from gateway.client.tree import wire
-from gateway.scene.materials import material
-from gateway.scene.transforms import from_pose
-from gateway.treeviewer import wire as server_wire
-from gateway.treeviewer.packed_arrays import unpack
+from scenegate.messages import wire
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -67,7 +67,7 @@ ALL = [
 
 
 def encoded(body: dict[str, Any], utime: int, name: str) -> bytes:
-    return wire.encode(body, utime, name).tobytes()
+    return bytes(wire.encode(body, utime, name))
 
 
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])

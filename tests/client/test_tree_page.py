@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.client import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
-from gateway.client.tree import clicks as client_clicks
 from gateway.lcm.config import LcmConfig
 from gateway.scene import clicks
 from gateway.scene.cameras import LookAtCamera
@@ -19,6 +17,8 @@ from gateway.scene.live_page import PageView
 from gateway.scene.tree import Node
 from gateway.treeviewer import newer_commands, request_reader
 from gateway.treeviewer.config import TreeViewerConfig
+from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
+from scenegate.tree import clicks as client_clicks
 from tests.client.test_tree_viewer import hub_of, in_thread
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -142,7 +142,7 @@ async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogC
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
         await in_thread(viewer.on_click, "robot", lambda click: [][0])
         await in_thread(viewer.on_click, "robot/arm", received.append)
-        with caplog.at_level(logging.ERROR, "gateway.client.tree.clicks"):
+        with caplog.at_level(logging.ERROR, "scenegate.tree.clicks"):
             service.protocol.page.clicks.click(ON_ARM)
             await until(lambda: received)
         await in_thread(viewer.close)

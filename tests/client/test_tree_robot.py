@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.client import AsyncTreeViewer, TreeViewer
-from gateway.client.tree.answer import Answer
-from gateway.client.tree.published import Changes
-from gateway.client.tree.robot import PublishedRobot
-from gateway.robots.reader import read_robot
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose
+from scenegate import AsyncTreeViewer, TreeViewer
+from scenegate.messages.changes import Changes
+from scenegate.robots import read_robot
+from scenegate.tree.answer import Answer
+from scenegate.tree.robot import PublishedRobot
 from tests.robots.files import ARM, write
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import Settings
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.job import Job, Result, Task, make_job
 from gateway.datasets.run import Progress, run
@@ -16,6 +15,7 @@ from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View
 from gateway.datasets.worker import Worker
 from gateway.scene.cameras import OrbitCamera
+from scenegate.datasets.manifest import Settings
 from tests.support import forms
 
 SETTINGS = Settings(

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.client import manifest
 from gateway.datasets.check import check_dataset
+from scenegate.datasets import manifest
 from tests.datasets.conftest import Draw, job_of
 
 

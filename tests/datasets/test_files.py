@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import CameraRecord, SampleRecord, encode
 from gateway.datasets.files import (
     InUseError,
     locked,
@@ -21,7 +20,8 @@ from gateway.datasets.job import Job
 from gateway.datasets.journal import Journal
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
-from gateway.runtime.regular_files import sha256_of
+from scenegate.datasets.manifest import CameraRecord, SampleRecord, encode
+from scenegate.regular_files import sha256_of
 from tests.datasets.conftest import SETTINGS
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client.manifest import FailureRecord
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.job import VIEWS_PER_TASK, Job, PlannedSample, make_job
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
+from scenegate.datasets.manifest import FailureRecord
 from tests.datasets.conftest import SETTINGS
 
 MESH = Source("mesh.stl", "/mesh.stl", SourceKind.MESH)

@@ -99,7 +99,7 @@ def test_the_command_goes_on_on_a_cluster(
 ) -> None:
     scenes, out = folders[0], tmp_path / "out"
     arguments = [str(scenes), "-o", str(out), "--orbit", "3", "--width", "32", "--height", "24"]
-    command = [python, "-m", "gateway.cli", "render", *arguments, "--ray", cluster["address"]]
+    command = [python, "-m", "scenegate", "render", *arguments, "--ray", cluster["address"]]
 
     def drawn() -> str:
         done = subprocess.run(

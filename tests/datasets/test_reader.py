@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.client.dataset import Dataset
-from gateway.client.lines import Lines
-from gateway.client.manifest import MAX_LINE_BYTES, RecordError
+from scenegate.datasets.dataset import Dataset
+from scenegate.datasets.lines import Lines
+from scenegate.datasets.manifest import MAX_LINE_BYTES, RecordError
 from tests.datasets.conftest import SETTINGS, Draw, job_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "read_dataset.py"
@@ -21,7 +21,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "read_dataset.py"
 
 def test_the_reader_loads_nothing_of_the_server() -> None:
     code = (
-        "import sys, gateway.client.dataset; "
+        "import sys, scenegate.datasets.dataset; "
         "print(sorted({m.split('.')[0] for m in sys.modules} & {'numba', 'fastapi', 'grpc', 'renderers', 'lcm'}))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

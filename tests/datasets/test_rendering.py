@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.client.manifest import ImageType
 from gateway.datasets.rendering import RequestRenderer, Style, render_images, style_of
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
@@ -19,6 +18,7 @@ from gateway.datasets.views import View, camera_of
 from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
+from scenegate.datasets.manifest import ImageType
 from tests.datasets.conftest import SETTINGS
 from tests.gltf.builder import Builder, data_uri
 from tests.support import forms

@@ -18,8 +18,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.client import manifest
-from gateway.client.dataset import NO_LABEL, Dataset
 from gateway.datasets import local_tasks, resume
 from gateway.datasets import worker as worker_module
 from gateway.datasets.camera_file import CameraFile
@@ -31,6 +29,8 @@ from gateway.datasets.sources import Source
 from gateway.datasets.views import View
 from gateway.datasets.worker import Worker
 from renderers.stop import check_stop
+from scenegate.datasets import manifest
+from scenegate.datasets.dataset import NO_LABEL, Dataset
 from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
 from tests.support import forms
 from tests.support.slow import slow_gltf
@@ -234,7 +234,7 @@ def test_reports_each_scene_with_an_invalid_name(scenes: Path, tmp_path: Path, d
 @pytest.mark.slow
 def test_a_bad_scene_gives_exit_code_1_and_the_others_are_rendered(scenes: Path, tmp_path: Path) -> None:
     (scenes / "two\nlines.gltf").write_bytes((scenes / "a.gltf").read_bytes())
-    command = [sys.executable, "-m", "gateway.cli", "render", str(scenes), "--width", "32", "--height", "24"]
+    command = [sys.executable, "-m", "scenegate", "render", str(scenes), "--width", "32", "--height", "24"]
     done = subprocess.run([*command, "-o", str(tmp_path / "out")], capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr
     assert r"scenegate: two\nlines.gltf: a name with the character '\n'" in done.stderr
@@ -366,7 +366,7 @@ def test_reports_an_unexpected_error_in_one_scene(
 def test_sigterm_ends_all_workers_and_the_run_can_continue(scenes: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = (str(scenes), "-o", str(out), "--orbit", "1500", "--width", "64", "--height", "48", "--threads", "2")
-    command = [sys.executable, "-m", "gateway.cli", "render", *arguments]
+    command = [sys.executable, "-m", "scenegate", "render", *arguments]
     # Its workers hold the other end of stderr: it ends when the last of them has ended.
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.client.stream import StreamOptions, receive
+from scenegate.camera.stream import StreamOptions, receive
 from tests.conftest import DemoGateway
 from tests.docs.pages import PAGES, Block, blocks, commands
 from tests.support.liblcm import liblcm

@@ -75,7 +75,7 @@ def test_nothing_is_loaded_from_other_hosts(site: Path) -> None:
 
 def test_python_reference_has_the_docstrings(site: Path) -> None:
     html = (site / "reference" / "python-tree-viewer" / "index.html").read_text("utf-8")
-    assert 'id="gateway.client.TreeViewer.set_transforms"' in html
+    assert 'id="scenegate.TreeViewer.set_transforms"' in html
     assert "Client of Scenegate or any other viewer" in html
 
 

@@ -36,7 +36,7 @@ def commands_of(block: Block, folder: Path, addresses: dict[str, str]) -> list[s
         return [f"{sys.executable} {script}"]
     if block.language != "sh":  # starting the server, which runs already
         return []
-    scenegate = f"{sys.executable} -m gateway.cli "
+    scenegate = f"{sys.executable} -m scenegate "
     return [
         placed(line, addresses).replace("curl ", "curl --fail --silent --show-error ", 1)
         if line.startswith("curl ")

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.lcm.event_log import Event, read_events
 from gateway.scene.transforms import from_pose
+from scenegate.lcm.event_log import Event, read_events
 from tests.drakeviewer.conftest import Viewer
 from tests.support.corpus import corpus_dir
 

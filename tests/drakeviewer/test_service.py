@@ -16,10 +16,8 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.service import DrakeViewerService
 from gateway.drakeviewer.viewer import PREFIXES
-from gateway.lcm import replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
-from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.warning_list import MAX_LISTED
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
@@ -27,6 +25,8 @@ from gateway.scene.tree import Path as TreePath
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
 from renderers.stop import check_stop
+from scenegate.lcm import replay
+from scenegate.lcm.arrival import arrival_time, set_arrival
 from tests.drakeviewer.encoding import IDENTITY, MESH, SPHERE, draw, geometry, link, load
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until

@@ -26,7 +26,7 @@ from tests.support.waiting import PAUSE, SECONDS
 
 def scenegate(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "gateway.cli", *arguments],
+        [sys.executable, "-m", "scenegate", *arguments],
         env={**os.environ, "COLUMNS": "200", **environment},
         capture_output=True,
         text=True,
@@ -63,7 +63,7 @@ def test_doctor_reports_a_taken_port(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_starting_the_command_line_imports_no_renderer() -> None:
-    code = "import gateway.cli, sys; print(sorted({'numba', 'cv2', 'fastapi', 'grpc'} & sys.modules.keys()))"
+    code = "import scenegate.cli, sys; print(sorted({'numba', 'cv2', 'fastapi', 'grpc'} & sys.modules.keys()))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout == "[]\n"
 

@@ -13,7 +13,7 @@ import grpc
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.liblcm import liblcm

@@ -70,7 +70,7 @@ async def test_a_robot_is_published_again_when_its_files_change(tmp_path: Path) 
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         arguments = ("publish", str(path), "--reload", "--lcm-url", url, *PATIENT)
-        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "gateway.cli", *arguments)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments)
         try:
             await until(lambda: parts_of("a") == 1)
             write_robot("<link")  # an error is printed, and the next change is awaited
@@ -148,7 +148,7 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         recorder = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "gateway.cli", "record", str(log), "--lcm-url", url, stderr=asyncio.subprocess.PIPE
+            sys.executable, "-m", "scenegate", "record", str(log), "--lcm-url", url, stderr=asyncio.subprocess.PIPE
         )
         assert recorder.stderr is not None
         async with asyncio.timeout(SECONDS):

@@ -10,7 +10,7 @@ import grpc
 import httpx2
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.ports import free_ports

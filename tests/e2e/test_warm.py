@@ -103,9 +103,7 @@ print(json.dumps({
 
 def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path: Path) -> None:
     """A second clone, wheel or container layer: other paths, other times, the same contents."""
-    filled = subprocess.run(
-        [sys.executable, "-m", "gateway.cli", "warmup"], capture_output=True, text=True, check=False
-    )
+    filled = subprocess.run([sys.executable, "-m", "scenegate", "warmup"], capture_output=True, text=True, check=False)
     assert filled.returncode == 0, filled.stderr
     for package in ("gateway", "renderers"):
         ignored = shutil.ignore_patterns("__pycache__", "node_modules")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import socket
 import struct
@@ -15,11 +16,9 @@ import sys
 import time
 from pathlib import Path
 
-from structlog.testing import capture_logs
-
-from gateway.lcm import udpm
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.udpm_transport import UdpmTransport
+from scenegate.lcm import udpm
+from scenegate.lcm.udpm_transport import UdpmTransport
 from tests.support.waiting import until
 
 GROUP, PORT = "239.255.76.67", 7667
@@ -46,7 +45,11 @@ def address(device: str, ip: str) -> str:
 
 async def receive(other: int) -> dict[str, object]:
     received: list[tuple[str, bool]] = []
-    with capture_logs() as logs:
+    logs: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: logs.append(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger("scenegate.lcm").addHandler(handler)
+    try:
         transport = UdpmTransport(f"udpm://{GROUP}:{PORT}?ttl=0", ("",), LcmConfig(), 1 << 20)
         transport.start(lambda channel, data, is_local: received.append((channel, is_local)), lambda: None)
         sending = ["nsenter", "-t", str(other), "-n", sys.executable, "-m", "tests.lcm.lan", "send"]
@@ -55,7 +58,9 @@ async def receive(other: int) -> dict[str, object]:
         await until(lambda: received)
         await until(lambda: transport.foreign == 2)
         await transport.close()
-    return {"received": received, "foreign": transport.foreign, "logs": [log["event"] for log in logs]}
+    finally:
+        logging.getLogger("scenegate.lcm").removeHandler(handler)
+    return {"received": received, "foreign": transport.foreign, "logs": logs}
 
 
 def send() -> None:

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.lcm.event_log import read_events
 from gateway.scene.live import LiveTree
+from scenegate.lcm.event_log import read_events
 from tests.lcm.test_replay import EVENTS, written
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
@@ -107,9 +107,7 @@ async def record_events(out: Path) -> None:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         # responses have other channels
         channels = ("--channels", "DIRECTOR_TREE_VIEWER_REQUEST.*|IMU")
-        async with running(
-            sys.executable, "-m", "gateway.cli", "record", str(out), "--lcm-url", url, *channels
-        ) as ours:
+        async with running(sys.executable, "-m", "scenegate", "record", str(out), "--lcm-url", url, *channels) as ours:
             assert ours.stderr is not None
             assert await ours.stderr.readline() == b"Recording ...\n"
             client = await publishing_client(service.tcpq_port)
@@ -140,7 +138,7 @@ async def test_a_log_of_lcm_logger_is_played(tmp_path: Path) -> None:
     assert [entry for entry in events if entry in SENT] == SENT
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        play = [sys.executable, "-m", "gateway.cli", "play", str(out), "--lcm-url", url, "--speed", "0"]
+        play = [sys.executable, "-m", "scenegate", "play", str(out), "--lcm-url", url, "--speed", "0"]
         async with running(*play) as ours:
             await wait_until_ended(ours)
             assert ours.returncode == 0

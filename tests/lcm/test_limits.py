@@ -6,12 +6,12 @@ import io
 
 import pytest
 
-from gateway.lcm import event_log, tcpq, udpm
-from gateway.lcm.event_log import EventLogError, pack_event, read_events
 from gateway.lcm.patterns import PatternError
-from gateway.lcm.receive_queue import OVERHEAD_BYTES, ReceiveQueue
 from gateway.lcm.subscriptions import Subscriptions
-from gateway.lcm.tcpq import (
+from scenegate.lcm import event_log, tcpq, udpm
+from scenegate.lcm.event_log import EventLogError, pack_event, read_events
+from scenegate.lcm.receive_queue import OVERHEAD_BYTES, ReceiveQueue
+from scenegate.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
     FrameError,
@@ -20,7 +20,7 @@ from gateway.lcm.tcpq import (
     publish_header,
     subscription_frame,
 )
-from gateway.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assembler
+from scenegate.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assembler
 
 
 def parse(stream: bytes, max_message: int = 100) -> list[tuple[FrameType, str, bytes]]:

@@ -14,11 +14,12 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm import network, receive_buffer, tcpq_hub, udpm_socket
+from gateway.lcm import tcpq_hub
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.liblcm_transport import MAX_READ, LiblcmTransport
-from gateway.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
-from gateway.runtime.arrival import arrival_time
+from scenegate.lcm import network, receive_buffer, udpm_socket
+from scenegate.lcm.arrival import arrival_time
+from scenegate.lcm.liblcm_transport import MAX_READ, LiblcmTransport
+from scenegate.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
 from tests.support.waiting import SECONDS, until, wait_until
 
 

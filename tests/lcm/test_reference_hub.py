@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.lcm.tcpq import FrameType
+from scenegate.lcm.tcpq import FrameType
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 from tests.treeviewer.transports import HubClient, serving

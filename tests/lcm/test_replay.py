@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm import event_log, replay
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
-from gateway.lcm.tcpq import HUB_HELLO, publish_header
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST
+from scenegate.lcm import event_log, replay
+from scenegate.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
+from scenegate.lcm.tcpq import HUB_HELLO, publish_header
 from tests.support.liblcm import liblcm
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, message

@@ -11,8 +11,8 @@ import pytest
 
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.tcpq_hub import TcpqHub
-from gateway.lcm.tcpq_transport import TcpqTransport
-from gateway.lcm.udpm_transport import UdpmTransport
+from scenegate.lcm.tcpq_transport import TcpqTransport
+from scenegate.lcm.udpm_transport import UdpmTransport
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import HubClient

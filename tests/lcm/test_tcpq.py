@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.lcm.patterns import PatternError, compile_pattern
-from gateway.lcm.tcpq import (
+from scenegate.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
     FrameError,

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
+from scenegate.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import MILLISECONDS, SECONDS, until
@@ -143,7 +143,7 @@ async def test_reports_taken_port() -> None:
         port = taken.getsockname()[1]
         config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
         with pytest.raises(
-            RuntimeError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
+            ConnectionError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
         ):
             async with serving(config):
                 pass
@@ -176,7 +176,7 @@ async def test_waits_for_a_hub() -> None:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
         async with serving(TreeViewerConfig(lcm=LcmConfig(url=f"tcpq://127.0.0.1:{port}", tcpq_port=None))) as service:
-            await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
+            await until(lambda: "no hub listens there" in service.status()["lcm"]["warning"])
 
 
 async def test_does_not_connect_to_its_own_hub(monkeypatch: pytest.MonkeyPatch) -> None:

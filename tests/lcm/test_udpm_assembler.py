@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm import udpm, udpm_assembler
-from gateway.lcm.udpm_assembler import Address, Assembler
+from scenegate.lcm import udpm, udpm_assembler
+from scenegate.lcm.udpm_assembler import Address, Assembler
 
 PREFIX = b"WANTED"
 A, B = ("10.0.0.1", 1000), ("10.0.0.2", 2000)

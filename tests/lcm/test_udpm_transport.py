@@ -13,14 +13,14 @@ from typing import Any, cast
 
 import pytest
 
-from gateway.lcm import udpm, udpm_socket
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.transport import LcmUnavailableError
-from gateway.lcm.udpm_assembler import Assembler
-from gateway.lcm.udpm_sender import UdpmSender
-from gateway.lcm.udpm_transport import UdpmTransport
-from gateway.settings.lcm_url import UdpmUrl, parse_udpm_url
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from scenegate.lcm import udpm, udpm_socket
+from scenegate.lcm.transport import LcmUnavailableError
+from scenegate.lcm.udpm_assembler import Assembler
+from scenegate.lcm.udpm_sender import UdpmSender
+from scenegate.lcm.udpm_transport import UdpmTransport
+from scenegate.lcm.url import UdpmUrl, parse_udpm_url
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import free_url, in_thread, join, lossless
 

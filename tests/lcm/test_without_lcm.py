@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm import liblcm_transport
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.transport import LcmUnavailableError
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST
+from scenegate.lcm import liblcm_transport
+from scenegate.lcm.transport import LcmUnavailableError
 from tests.support.liblcm import liblcm
 from tests.support.waiting import until
 from tests.treeviewer.transports import config_of, serving

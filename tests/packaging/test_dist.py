@@ -1,4 +1,4 @@
-"""Wheel and sdist: those in SCENEGATE_DIST (`make dist-test`), or built here."""
+"""Wheels and sdists of client and server: those in SCENEGATE_DIST (`make dist-test`), or built here."""
 
 from __future__ import annotations
 
@@ -39,23 +39,30 @@ def build(source: Path, into: Path, *what: str) -> None:
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of wheel and sdist."""
+    """The folder of wheels and sdists."""
     if given := os.environ.get("SCENEGATE_DIST"):
         return Path(given).absolute()
     made = tmp_path_factory.mktemp("dist")
+    build(ROOT / "client", made)
     build(ROOT, made)
     return made
 
 
 @pytest.fixture(scope="module")
 def wheel(dist: Path) -> Path:
-    (found,) = dist.glob("*.whl")
+    (found,) = dist.glob("scenegate-*.whl")
     return found
 
 
 @pytest.fixture(scope="module")
 def sdist(dist: Path) -> Path:
-    (found,) = dist.glob("*.tar.gz")
+    (found,) = dist.glob("scenegate-*.tar.gz")
+    return found
+
+
+@pytest.fixture(scope="module")
+def client_wheel(dist: Path) -> Path:
+    (found,) = dist.glob("scenegate_client-*.whl")
     return found
 
 
@@ -81,7 +88,7 @@ def test_sdist_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path, filter="data")
     build(tmp_path / sdist.name.removesuffix(".tar.gz"), tmp_path / "dist", "--wheel")
-    (again,) = (tmp_path / "dist").glob("*.whl")
+    (again,) = (tmp_path / "dist").glob("scenegate-*.whl")
     with zipfile.ZipFile(again) as one, zipfile.ZipFile(wheel) as other:
         assert {each.filename: each.CRC for each in one.infolist()} == {
             each.filename: each.CRC for each in other.infolist()
@@ -101,7 +108,24 @@ def test_metadata(wheel: Path) -> None:
         assert re.findall(r"\]\((?!https?:|#)[^)]*", text) == []
 
 
-def test_installed_wheel_serves_the_demo(wheel: Path, tmp_path: Path) -> None:
+def test_client_wheel_is_small_and_holds_nothing_of_the_server(client_wheel: Path) -> None:
+    files = {file.relative_to(ROOT / "client").as_posix() for file in (ROOT / "client/scenegate").rglob("*.py*")}
+    with zipfile.ZipFile(client_wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+        metadata = archive.read(f"scenegate_client-{__version__}.dist-info/METADATA").decode()
+    assert names == {name for name in files if "__pycache__" not in name}
+    assert "scenegate/py.typed" in names
+    assert client_wheel.stat().st_size < 300_000
+    required = [line for line in metadata.splitlines() if line.startswith("Requires-Dist:") and "extra" not in line]
+    assert [re.split(r"[ >=]+", line)[1] for line in required] == ["msgspec", "numpy"]
+
+
+def test_server_needs_the_client_of_its_version(wheel: Path) -> None:
+    required = metadata(wheel).get_all("Requires-Dist")
+    assert f"scenegate-client[camera,images]=={__version__}" in (required or [])
+
+
+def test_installed_wheel_serves_the_demo(wheel: Path, client_wheel: Path, tmp_path: Path) -> None:
     python = tmp_path / "environment" / "bin" / "python"
     run(UV, "venv", "--quiet", "--python", sys.executable, tmp_path / "environment")
     install: list[str | Path] = [UV, "pip", "install", "--quiet", "--python", python]
@@ -109,7 +133,7 @@ def test_installed_wheel_serves_the_demo(wheel: Path, tmp_path: Path) -> None:
         run(*install, "--require-hashes", "-r", ROOT / "requirements.lock", cwd=tmp_path)
     except AssertionError as error:
         pytest.skip(f"the dependencies cannot be installed: {str(error)[-200:]}")
-    run(*install, "--no-deps", wheel, cwd=tmp_path)
+    run(*install, "--offline", "--find-links", wheel.parent, "scenegate", cwd=tmp_path)  # finds the client there
     script = python.with_name("scenegate")
     where = "import gateway, renderers; print(gateway.__file__, renderers.__file__)"
     assert str(ROOT) not in run(python, "-c", where, cwd=tmp_path)

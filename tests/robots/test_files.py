@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
+from scenegate.robots.errors import RobotFileError
 from tests.parsers.test_mesh import nested
 from tests.robots.files import TRIANGLE, visual, write
 from tests.support.waiting import SECONDS

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.files import RobotFiles
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
 from renderers.color import linear_from_srgb
 from renderers.encode import png_rgb
+from scenegate.robots.files import RobotFiles
 from tests.robots.files import TRIANGLE, visual, write
 
 BLUE = "newmtl blue\nKd 0 0 1\n"

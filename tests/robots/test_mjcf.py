@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
 from renderers.color import linear_from_srgb
 from renderers.stop import StopFlag
+from scenegate.robots.errors import RobotFileError
 from tests.robots.files import TRIANGLE, write
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

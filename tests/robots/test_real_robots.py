@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
+from scenegate.robots.errors import RobotFileError
 from tests.support.waiting import SECONDS
 
 pytestmark = pytest.mark.slow

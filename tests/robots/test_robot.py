@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
-from gateway.robots.joint_text import parse_joints
-from gateway.robots.robot import MAX_MIMIC_CHAIN, JointValue
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.joint_text import parse_joints
+from scenegate.robots.robot import MAX_MIMIC_CHAIN, JointValue
 from tests.robots.files import ARM, read
 
 

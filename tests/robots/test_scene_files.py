@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from gateway.assets.scene_file import SceneFileError
-from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.geometry import Surface
+from scenegate.robots.errors import RobotFileError
 from tests.robots.files import ARM, TRIANGLE, link, write
 from tests.support import forms
 

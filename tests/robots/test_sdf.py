@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere, Surface
 from renderers.color import linear_from_srgb
+from scenegate.robots.errors import RobotFileError
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
 

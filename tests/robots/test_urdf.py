@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
+from scenegate.robots.errors import RobotFileError
 from tests.robots.files import ARM, link, read, visual, write
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.robots.errors import RobotFileError
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Sphere
+from scenegate.robots.errors import RobotFileError
 from tests.robots.files import write
 
 NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -126,6 +127,26 @@ def test_another_package_of_our_name_is_imported(site: Site, monkeypatch: pytest
     assert row.verdict is Verdict.ERROR
     theirs = site.folder / "renderers"
     assert row.detail == f"{theirs} (of other-renderers) is imported instead of {HOME / 'renderers'}"
+
+
+def test_a_distribution_with_a_package_of_our_name_is_named(site: Site) -> None:
+    """Its files are in the folder of ours; they have not replaced any."""
+    site.add("other-renderers", "1", {"renderers/of_the_other.py": ""})
+    shutil.rmtree(site.folder / "renderers")
+    row = only(site.findings("renderers"))
+    assert (row.verdict, row.detail) == (Verdict.NOTE, "other-renderers has a package of this name, too")
+
+
+@pytest.mark.parametrize(("version", "verdict"), [("0.1.0", Verdict.OK), ("0.2.0", Verdict.ERROR)])
+def test_a_library_of_exactly_one_version(
+    site: Site, monkeypatch: pytest.MonkeyPatch, version: str, verdict: Verdict
+) -> None:
+    monkeypatch.setattr(installation, "IMPORTS", {"my-client": "my_library.use"})
+    site.add("my-client", version, {"my_library/__init__.py": "use = 1"})
+    (site.folder / "scenegate-0.1.0.dist-info/METADATA").write_text(
+        "Metadata-Version: 2.1\nName: scenegate\nVersion: 0.1.0\nRequires-Dist: my-client[camera]==0.1.0\n"
+    )
+    assert only(site.findings("my-client")).verdict is verdict
 
 
 @pytest.mark.parametrize("name", ["gateway.py", "renderers"])

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from gateway.runtime.progress_bar import progress_bar
+from scenegate.cli.progress_bar import progress_bar
 
 
 class Terminal(io.StringIO):
@@ -22,7 +22,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, total: float | N
     monkeypatch.setenv("COLUMNS", str(columns))
     monkeypatch.setenv("TERM", "xterm")
     with progress_bar("Playing", "messages", total) as bar:
-        monkeypatch.setattr("gateway.runtime.progress_bar.time.monotonic", lambda: now[0])
+        monkeypatch.setattr("scenegate.cli.progress_bar.time.monotonic", lambda: now[0])
         bar.update(0, 0)
         now[0] += 2.0
         bar.update(25, 5, note="newest 7")

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from gateway.runtime.regular_files import (
+from renderers.stop import StopFlag
+from scenegate.regular_files import (
     open_regular,
     read_file_or_pipe,
     read_regular,
     read_text,
     sha256_of,
 )
-from renderers.stop import StopFlag
 from tests.support.waiting import SECONDS
 
 

@@ -20,10 +20,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
 from gateway.cli.commands import app
-from gateway.client.channel import Credentials
-from gateway.client.imu import ImuFailure, ImuRecorder
-from gateway.client.stream import StreamFailure
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.credentials import Credentials
+from scenegate.camera.imu import ImuFailure, ImuRecorder
+from scenegate.camera.stream import StreamFailure
 from tests.support import clients
 from tests.support.certificates import certificate
 from tests.support.gateway_process import GatewayProcess, gateway_process

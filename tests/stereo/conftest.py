@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.kernels.parts import PARTS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
@@ -26,6 +25,7 @@ from renderers.interface import Renderer
 from renderers.raster import CpuRenderer
 from renderers.raster.warmup import warmup
 from renderers.stereo.model import StereoModel
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.scenes import pose, table
 from tests.support.waiting import SECONDS, until
 

@@ -29,10 +29,10 @@ class GatewayProcess:
         self,
         *flags: str,
         env: dict[str, str] | None = None,
-        command: Sequence[str | Path] = (sys.executable, "-m", "gateway.cli"),
+        command: Sequence[str | Path] = (sys.executable, "-m", "scenegate"),
     ) -> None:
         # Here, since tests/compose/Dockerfile has this module without the package.
-        from gateway.testing.gateway import clean_environment
+        from scenegate.testing.gateway import clean_environment
 
         self.process = subprocess.Popen(
             [*command, "serve", *flags],
@@ -109,7 +109,7 @@ def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[d
 def gateway_process(
     *flags: str,
     env: dict[str, str] | None = None,
-    command: Sequence[str | Path] = (sys.executable, "-m", "gateway.cli"),
+    command: Sequence[str | Path] = (sys.executable, "-m", "scenegate"),
 ) -> Iterator[tuple[GatewayProcess, str]]:
     """Start a gateway on a free port; yield it with its URL."""
     gateway = GatewayProcess("--http-port", "0", *flags, env=env, command=command)

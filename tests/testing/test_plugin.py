@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import re
 import subprocess
 import sys
@@ -15,11 +14,8 @@ from tests.support.waiting import SECONDS
 pytest_plugins = ["pytester"]
 
 PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
-INSTALLED = any(entry.name == "scenegate" for entry in importlib.metadata.entry_points(group="pytest11"))
-PLUGIN = () if INSTALLED else ("-p", "gateway.testing.plugin")
-"""Loads the plugin in installations that are older than its entry point."""
 PATIENT = ("-o", f"scenegate_seconds={SECONDS:g}")
-ARGUMENTS = ("-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PATIENT, *PLUGIN)
+ARGUMENTS = ("-p", "scenegate.testing", "-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PATIENT)
 
 
 def example() -> str:
@@ -100,6 +96,6 @@ def test_scenes_flags_and_failure_reports(pytester: pytest.Pytester) -> None:
 
 def test_plugin_imports_nothing_but_pytest() -> None:
     code = "import sys; before = set(sys.modules); import pytest; known = set(sys.modules)\n"
-    code += "import gateway.testing.plugin\nprint(*sorted(set(sys.modules) - known))"
+    code += "import scenegate.testing\nprint(*sorted(set(sys.modules) - known))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.split() == ["gateway", "gateway.testing", "gateway.testing.plugin"]
+    assert result.stdout.split() == ["scenegate", "scenegate.testing"]

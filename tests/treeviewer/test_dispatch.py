@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from gateway.runtime.arrival import arrival_time, set_arrival
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
@@ -21,6 +20,7 @@ from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
+from scenegate.lcm.arrival import arrival_time, set_arrival
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.lcm import udpm_transport
 from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from scenegate.lcm import udpm_transport
 from tests.support.waiting import MILLISECONDS
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import ONE_BOX, decoded

@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription_frame
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
+from scenegate.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription_frame
 from tests.support.liblcm import liblcm
 from tests.support.waiting import MILLISECONDS, SECONDS
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.client import Box, Click, TreeViewer
+from scenegate import Box, Click, TreeViewer
 from tests.support import clients
 from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from gateway.client import Box, TreeViewer
+from scenegate import Box, TreeViewer
 from tests.support import clients
 from tests.support.browser import chromium, new_page
 from tests.support.gateway_process import gateway_process

@@ -11,7 +11,7 @@ from pathlib import Path
 import grpc
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support import clients, forms
 from tests.support.gateway_process import gateway_process
 from tests.support.waiting import SECONDS

@@ -9,7 +9,7 @@ import ast
 import importlib
 import inspect
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from typing import Any, Final
 
@@ -37,7 +37,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Drake's visualizer: one message", "gateway.drakeviewer.config", "Limits"),
     ("Drake's visualizer: scheduling", "gateway.drakeviewer.config", "DrakeViewerConfig"),
     ("Clicks in the browser", "gateway.scene.clicks", "ClickLimits"),
-    ("LCM transports", "gateway.lcm.config", "LcmConfig"),
+    ("LCM", "gateway.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.viewer.config", "ViewerConfig"),
@@ -71,7 +71,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Processes of --workers", "gateway.runtime.supervised_process", ("READY_SECONDS",)),
     ("Processes of --workers that hang at the end", "gateway.runtime.supervisor", ("KILL_SECONDS",)),
     ("Memory of finished images", "gateway.wiring.context", ("IDLE_SECONDS",)),
-    ("Packages of meshes", "gateway.assets.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
+    ("Packages of meshes", "scenegate.robots.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Robot files: MJCF", "gateway.robots.mjcf_files", ("MAX_INCLUDES",)),
     ("Labels", "gateway.scene.labels", ("MAX_LABELS",)),
     (
@@ -89,16 +89,16 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Tree viewer: formats", "gateway.treeviewer.wire", ("MAX_FORMAT_BYTES",)),
     (
         "TCPQ: frames",
-        "gateway.lcm.tcpq",
+        "scenegate.lcm.tcpq",
         ("MAX_READ_BYTES", "MAX_CHANNEL_BYTES", "MAX_PATTERN_BYTES", "MAX_NAME_BYTES"),
     ),
-    ("TCPQ: client of another hub", "gateway.lcm.tcpq_transport", ("MAX_UNSENT_BYTES",)),
+    ("TCPQ: client of another hub", "scenegate.lcm.tcpq_transport", ("MAX_UNSENT_BYTES",)),
     ("TCPQ: patterns", "gateway.lcm.patterns", ("MAX_STEPS",)),
     ("TCPQ: patterns of one client", "gateway.lcm.subscriptions", ("MAX_CLIENT_STEPS",)),
-    ("UDP multicast", "gateway.lcm.udpm_assembler", ("MAX_PARTIAL", "MIN_FRAGMENT_BYTES")),
-    ("LCM's library", "gateway.lcm.liblcm_transport", ("MAX_OPEN_FILES",)),
-    ("LCM logs", "gateway.lcm.event_log", ("MAX_DATA_BYTES",)),
-    ("LCM logs that are played", "gateway.lcm.replay", ("MAX_UNSENT_BYTES",)),
+    ("UDP multicast", "scenegate.lcm.udpm_assembler", ("MAX_PARTIAL", "MIN_FRAGMENT_BYTES")),
+    ("LCM's library", "scenegate.lcm.liblcm_transport", ("MAX_OPEN_FILES",)),
+    ("LCM logs", "scenegate.lcm.event_log", ("MAX_DATA_BYTES",)),
+    ("LCM logs that are played", "scenegate.lcm.replay", ("MAX_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
     ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_COORDINATE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
@@ -109,7 +109,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         "renderers.images",
         ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS", "MAX_UNCHECKED_IDAT", "MAX_IDAT_CHUNKS"),
     ),
-    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
+    ("Datasets: records", "scenegate.datasets.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
@@ -154,9 +154,11 @@ def page() -> str:
 
 def _limits_of(kind: type[Any]) -> Iterator[tuple[str, Any, str]]:
     """Yield name, default and docstring of each limit of a dataclass."""
-    (definition,) = ast.parse(inspect.getsource(kind)).body
-    assert isinstance(definition, ast.ClassDef)
-    texts = _docstrings(definition.body)
+    texts: dict[str, str] = {}
+    for part in filter(is_dataclass, kind.__mro__):
+        (definition,) = ast.parse(inspect.getsource(part)).body
+        assert isinstance(definition, ast.ClassDef)
+        texts |= _docstrings(definition.body)
     for field in fields(kind):
         if field.name not in _NOT_LIMITS and type(field.default) in (int, float):
             yield field.name, field.default, texts.get(field.name, "")

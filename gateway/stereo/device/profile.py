@@ -13,12 +13,12 @@ from typing import Annotated, Final
 
 import msgspec
 
-from gateway.runtime.regular_files import read_regular
 from gateway.stereo.device.parameter_specs import DeviceLimits
 from gateway.stereo.device.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.distortion import Distortion, check_distortion
 from renderers.stereo.model import Intrinsics, Quality, StereoModel
+from scenegate.regular_files import read_regular
 
 DEFAULT_PROFILE: Final = "rc_visard_160c"
 MAX_FILE_BYTES: Final = 16 << 10

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from gateway.runtime.regular_files import open_regular
 from gateway.stereo.imaging.recorded_pairs import Pair, Pairs
+from scenegate.regular_files import open_regular
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 

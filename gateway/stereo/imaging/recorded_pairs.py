@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.regular_files import read_regular
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging, MeteredExposure
 from renderers.drawlist import ImageError
@@ -22,6 +21,7 @@ from renderers.interface import Frame, Output
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.sensor_image import SensorImage
+from scenegate.regular_files import read_regular
 
 MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""

@@ -12,9 +12,7 @@ from google.protobuf.message import DecodeError, Message
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime import process_tuning
-from gateway.runtime.regular_files import read_regular
 from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.device.camera_config import StereoConfig, Tls
 from gateway.stereo.stream.faults import CUT_REASON, FaultInjector
@@ -22,6 +20,8 @@ from gateway.stereo.stream.image_events import EventHub
 from gateway.stereo.stream.reflection import ReflectionPool
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind
 from gateway.stereo.stream.subscriptions import ImageSetHub, LimitError, StreamError
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.regular_files import read_regular
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
 EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.stream.image_messages import time_message
 from gateway.stereo.stream.subscriptions import LimitError
+from scenegate.camera import image_interface_pb2 as pb
 
 
 class EventHub:

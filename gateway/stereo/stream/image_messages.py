@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.stream import image_wire as wire
 from gateway.stereo.stream.image_wire import Chunk
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.sensor.exposure import Exposure
+from scenegate.camera import image_interface_pb2 as pb
 
 OUTPUT_MASK = 0b0011
 """GPIO bits of Out1 and Out2."""

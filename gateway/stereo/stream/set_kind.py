@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
+from scenegate.camera import image_interface_pb2 as pb
 
 MIN_POINTS = 1000
 """Minimum of ``max_points``, unless it is 0 for no limit (protocol document)."""

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFileError, MeshFiles
-from gateway.assets.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import PointCloud, Surface
 from renderers.cache import CacheBudget
+from scenegate.robots.ros_packages import MAX_DEPTH, RESCAN_SECONDS, Packages
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
 
 
@@ -157,7 +157,7 @@ def test_packages_are_searched_to_a_depth(root: Path, depth: int, found: bool) -
 def test_searches_end_at_a_number_of_folders(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("a", "b", "c"):
         write(root / name / "package.xml", f"<name>{name}</name>")
-    monkeypatch.setattr("gateway.assets.ros_packages.MAX_FOLDERS", 3)  # the root itself, a and b
+    monkeypatch.setattr("scenegate.robots.ros_packages.MAX_FOLDERS", 3)  # the root itself, a and b
     assert list(Packages((root,)).scan()) == ["a", "b"]
 
 

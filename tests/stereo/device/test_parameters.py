@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameter_specs import NODES, Spec
 from gateway.stereo.device.parameters import ParameterError, Parameters, UnknownParameterError, check_value
@@ -15,6 +14,7 @@ from gateway.stereo.stream.set_kind import SetKind, read_set_kind
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import Quality, StereoModel
 from renderers.stereo.sensor.exposure import Exposure
+from scenegate.camera import image_interface_pb2 as pb
 
 NUMBERS = [spec for specs in NODES.values() for spec in specs.values() if spec.type in ("float64", "int32")]
 

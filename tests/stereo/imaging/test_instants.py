@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part
@@ -24,6 +23,7 @@ from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import DrawList, Material
 from renderers.raster import CpuRenderer
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import SMALL, Start
 from tests.stereo.scenes import pose
 from tests.support.waiting import SECONDS, until

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.client.stream_files import save
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
 from gateway.stereo.imaging.recorded_pairs import Pair, Pairs, pair_imaging
@@ -27,6 +25,8 @@ from renderers.drawlist import ImageError
 from renderers.stereo.sensor.exposure import Exposure
 from renderers.stereo.sensor.noise import NoiseStream
 from renderers.stereo.sensor.sensor_image import SensorImage
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.files import save
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.imaging.test_exposure import capture_set
 

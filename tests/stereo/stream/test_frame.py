@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
@@ -15,6 +14,7 @@ from gateway.stereo.stream.frame import Frame
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.raster import CpuRenderer
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import pose, table
 

@@ -11,8 +11,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import Tls
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import Camera, Start
 from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS

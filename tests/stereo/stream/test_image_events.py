@@ -9,9 +9,9 @@ import grpc
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.stream.image_events import EventHub
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import Camera, Start
 from tests.support.waiting import SECONDS, until
 

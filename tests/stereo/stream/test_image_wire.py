@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream import image_wire as wire
@@ -15,6 +14,7 @@ from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.set_kind import RequestError, SetKind, read_set_kind
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.exposure import Exposure
+from scenegate.camera import image_interface_pb2 as pb
 
 METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, gpio=1)
 

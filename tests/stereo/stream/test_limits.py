@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import parse_timestamp
 from gateway.stereo.device.parameter_specs import NODES, Spec
@@ -24,6 +23,7 @@ from renderers.stereo.depth.filters import Filters, apply_filters
 from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import Intrinsics, StereoModel
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support.waiting import until
 
 

@@ -10,15 +10,15 @@ from collections.abc import Callable
 import grpc
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.stream.grpc_server import RETURN_BYTES, SERVICE, UnsentMessages
+from scenegate.camera import image_interface_pb2 as pb
 from tests.support.waiting import SECONDS, until
 
 SET_MB = 16
 CLIENTS = 16
 SERVER = f"""
 import asyncio, os, sys
-from gateway.generated import image_interface_pb2 as pb
+from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime import logs, process_tuning
 from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.device.camera_config import StereoConfig

@@ -11,7 +11,6 @@ import grpc
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.profile import read_profile
@@ -19,6 +18,7 @@ from gateway.stereo.routes.truth_routes import find_frame, ground_truth_npz
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running, seen
 from tests.stereo.scenes import table
 from tests.support.waiting import until

@@ -10,8 +10,8 @@ from dataclasses import replace
 import grpc
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from renderers.drawlist import DrawList
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import EVERYTHING, SMALL, Start
 from tests.stereo.scenes import table
 from tests.support.waiting import SECONDS, until

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.clock import parse_timestamp, timestamp_text
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
@@ -17,6 +16,7 @@ from gateway.stereo.routes.truth_routes import find_frame
 from gateway.stereo.stream.faults import FaultInjector, Faults
 from gateway.stereo.stream.frame import FrameRecord
 from gateway.stereo.stream.image_messages import time_message
+from scenegate.camera import image_interface_pb2 as pb
 
 
 def record(number: int, camera: int, depth: int) -> FrameRecord:

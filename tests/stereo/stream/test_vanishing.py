@@ -8,9 +8,9 @@ from typing import Any
 import grpc
 import pytest
 
-from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.stream.grpc_server import _decode_requests
+from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import SMALL, running, seen
 from tests.stereo.scenes import table
 from tests.support.endless import EndlessRenderer

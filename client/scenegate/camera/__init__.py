@@ -1,0 +1,22 @@
+"""Receives the image sets of Scenegate's stereo camera or of a real rc_visard over gRPC, and samples of its IMU.
+
+Needs grpcio and protobuf: ``scenegate-client[camera]``.
+"""
+
+from __future__ import annotations
+
+from scenegate.camera.credentials import Credentials as Credentials
+from scenegate.camera.files import BadImageError as BadImageError
+from scenegate.camera.files import depth as depth
+from scenegate.camera.files import intrinsics as intrinsics
+from scenegate.camera.files import pixels as pixels
+from scenegate.camera.files import preview as preview
+from scenegate.camera.files import save as save
+from scenegate.camera.imu import ImuFailure as ImuFailure
+from scenegate.camera.imu import ImuRecorder as ImuRecorder
+from scenegate.camera.stream import StreamFailure as StreamFailure
+from scenegate.camera.stream import StreamOptions as StreamOptions
+from scenegate.camera.stream import receive as receive
+from scenegate.camera.stream import receive_all as receive_all
+from scenegate.camera.truth import TruthFailure as TruthFailure
+from scenegate.camera.truth import fetch_truth as fetch_truth

@@ -1,0 +1,270 @@
+"""Receive the image sets of Scenegate's stereo camera or of a real rc_visard, over gRPC.
+
+``receive`` yields the sets. ``receive_all`` also writes them to files, for ``scenegate stream``.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import grpc
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.camera import files
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.credentials import Credentials
+from scenegate.camera.imu import ImuRecorder
+from scenegate.camera.truth import fetch_truth
+
+METHOD = "/ImageInterface/StreamImageSets"
+"""The gRPC method of the stream."""
+CONNECT_SECONDS = 10.0
+"""Timeout for the connection to the camera."""
+IMU_SECONDS = 1.0
+"""Maximum time to wait for IMU samples before the first set and after the last one; they are 0.4 s late. With a
+simulated clock there are none while no frames are made."""
+
+
+class StreamFailure(RuntimeError):  # noqa: N818 - public name
+    """The camera cannot be reached, or ended the stream; the message is one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamOptions:
+    """Address of the camera, contents of the image sets, and files to write."""
+
+    target: str
+    """``HOST:PORT`` or ``HOST``. The default port is 50051."""
+    left: bool = False
+    """Receive the left image."""
+    right: bool = False
+    """Receive the right image."""
+    disparity: bool = False
+    """Receive the disparity image."""
+    error: bool = False
+    """Receive the disparity error image."""
+    confidence: bool = False
+    """Receive the confidence image."""
+    mesh: bool = False
+    """Receive the mesh."""
+    color: bool = False
+    """Receive the left and right images in RGB instead of grey."""
+    color_camera: bool = False
+    """Receive the image of the colour camera (Scenegate only)."""
+    depth: bool = False
+    """Receive depth in millimetres (Scenegate only)."""
+    aligned: bool = False
+    """Receive ``depth`` as seen by the colour camera."""
+    max_points: int = 0
+    """Maximum number of points of a mesh, at least 1000; 0: no limit."""
+    min_depth: bool = False
+    """Use the nearest point in each bin of pixels of a mesh instead of the mean."""
+    watertight: bool = False
+    """Receive a mesh without holes."""
+    textured: bool = False
+    """Receive a mesh with colours."""
+    count: int = 0
+    """Number of sets to receive; 0: no limit."""
+    output: Path | None = None
+    """Folder for PNG, PLY, npz and parameter files, which is created if missing; None: do not write these files."""
+    preview: Path | None = None
+    """Image file to write with all images of the newest set, side by side; None: do not write it."""
+    credentials: Credentials = field(default_factory=Credentials)
+    """Token and TLS certificates."""
+    timeout: float | None = None
+    """Maximum duration of the stream, seconds; None: no limit."""
+    exposure: bool = False
+    """Write the exposure of each image to ``output``; see ``files.save``."""
+    gpio: bool = False
+    """Write the GPIOs of each image to ``output``; see ``files.save``."""
+    truth: str | None = None
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write the ground truth of each set to
+    ``output``; None: do not write it."""
+    imu: str | None = None
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write IMU samples to ``imu.csv`` in
+    ``output``; None: do not write them."""
+    pipeline: int = 0
+    """Number of the camera whose ground truth and IMU samples are written."""
+
+    def request(self) -> pb.ImageSetRequest:
+        """Return the gRPC request. If neither image nor mesh is chosen, it is for left and disparity."""
+        rc_visard_images = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
+        any_chosen = rc_visard_images or self.color_camera or self.depth
+        return pb.ImageSetRequest(
+            left_enabled=self.left or not any_chosen,
+            right_enabled=self.right,
+            disparity_enabled=self.disparity or not any_chosen,
+            disparity_error_enabled=self.error,
+            confidence_enabled=self.confidence,
+            mesh_enabled=self.mesh,
+            mesh_options=pb.MeshOptions(
+                max_points=self.max_points,
+                binning_method=pb.MeshOptions.MIN_DEPTH if self.min_depth else pb.MeshOptions.AVERAGE,
+                watertight=self.watertight,
+                textured=self.textured,
+            )
+            if self.mesh
+            else None,
+            color=self.color,
+            color_camera_enabled=self.color_camera,
+            depth_mm_enabled=self.depth,
+            depth_aligned=self.aligned,
+        )
+
+
+@dataclass(slots=True)
+class Progress:
+    """Statistics of a running stream."""
+
+    sets: int = 0
+    """Number of sets received."""
+    bytes: int = 0
+    """Bytes of all sets received."""
+    seconds: float = 0.0
+    """Time from the first to the newest set, in seconds."""
+    first_set_seconds: float = 0.0
+    """Time until the first set was received, in seconds."""
+    timestamp: str = ""
+    """Timestamp of the newest set, ``sec.nsec``."""
+    imu_samples: int = 0
+    """Number of IMU samples written."""
+    imu_lost: int = 0
+    """Number of IMU samples lost because they were read too slowly."""
+    _last_second: int = 0
+    """``seconds``, rounded down, at the last call of ``second_passed``."""
+
+    @property
+    def rate(self) -> float:
+        """Sets per second."""
+        return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
+
+    def second_passed(self) -> bool:
+        """Return True if ``seconds``, rounded down, has increased since the last call."""
+        previous, self._last_second = self._last_second, int(self.seconds)
+        return self._last_second > previous
+
+    def line(self) -> str:
+        """Return the statistics as one line of text."""
+        text = f"{self.sets} sets"
+        if self.seconds > 0:
+            text += f", {self.rate:.1f} per second, {self.bytes / 1e6 / self.seconds:.1f} MB/s"
+        text += f", newest {self.timestamp}"
+        if self.imu_samples:
+            text += f", {self.imu_samples} IMU samples"
+        if self.imu_lost:
+            text += f", {self.imu_lost} lost"
+        return text
+
+
+def receive(options: StreamOptions) -> Generator[tuple[pb.ImageSet, int], None, None]:
+    """Yield image sets and their sizes in bytes, until ``count`` is reached or the iterator is closed.
+
+    Raises:
+        StreamFailure: the camera cannot be reached, refuses the request, or ends the stream.
+        OSError: a certificate cannot be read.
+    """
+    target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
+    # Unlimited: complete meshes have 55 MB, and gRPC's default limit is 4 MB.
+    channel_options = [("grpc.max_receive_message_length", -1)]
+    with options.credentials.channel(target, channel_options) as channel:
+        try:
+            grpc.channel_ready_future(channel).result(CONNECT_SECONDS)
+        except grpc.FutureTimeoutError:
+            raise StreamFailure(_connection_problem(target)) from None
+        # Without a deserializer the sets are bytes, whose size is known.
+        open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
+        call = open_stream(options.request(), timeout=options.timeout, metadata=options.credentials.metadata)
+        try:
+            for number, data in enumerate(call, 1):
+                yield pb.ImageSet.FromString(data), len(data)
+                if number == options.count:
+                    break
+            else:
+                raise StreamFailure(f"{target} ended the stream")
+        except grpc.RpcError as error:
+            raise StreamFailure(f"{target} ended the stream: {error.code().name}: {error.details()}") from None
+        finally:
+            call.cancel()
+
+
+def _connection_problem(target: str) -> str:
+    """Return why gRPC cannot connect. gRPC does not tell: it logs TLS errors and tries again."""
+    host, _, port = target.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
+    except (ValueError, OverflowError):
+        return f"{target} is not HOST:PORT: {port!r} is not a port"
+    except OSError:
+        return (
+            f"no answer from {target}: is a gateway running there, with its stereo camera on this port (--grpc-port, "
+            "50051 by default)? `scenegate serve --demo` starts one"
+        )
+    return (
+        f"{target} accepts connections, but does not answer: only one side uses TLS, its certificate is not made for "
+        "this name or not trusted, it asks for a client certificate, or it is not a gRPC server"
+    )
+
+
+def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:
+    """Receive sets, write the requested files, and call ``report`` after each set.
+
+    Returns:
+        Statistics of the whole stream.
+
+    Raises:
+        StreamFailure: as ``receive``.
+        OSError: a certificate cannot be read, or a file cannot be written.
+        TruthFailure: the ground truth of a set cannot be fetched.
+        ImuFailure: the IMU samples cannot be recorded.
+    """
+    if options.output is not None:
+        options.output.mkdir(parents=True, exist_ok=True)
+    if options.output is None or options.imu is None:
+        return _receive_sets(options, report, None)
+    path = options.output / "imu.csv"
+    with ImuRecorder(options.imu, path, options.credentials, options.pipeline) as recorder:
+        recorder.wait_for_sample(0, IMU_SECONDS)
+        return _receive_sets(options, report, recorder)
+
+
+def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], recorder: ImuRecorder | None) -> Progress:
+    """Receive and write sets; see ``receive_all``."""
+    progress = Progress()
+    start = time.monotonic()
+    # With a recorder, the stream stays open until the samples up to the last set have arrived.
+    sets = receive(options if recorder is None else replace(options, count=0))
+    for image_set, size in sets:
+        now = time.monotonic()
+        if progress.sets == 0:
+            progress.first_set_seconds, start = now - start, now
+        progress.sets += 1
+        progress.bytes += size
+        progress.seconds = now - start
+        progress.timestamp = files.timestamp_text(image_set.timestamp)
+        if options.output is not None:
+            files.save(image_set, options.output, exposure=options.exposure, gpio=options.gpio)
+            if options.truth is not None:
+                truth = fetch_truth(options.truth, progress.timestamp, options.credentials, options.pipeline)
+                (options.output / f"image_{progress.timestamp}_truth.npz").write_bytes(truth)
+        if options.preview is not None:
+            files.write_image(options.preview, files.preview(image_set))
+        if recorder is not None:
+            recorder.check()
+            if progress.sets == options.count:
+                recorder.wait_for_sample(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec, IMU_SECONDS)
+            progress.imu_samples, progress.imu_lost = recorder.samples, recorder.lost
+        report(progress)
+        if recorder is not None and progress.sets == options.count:
+            sets.close()
+            break
+    return progress
+
+
+def depth_of(disparity: pb.DisparityImage) -> NDArray[np.float32]:
+    """Return the depth in metres along the optical axis, (H, W). It is +inf where the disparity is invalid."""
+    return files.depth(disparity)

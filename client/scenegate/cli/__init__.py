@@ -1,0 +1,86 @@
+"""The command ``scenegate``. Commands import lazily, and every expected error is one sentence without a traceback."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Final
+
+CLIENT_COMMANDS: Final = {
+    "publish": ("scenegate.cli.publish", "Publish a file at a path of a viewer's live scene."),
+    "stream": ("scenegate.cli.stream", "Receive image sets of a stereo camera, Scenegate's or a real rc_visard."),
+    "record": ("scenegate.cli.record", "Record an LCM network, for lcm-logplayer, lcm-spy and `scenegate play`."),
+    "play": ("scenegate.cli.play", "Play a log into an LCM network."),
+}
+"""Modules with ``add_arguments`` and ``run``, and the first lines of their descriptions."""
+SERVER_COMMANDS: Final = {
+    "serve": "Serve all protocols until SIGTERM or Ctrl+C.",
+    "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
+    "dataset": "Commands for datasets written by `scenegate render`.",
+    "doctor": "Find what does not work, what that means and what to do.",
+    "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
+}
+"""Commands of the server's distribution, which it has entry points for."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command; the console script calls this."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name = arguments[0] if arguments else "--help"
+    try:
+        if name in SERVER_COMMANDS:
+            _run_of_server(name, arguments)
+        elif name in CLIENT_COMMANDS:
+            parser = command_parser(name)
+            options = parser.parse_args(arguments[1:])
+            try:
+                import_module(CLIENT_COMMANDS[name][0]).run(options)
+            except argparse.ArgumentTypeError as error:  # options that do not go together
+                parser.error(str(error))
+        else:
+            _parser().parse_args([name])
+    except (OSError, ValueError, RuntimeError, ImportError) as error:
+        message = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            message = f"{error.filename}: {error.strerror}"
+        sys.exit(f"scenegate: {message}")
+
+
+def command_parser(name: str) -> argparse.ArgumentParser:
+    """Return the parser of a command of the client."""
+    module, description = CLIENT_COMMANDS[name]
+    parser = argparse.ArgumentParser(f"scenegate {name}", description=description, allow_abbrev=False)
+    import_module(module).add_arguments(parser)
+    return parser
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Return the parser of the command without a known subcommand, for its help, its version and its errors."""
+    from scenegate import __version__
+
+    helps = {name: text for name, (_, text) in CLIENT_COMMANDS.items()} | SERVER_COMMANDS
+    parser = argparse.ArgumentParser(
+        "scenegate",
+        description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
+        epilog="serve, render, dataset, doctor and warmup need the server: pip install scenegate",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"scenegate {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name, text in helps.items():
+        commands.add_parser(name, help=text)
+    return parser
+
+
+def _run_of_server(name: str, arguments: Sequence[str]) -> None:
+    found = list(entry_points(group="scenegate.commands", name=name))
+    if not found:
+        raise ImportError(f"`scenegate {name}` needs the server, which is not installed: pip install scenegate")
+    try:
+        run = found[0].load()
+    except ImportError as error:
+        raise ImportError(f"{error}; `scenegate doctor` says what is wrong with the installation") from None
+    run(arguments)

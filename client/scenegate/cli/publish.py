@@ -1,0 +1,177 @@
+"""``scenegate publish``: put a file into the live scene of a running viewer, Scenegate's or Director's."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from scenegate.cli.options import add_lcm_url, at_least, existing_file, existing_folder
+from scenegate.messages.changes import Changes, path_of
+from scenegate.messages.changes import Path as NodePath
+from scenegate.messages.mesh_file import MeshFile
+from scenegate.regular_files import read_file_or_pipe
+from scenegate.robots.joint_text import parse_joints
+from scenegate.robots.reader import SUFFIXES
+from scenegate.tree.answer import Answer
+from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.viewer import TreeViewer
+from scenegate.warning_text import strict_refusal
+
+RELOAD_SECONDS: Final = 0.5
+"""Interval at which ``--reload`` checks the files of a robot for changes."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments and options."""
+    add = parser.add_argument
+    text = (
+        "a request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: urdf, sdf, "
+        "xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro)"
+    )
+    add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=text)
+    add("--path", default="", help="path in the tree: robot/base")
+    text = "refuse a file of which something cannot be drawn, instead of a warning"
+    add("--strict", action="store_true", help=text)
+    add_lcm_url(parser)
+    text = "seconds to wait for the viewer (default: 10)"
+    add("--timeout", type=at_least(0.1), default=10.0, metavar="SECONDS", help=text)
+    robot = parser.add_argument_group("robots").add_argument
+    text = (
+        "joint value of a robot file, in radians or metres; several numbers separated by commas for joints that have "
+        "several. Can be repeated"
+    )
+    robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "folder with the packages of a robot file's package:// names. Can be repeated"
+    robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=text)
+    text = "keyframe of an MJCF file, which has the joints' values"
+    robot("--keyframe", default="", metavar="NAME", help=text)
+    text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
+    robot("--robot-gltf-up", choices=("y", "z", "auto"), default="y", help=text)
+    text = "publish a robot's collision geometry, not its visual geometry"
+    robot("--collision", action="store_true", help=text)
+    text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
+    robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=text)
+    text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
+    robot("--reload", action="store_true", help=text)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Publish a file, in place of everything at and below the path."""
+    source: Path = options.source
+    top, name = path_of(options.path), source.stem if source.is_file() else "robot"
+    is_robot = source.suffix.lower() in SUFFIXES or not (source.suffix or source.is_file())
+    if is_robot:
+        if options.reload and not source.is_file():
+            raise ValueError(f"{source}: --reload needs a file, not a pipe")
+
+        def publish_robot(viewer: TreeViewer) -> PublishedRobot:
+            return viewer.robot(
+                top or (name,),
+                source,
+                joints=parse_joints(options.joint),
+                roots=options.root,
+                geometry="collision" if options.collision else "visual",
+                textures=options.textures,
+                keyframe=options.keyframe,
+                gltf_up=options.robot_gltf_up,
+                strict=options.strict,
+            )
+
+        with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:
+            if options.reload:
+                _publish_on_change(viewer, source, publish_robot)
+            else:
+                _print_robot(source, publish_robot(viewer))
+        return
+    if options.joint or options.root or options.keyframe or options.collision or options.reload:
+        flags = "--joint, --root, --keyframe, --collision and --reload"
+        raise ValueError(f"{source}: {flags} are for robot files ({', '.join(SUFFIXES)})")
+    changes = Changes()
+    if source.suffix.lower() == ".json":
+        _read_request(source, top, changes)
+    else:
+        top = top or (source.stem,)
+        changes.delete(top)
+        changes.set(top, [MeshFile.read(source).body()])
+    with TreeViewer(options.lcm_url, options.timeout) as viewer:
+        answer = viewer.send(changes)
+        if options.strict and answer.warnings and source.suffix.lower() != ".json":
+            viewer[top].delete()
+            raise ValueError(f"{source}: {strict_refusal(answer.warnings)}")
+    _print(answer)
+
+
+def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
+    """Add the commands of a request in JSON, with ``root`` before their paths."""
+    try:
+        request = json.loads(read_file_or_pipe(source))
+    except ValueError as error:
+        raise ValueError(f"{source} is not JSON: {error}") from None
+    if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
+        raise ValueError(f"{source} is not a request of the protocol: it has no delete, setgeometry or settransform")
+    for path, _ in _commands(request, "delete", source):
+        changes.delete(root + path)
+    for path, command in _commands(request, "setgeometry", source):
+        geometries = [command["geometry"]] if command.get("geometry") else command.get("geometries") or []
+        changes.set(root + path, geometries)
+    for path, command in _commands(request, "settransform", source):
+        changes.transform(root + path, command.get("transform") or {})
+
+
+def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
+    """Yield path and fields of each command in a list of the request."""
+    for index, command in enumerate(request.get(name) or ()):
+        path = command.get("path") if isinstance(command, dict) else None
+        if not isinstance(path, (list, str)):
+            raise ValueError(f"{source}: {name}[{index}] has no path")
+        yield path_of(path) if isinstance(path, str) else tuple(path), command
+
+
+def _publish_on_change(viewer: TreeViewer, source: Path, publish_robot: Callable[[TreeViewer], PublishedRobot]) -> None:
+    """Publish a robot, and again whenever one of its files changes. Errors of the files are printed."""
+    stamps: dict[Path, float | None] = {source: None}
+    while True:
+        if all(_changed(path) == stamp for path, stamp in stamps.items()):
+            time.sleep(RELOAD_SECONDS)
+            continue
+        began = time.time()
+        stamps = {path: _changed(path) for path in stamps}
+        try:
+            robot = publish_robot(viewer)
+        except (ValueError, ImportError) as error:
+            print(str(error), file=sys.stderr)
+            continue
+        _print_robot(source, robot)
+        for path in (source.parent / name for name in robot.files):
+            changed = _changed(path)
+            # A new file may have changed since it was read: then the robot is published once more.
+            stamps.setdefault(path, changed if changed is None or changed < began - RELOAD_SECONDS else None)
+
+
+def _changed(path: Path) -> float | None:
+    """Return the time of a file's last change; None if there is no such file."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return None
+
+
+def _print_robot(source: Path, robot: PublishedRobot) -> None:
+    for sentence in (*robot.warnings, *robot.notes):
+        print(f"{source}: {sentence}", file=sys.stderr)
+    _print(robot.answer)
+
+
+def _print(answer: Answer) -> None:
+    for warning in answer.warnings:
+        print(warning, file=sys.stderr)
+    for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):
+        if paths:
+            more = f" and {len(paths) - 10} more" if len(paths) > 10 else ""
+            print(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}")

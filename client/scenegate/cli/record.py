@@ -1,0 +1,72 @@
+"""``scenegate record``: write an LCM network's messages to a log file, in the format of LCM's own tools."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import signal
+import sys
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, Final
+
+from scenegate.cli.options import add_channels, add_lcm_url, at_least
+from scenegate.cli.progress_bar import progress_bar
+from scenegate.lcm import replay
+
+UPDATE_SECONDS: Final = 0.2
+"""Time between two updates of the progress bar."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments and options."""
+    parser.add_argument("out", metavar="OUT.lcmlog", type=Path, help="the log; an existing file is replaced")
+    add_lcm_url(parser)
+    add_channels(parser)
+    text = "stop after this time; 0: when interrupted (default: 0)"
+    parser.add_argument("--seconds", type=at_least(0.0), default=0.0, help=text)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Record until the time is over, or the command is interrupted."""
+    logging.basicConfig(format="scenegate: %(message)s")
+    progress = replay.Progress()
+
+    async def record() -> None:
+        stop = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(NotImplementedError):  # on Windows, Ctrl+C raises KeyboardInterrupt
+            for number in (signal.SIGINT, signal.SIGTERM):
+                loop.add_signal_handler(number, stop.set)
+        if options.seconds:
+            loop.call_later(options.seconds, stop.set)
+        begin = loop.time()
+        with progress_bar("Recording", "messages", options.seconds or None) as bar:
+
+            def ready() -> None:
+                if not bar.shown:
+                    print("Recording ...", file=sys.stderr, flush=True)
+
+            recording = replay.record(options.out, options.lcm_url, options.channels, progress, stop, ready)
+            await run_with_bar(recording, lambda: bar.update(loop.time() - begin, progress.events))
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(record())
+    print(f"{options.out}: {progress.events} messages, {progress.data_bytes} bytes", file=sys.stderr)
+
+
+async def run_with_bar(work: Coroutine[Any, Any, None], update_bar: Callable[[], None]) -> None:
+    """Run ``work``, and call ``update_bar`` every ``UPDATE_SECONDS`` until it ends."""
+
+    async def update_repeatedly() -> None:
+        while True:
+            update_bar()
+            await asyncio.sleep(UPDATE_SECONDS)
+
+    task = asyncio.create_task(update_repeatedly())
+    try:
+        await work
+    finally:
+        task.cancel()

@@ -1,0 +1,97 @@
+"""``scenegate stream``: receive the image sets of Scenegate's stereo camera or of a real rc_visard."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from pathlib import Path
+
+from scenegate.cli.options import at_least, existing_file
+from scenegate.cli.progress_bar import progress_bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments and options."""
+    add = parser.add_argument
+    add("target", metavar="HOST:PORT", help="address of the camera; the default port is 50051")
+    images = parser.add_argument_group("images", "Default: left and disparity.").add_argument
+    for flag, text in (
+        ("--left", "left image"),
+        ("--right", "right image"),
+        ("--disparity", "disparity image"),
+        ("--error", "disparity error image"),
+        ("--confidence", "confidence image"),
+        ("--mesh", "mesh, as PLY"),
+        ("--color", "left and right in colour"),
+        ("--color-camera", "image of the colour camera"),
+        ("--depth", "depth in millimetres, 16 bits"),
+        ("--aligned", "with --depth: as seen by the colour camera"),
+    ):
+        images(flag, action="store_true", help=text)
+    text = "maximum number of points of a mesh, at least 1000; 0: no limit (default: 0)"
+    images("--max-points", type=at_least(0), default=0, metavar="N", help=text)
+    text = "take the nearest point of each bin of a mesh instead of the mean"
+    images("--min-depth", action="store_true", help=text)
+    images("--watertight", action="store_true", help="mesh without holes")
+    images("--textured", action="store_true", help="mesh with colours")
+    files = parser.add_argument_group("files").add_argument
+    text = "write PNG, PLY, npz and parameter files for cvkit there"
+    files("-o", "--out", type=Path, metavar="FOLDER", help=text)
+    text = "with -o: write exposure time, gain, noise and brightness of each image"
+    files("--exposure", action="store_true", help=text)
+    text = "with -o: write the GPIOs of each image, and their bits in the file names"
+    files("--gpio", action="store_true", help=text)
+    text = "with -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT"
+    files("--truth", metavar="URL", help=text)
+    text = "with -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port"
+    files("--imu", metavar="URL", help=text)
+    text = "number of the camera of --truth and --imu, if there are several (default: 0)"
+    files("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
+    text = "image of the newest set, all images side by side, disparity in colours"
+    files("--preview", type=Path, metavar="FILE", help=text)
+    text = "end after this number of sets; 0: when interrupted (default: 0)"
+    add("--count", type=at_least(0), default=0, metavar="N", help=text)
+    text = "end with an error after this number of seconds; 0: never (default: 0)"
+    add("--timeout", type=at_least(0.0), default=0.0, metavar="SECONDS", help=text)
+    access = parser.add_argument_group("access").add_argument
+    text = "bearer token (also SCENEGATE_TOKEN). Other users of this machine can read command lines"
+    access("--token", default=os.environ.get("SCENEGATE_TOKEN"), help=text)
+    access("--token-file", type=existing_file, metavar="FILE", help="file with the token")
+    access("--tls", action="store_true", help="encrypt, and trust the system's authorities")
+    text = "encrypt, and trust this PEM authority (also SCENEGATE_CA)"
+    access("--ca", type=existing_file, default=os.environ.get("SCENEGATE_CA"), metavar="FILE", help=text)
+    access("--certificate", type=existing_file, metavar="FILE", help="PEM certificate of this client")
+    access("--key", type=existing_file, metavar="FILE", help="PEM private key of --certificate")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Receive image sets."""
+    from scenegate.camera.credentials import Credentials, read_token
+    from scenegate.camera.stream import Progress, StreamOptions, receive_all
+
+    values = vars(options)
+    output = values.pop("out")
+    if output is None and (values["exposure"] or values["gpio"] or values["truth"] or values["imu"]):
+        raise argparse.ArgumentTypeError("--exposure, --gpio, --truth and --imu need -o FOLDER")
+    token, token_file = values.pop("token"), values.pop("token_file")
+    if token_file is not None:
+        token = read_token(token_file)
+    credentials = Credentials(token, *(values.pop(name) for name in ("tls", "ca", "certificate", "key")))
+    timeout = values.pop("timeout") or None
+    stream = StreamOptions(**values, output=output, credentials=credentials, timeout=timeout)
+    newest = Progress()
+    sets = f"of {stream.count} sets" if stream.count else "sets"
+    with contextlib.suppress(KeyboardInterrupt), progress_bar("Receiving", sets, stream.count or None) as bar:
+
+        def report(progress: Progress) -> None:
+            # On a terminal there is a bar, otherwise one line per second.
+            nonlocal newest
+            newest = progress
+            bar.update(progress.sets, progress.sets, note=f"newest {progress.timestamp}")
+            if not bar.shown and progress.second_passed():
+                print(progress.line(), file=sys.stderr)
+
+        newest = receive_all(stream, report)
+    print(newest.line(), file=sys.stderr)

@@ -1,0 +1,158 @@
+"""Read datasets that ``scenegate render`` has written. Images need Pillow, ``scenegate-client[images]``.
+
+for sample in Dataset("out"):
+    train(sample.color, sample.depth, sample.label, sample.K, sample.X_world_camera)
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.datasets import manifest
+from scenegate.datasets.lines import Lines
+from scenegate.datasets.manifest import ImageType, RecordError
+from scenegate.pillow import pillow
+from scenegate.regular_files import read_regular
+
+NO_LABEL: Final = 0xFFFFFF
+"""Label of the background and of objects without a label."""
+
+
+class Sample:
+    """The images and the camera of one view of a scene. Images are read from disk on each access."""
+
+    def __init__(self, folder: Path, record: manifest.SampleRecord, depth_format: str) -> None:
+        self.record: Final = record
+        """The sample's line in the manifest."""
+        self._folder = folder
+        self._depth_format = depth_format
+
+    @property
+    def id(self) -> str:
+        """Unique name in the dataset, ``SCENE/VIEW``."""
+        return self.record.id
+
+    @property
+    def K(self) -> NDArray[np.float64]:
+        """Camera matrix in pixels, (3, 3). The centre of the top left pixel is at (0.5, 0.5)."""
+        camera = self.record.camera
+        return np.array(((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0)))
+
+    @property
+    def X_world_camera(self) -> NDArray[np.float64]:
+        """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres), (4, 4)."""
+        return np.array(self.record.camera.X_world_camera)
+
+    @property
+    def color(self) -> NDArray[np.uint8]:
+        """Colour image in RGB, (H, W, 3)."""
+        return np.ascontiguousarray(self._read("color")[..., :3], np.uint8)
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """Depth along the optical axis in metres, (H, W). It is infinite for the background."""
+        stored = self._read("depth")
+        if stored.dtype != np.uint16:
+            return stored.astype(np.float32, copy=False)
+        metres = stored.astype(np.float32) / np.float32(1000.0)
+        metres[stored == np.iinfo(np.uint16).max] = np.inf
+        return metres
+
+    @property
+    def label(self) -> NDArray[np.uint32]:
+        """Labels, (H, W): ``NO_LABEL`` for the background. ``Dataset.labels`` returns the paths of each label."""
+        rgb = self._read("label").astype(np.uint32)
+        return np.ascontiguousarray(rgb[..., 0] | rgb[..., 1] << 8 | rgb[..., 2] << 16)
+
+    @property
+    def rays(self) -> NDArray[np.float64]:
+        """Ray of each pixel in the optical frame, (H, W, 3), z = 1. ``rays * depth[..., None]`` is points in metres."""
+        camera = self.record.camera
+        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        return np.stack((*np.meshgrid(x, y), np.ones((camera.height, camera.width))), axis=-1)
+
+    def path(self, image_type: ImageType) -> Path:
+        """Return the path of an image file.
+
+        Raises:
+            RecordError: the sample has no image of this type.
+        """
+        image = self.record.images.get(image_type)
+        if image is None:
+            raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
+        return self._folder / image.path
+
+    def _read(self, image_type: ImageType) -> NDArray[Any]:
+        """Return the pixels of an image."""
+        path = self.path(image_type)
+        try:
+            data = read_regular(path)
+        except OSError as error:
+            raise RecordError(f"{path}: {error.strerror or error}") from None
+        image = pillow()
+        try:
+            return np.asarray(image.open(io.BytesIO(data)))
+        except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
+            raise RecordError(f"{path}: not an image that can be read: {error}") from None
+
+
+class Dataset(Sequence[Sample]):
+    """The samples of a dataset, in the order of its manifest. It can be pickled, as data loaders require.
+
+    It takes 8 bytes of memory per sample. Lines of the manifest are read on access; an invalid line raises RecordError.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        """Open the dataset in a folder.
+
+        Raises:
+            RecordError: there is no dataset, or it is not finished.
+        """
+        self.folder: Final = Path(folder)
+        self.description: Final = manifest.read_dataset(self.folder)
+        """Content of ``dataset.json``, with the settings of the images."""
+        path = self.folder / manifest.MANIFEST_FILE
+        if not path.is_file():
+            raise RecordError(f"{folder}: the dataset is not finished; run the command that makes it again")
+        self._lines = Lines(path)
+
+    @cached_property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of all scenes. The first access reads the whole manifest."""
+        return tuple(dict.fromkeys(self._record(index).scene for index in range(len(self))))
+
+    def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
+        """Return the paths of a scene's nodes by their label."""
+        record = manifest.read_file(
+            self.folder / manifest.SCENES_FOLDER / scene / manifest.SCENE_FILE, manifest.SceneRecord
+        )
+        return {int(label): paths for label, paths in record.labels.items()}
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    @overload
+    def __getitem__(self, index: int) -> Sample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Sample]: ...
+    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
+        if isinstance(index, slice):
+            return [self._sample(k) for k in range(*index.indices(len(self)))]
+        return self._sample(index)
+
+    def __iter__(self) -> Iterator[Sample]:
+        return map(self._sample, range(len(self)))
+
+    def _sample(self, index: int) -> Sample:
+        return Sample(self.folder, self._record(index), self.description.settings.depth_format)
+
+    def _record(self, index: int) -> manifest.SampleRecord:
+        return manifest.decode(self._lines[index], manifest.SampleRecord, self._lines.location(index))

@@ -1,0 +1,110 @@
+"""Transport by LCM's own library, for the networks that only it supports: ``memq://``, ``mpudpm://`` and ``file://``.
+
+liblcm receives in a thread of its own, and writes to a pipe when messages arrive. The event loop watches the pipe.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+from collections.abc import Callable
+from typing import Any, Final
+
+from scenegate.lcm.receive_queue import ReceiveQueue
+from scenegate.lcm.transport import LcmUnavailableError, OnMessage
+
+_log = logging.getLogger("scenegate.lcm")
+
+MAX_OPEN_FILES: Final = 1000
+"""Maximum number of open files at start. liblcm calls select(2), which overwrites the stack for file descriptors of
+1024 and more."""
+MAX_READ: Final = 1024
+"""Maximum number of messages taken from liblcm before the event loop continues. It is higher than
+``receive_queue.MAX_HANDLED``, because our receive queue has a limit in bytes and liblcm's own queue has none."""
+
+
+class LiblcmTransport:
+    """``Transport`` by liblcm. Must be created before many files are open (see ``MAX_OPEN_FILES``)."""
+
+    def __init__(self, url: str, pattern: str, queued_bytes: int) -> None:
+        """Join the network.
+
+        Args:
+            url: valid LCM URL.
+            pattern: regular expression of the channels to receive.
+            queued_bytes: maximum bytes of messages that are not handled yet. Further messages are dropped.
+        Raises:
+            LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
+        """
+        self.url = url
+        self.queue = ReceiveQueue(queued_bytes)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._lcm = _connect(url)
+        subscription = self._lcm.subscribe(pattern, self.queue.put)
+        if subscription is None:
+            raise LcmUnavailableError(f"LCM does not accept the pattern {pattern!r}")
+        subscription.set_queue_capacity(0)  # no limit; by default all but 30 messages of a burst are dropped
+
+    def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
+        self.queue.start(on_message)
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._lcm.fileno(), self._on_readable)
+        on_connect()
+
+    @property
+    def is_connected(self) -> bool:
+        return self._loop is not None
+
+    def publish(self, channel: str, message: bytes | bytearray) -> None:
+        try:
+            self._lcm.publish(channel, bytes(message))
+        except OSError as error:
+            raise OSError(f"LCM cannot publish {len(message)} bytes on {channel!r}: {error}") from None
+
+    async def drain(self, max_bytes: int) -> None:
+        """Return at once: nothing is queued, because liblcm's ``publish`` blocks until the message is sent."""
+
+    async def finish(self) -> None:
+        """Return at once, for the same reason as ``drain``."""
+
+    async def close(self) -> None:
+        if self._loop is not None:
+            self._loop.remove_reader(self._lcm.fileno())
+            self._loop = None
+        self.queue.close()
+        del self._lcm
+
+    def status(self) -> dict[str, object]:
+        return {"url": self.url, **self.queue.status()}
+
+    def _on_readable(self) -> None:
+        """Take messages from liblcm, and handle the first ones."""
+        try:
+            for _ in range(MAX_READ):
+                if self._lcm.handle_timeout(0) == 0:
+                    break
+        except OSError as error:
+            _log.warning("LCM could not read a message: %s", error)
+        self.queue.handle()
+
+
+def _connect(url: str) -> Any:
+    """Return a new LCM object, connected to the network."""
+    try:
+        import lcm
+    except ImportError as error:
+        raise LcmUnavailableError(
+            f"LCM's library, which {url.partition('://')[0]}:// needs, cannot be loaded ({error}); "
+            "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
+        ) from None
+    next_descriptor = os.open(os.devnull, os.O_RDONLY)
+    os.close(next_descriptor)
+    if next_descriptor >= MAX_OPEN_FILES:
+        raise LcmUnavailableError(
+            f"LCM's library cannot start with {next_descriptor} open files, it must come before them"
+        )
+    try:
+        return lcm.LCM(url)
+    except RuntimeError:
+        raise LcmUnavailableError(f"LCM cannot join {url}: its library refuses it") from None

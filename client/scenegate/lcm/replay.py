@@ -1,0 +1,151 @@
+"""Record an LCM network to a log file, and play a log file into a network, for the command line."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from scenegate.lcm.event_log import pack_event, read_events
+from scenegate.lcm.limits import TransportLimits
+from scenegate.lcm.network import open_transport, resolve_url
+from scenegate.lcm.transport import OnMessage, Transport
+from scenegate.regular_files import open_regular
+
+CONNECT_SECONDS: Final = 10.0
+"""Timeout for the connection to the network."""
+MAX_UNSENT_BYTES: Final = 16 * 1024 * 1024
+"""Maximum bytes queued for sending. Reading of the log pauses until the network has taken more."""
+UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
+"""Prefix of no channel. A transport opened with it receives no message."""
+MIN_SLEEP_SECONDS: Final = 0.001
+"""Events that are due within this time are sent at once, because shorter sleeps are inaccurate."""
+YIELD_EVENTS: Final = 64
+"""Number of events sent before the event loop continues."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """Events recorded or played so far."""
+
+    events: int = 0
+    """Number of events."""
+    data_bytes: int = 0
+    """Bytes of data in the events."""
+    position: int = 0
+    """Bytes of the log file that were read, in its current repetition."""
+
+
+async def record(
+    path: Path,
+    url: str | None,
+    channels: str,
+    progress: Progress,
+    stop: asyncio.Event,
+    on_ready: Callable[[], None] = lambda: None,
+) -> None:
+    """Write messages to a log until ``stop`` is set. Each message is flushed to the file at once.
+
+    Args:
+        path: log file; replaced if it exists.
+        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
+        channels: regular expression that must match the whole channel name.
+        progress: counts the recorded events.
+        stop: ends the recording.
+        on_ready: called when the recording has started.
+    Raises:
+        LcmUnavailableError, ConnectionError: the network cannot be joined.
+        OSError: the file cannot be written.
+        ValueError: ``channels`` is not a regular expression.
+    """
+    try:
+        pattern = re.compile(channels)
+    except re.error as error:
+        raise ValueError(f"--channels {channels!r} is not a pattern: {error}") from None
+    with path.open("wb") as file:
+
+        def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
+            if pattern.fullmatch(channel):
+                file.write(pack_event(progress.events, time.time_ns() // 1000, channel, data))
+                file.flush()
+                progress.events += 1
+                progress.data_bytes += len(data)
+
+        transport = await _connect(url, "", on_message)
+        try:
+            on_ready()
+            await stop.wait()
+        finally:
+            await transport.close()
+
+
+async def play(path: Path, url: str | None, speed: float, loop: bool, channels: str, progress: Progress) -> None:
+    """Publish a log's messages, with the time between them as recorded.
+
+    Args:
+        path: log file.
+        url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
+        speed: 2: twice as fast as recorded; 0: as fast as possible.
+        loop: True: repeat until cancelled.
+        channels: regular expression that must match the whole channel name.
+        progress: counts the played events.
+    Raises:
+        LcmUnavailableError, ConnectionError: the network cannot be joined.
+        EventLogError: the file is not an LCM log.
+        OSError: the file cannot be read, or the connection is lost.
+        ValueError: a channel name or message does not fit into the network.
+    """
+    pattern = re.compile(channels)
+    transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
+    try:
+        while True:
+            events_before = progress.events
+            await _play_once(path, transport, speed, pattern, progress)
+            if not loop or progress.events == events_before:
+                break
+        await transport.finish()
+    finally:
+        await transport.close()
+
+
+async def _play_once(
+    path: Path, transport: Transport, speed: float, pattern: re.Pattern[str], progress: Progress
+) -> None:
+    """Publish the log's messages once."""
+    start: float | None = None  # of playing, by time.monotonic()
+    recorded_start_us = 0
+    with open_regular(path) as file:
+        for event in read_events(file):
+            if not pattern.fullmatch(event.channel):
+                continue
+            if start is None:
+                start, recorded_start_us = time.monotonic(), event.time_us
+            if speed > 0.0:
+                delay = start + (event.time_us - recorded_start_us) / 1e6 / speed - time.monotonic()
+                if delay > MIN_SLEEP_SECONDS:
+                    await asyncio.sleep(delay)
+            await transport.drain(MAX_UNSENT_BYTES)
+            transport.publish(event.channel, event.data)
+            progress.events += 1
+            progress.data_bytes += len(event.data)
+            progress.position = file.tell()
+            if progress.events % YIELD_EVENTS == 0:
+                await asyncio.sleep(0)
+
+
+async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Transport:
+    """Return a connected transport that receives the channels with ``prefix``."""
+    transport = open_transport(resolve_url(url), (prefix,), TransportLimits())
+    connected = asyncio.Event()
+    transport.start(on_message, connected.set)
+    try:
+        await asyncio.wait_for(connected.wait(), CONNECT_SECONDS)
+    except asyncio.TimeoutError:
+        problem = transport.status().get("warning", "")
+        await transport.close()
+        raise ConnectionError(f"LCM cannot join {transport.url}: {problem}") from None
+    return transport

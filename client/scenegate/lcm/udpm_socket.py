@@ -1,0 +1,130 @@
+"""Create the sockets of a multicast group, test the route, list own addresses, for ``udpm_transport``."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import errno
+import logging
+import os
+import select
+import socket
+import struct
+import sys
+import time
+from typing import Final
+
+from scenegate.lcm import udpm
+from scenegate.lcm.transport import LcmUnavailableError
+from scenegate.lcm.url import UdpmUrl
+
+_log = logging.getLogger("scenegate.lcm")
+
+ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
+SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
+"""Channel of liblcm's own self test."""
+SELF_TEST_SECONDS: Final = 2.0
+"""Maximum time for a datagram to come back."""
+_SIOCGIFCONF: Final = 0x8912
+"""Linux's request for the addresses of all interfaces, see netdevice(7)."""
+_IFREQ_BYTES: Final = 40
+"""Size of a ``struct ifreq``: 16 bytes of the interface's name, then a ``struct sockaddr_in``."""
+_ADDRESS_OFFSET: Final = 20
+"""Offset of the IPv4 address in a ``struct ifreq``."""
+_MAX_ADDRESSES: Final = 4096
+"""Maximum number of addresses that are listed."""
+_TIMESTAMPS: Final = 35
+"""Socket option SO_TIMESTAMPNS of Linux, which Python's ``socket`` lacks, and type of its control messages."""
+_TIMESPEC: Final = struct.Struct("@ll")
+_CONTROL_BYTES: Final = 0 if sys.platform == "win32" else socket.CMSG_SPACE(_TIMESPEC.size)
+
+
+def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
+    """Return a non-blocking socket that has joined the multicast group.
+
+    Raises:
+        LcmUnavailableError: another program uses the port exclusively, or there is no route.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if sys.platform == "darwin":
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        enable_timestamps(sock)
+        sock.bind(("" if sys.platform == "win32" else network.address, network.port))
+        group = struct.pack("4s4s", socket.inet_aton(network.address), bytes(4))
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+    except OSError as error:
+        sock.close()
+        port_in_use = f"another program keeps port {network.port} for itself"
+        reason = {errno.EADDRINUSE: port_in_use, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
+        raise LcmUnavailableError(f"LCM cannot join {url}: {reason}") from None
+    return sock
+
+
+def enable_timestamps(sock: socket.socket) -> None:
+    """Let the system record the arrivals of datagrams, for ``receive``. Does nothing where it cannot."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
+
+
+def receive(sock: socket.socket, max_bytes: int) -> tuple[bytes, tuple[str, int], int]:
+    """Return a datagram, its sender, and its arrival at the socket, nanoseconds since the epoch. Raises OSError."""
+    if sys.platform == "win32":
+        datagram, sender = sock.recvfrom(max_bytes)
+        return datagram, sender, time.time_ns()
+    datagram, control, _, sender = sock.recvmsg(max_bytes, _CONTROL_BYTES)
+    for level, kind, data in control:
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, _TIMESTAMPS, _TIMESPEC.size):
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            return datagram, sender, seconds * 1_000_000_000 + nanoseconds
+    return datagram, sender, time.time_ns()
+
+
+def send_socket(network: UdpmUrl) -> socket.socket:
+    """Return a non-blocking socket for sending. Its multicast datagrams also reach receivers on this machine."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, network.ttl)
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+    sock.setblocking(False)
+    return sock
+
+
+def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: socket.socket) -> None:
+    """Send a datagram to the multicast group, and wait until it is received.
+
+    Raises:
+        LcmUnavailableError: the datagram cannot be sent, or does not arrive.
+    """
+    deadline = time.monotonic() + SELF_TEST_SECONDS
+    datagram = b"".join((udpm.SHORT_MAGIC, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))
+    while time.monotonic() < deadline:
+        try:
+            sender.sendto(datagram, (network.address, network.port))
+        except OSError:
+            raise LcmUnavailableError(f"LCM cannot join {url}: {ROUTE_HINT}") from None
+        while select.select([receiver], [], [], 0.1)[0]:
+            if receiver.recv(udpm.MAX_DATAGRAM_BYTES) == datagram:
+                return
+    raise LcmUnavailableError(
+        f"LCM cannot join {url}: what is sent there does not come back, a route or a firewall is in the way"
+    )
+
+
+def own_addresses(sock: socket.socket) -> frozenset[str]:
+    """Return the IPv4 addresses of this machine's interfaces.
+
+    Args:
+        sock: any socket.
+    """
+    if sys.platform != "linux":
+        return frozenset(socket.gethostbyname_ex(socket.gethostname())[2])
+    import fcntl
+
+    buffer = array.array("B", bytes(_MAX_ADDRESSES * _IFREQ_BYTES))
+    address, size = buffer.buffer_info()
+    size, _ = struct.unpack("iP", fcntl.ioctl(sock, _SIOCGIFCONF, struct.pack("iP", size, address)))
+    starts = range(_ADDRESS_OFFSET, size, _IFREQ_BYTES)
+    return frozenset(socket.inet_ntoa(buffer[start : start + 4].tobytes()) for start in starts)

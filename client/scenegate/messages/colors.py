@@ -1,0 +1,160 @@
+"""Convert colours and images from the forms that users pass (names, hexadecimal, uint8, floats, files) to the
+protocol's fields.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from string import hexdigits
+from typing import Any, Final, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scenegate.messages.css_colors import CSS_COLORS
+from scenegate.messages.wire import empty_with_header
+from scenegate.regular_files import read_regular
+
+RANGE_TOLERANCE: Final = 1e-5
+"""Accepted excess of a float beyond 0 or 1, for rounding errors. The viewer clamps such values."""
+
+
+class HasPixels(Protocol):
+    """A Pillow image, or another object that NumPy reads as an array."""
+
+    @property
+    def __array_interface__(self) -> Mapping[str, Any]:
+        """See NumPy's array interface."""
+
+
+ImageLike: TypeAlias = ArrayLike | HasPixels | bytes | str | os.PathLike[str]
+"""Image that ``image_field`` reads."""
+
+
+def rgba(value: ArrayLike) -> list[float]:
+    """Return red, green, blue and, if given, alpha, from 0 to 1.
+
+    Args:
+        value: three or four numbers from 0 to 1; three or four integers from 0 to 255, at least one of them above 1; a
+            uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
+
+    Raises:
+        ValueError: the value is not one of these.
+    """
+    if value is None:
+        raise ValueError("color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not None")
+    array = np.array(_parse_color(value), np.uint8) if isinstance(value, str) else np.asarray(value)
+    if array.dtype.kind in "iu" and array.dtype != np.uint8:
+        array = _from_integers(array)
+    numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
+    if numbers.ndim == 0:
+        raise ValueError(f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not {value!r}")
+    if numbers.shape not in ((3,), (4,)):
+        raise ValueError(f"color must have 3 or 4 numbers, not shape {numbers.shape}")
+    if np.isnan(numbers).any():
+        raise ValueError("color must have numbers, not nan")
+    check_range("color", numbers)
+    channels: list[float] = numbers.tolist()
+    return channels
+
+
+def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    """Return a copy of vertex colours, (count, 3) or (count, 4), uint8 or float32.
+
+    Args:
+        name: name of the field, for the error text.
+        values: an array whose last axis has 3 or 4 channels; a grid of colours is flattened row by row.
+        count: number of vertices.
+
+    Raises:
+        ValueError: wrong shape, or a value outside of its range.
+    """
+    array = as_uint8_or_floats(values)
+    if array.ndim < 2 or array.shape[-1] not in (3, 4) or array.size != count * array.shape[-1]:
+        raise ValueError(f"{name} must have 3 or 4 numbers for each of {count} vertices, not shape {array.shape}")
+    copy = empty_with_header((count, array.shape[-1]), np.uint8 if array.dtype == np.uint8 else np.float32)
+    copy[...] = array.reshape(copy.shape)
+    check_range(name, copy)
+    return copy
+
+
+def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
+    """Return an image as the protocol's field: an encoded file, or a copy of its pixels as uint8.
+
+    Args:
+        value: an encoded PNG or JPEG file, the path of one, or pixels: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
+            from 0 to 1, top row first. A Pillow image counts as its pixels.
+
+    Raises:
+        ValueError: wrong shape, or a float outside of 0 to 1.
+        OSError: the file cannot be read.
+    """
+    if isinstance(value, bytes):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        return read_regular(value)
+    mode = getattr(value, "mode", None)
+    if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # Pillow: palettes, 1 bit, CMYK
+        raise ValueError(f"an image of mode {mode} is not supported; use image.convert('RGB') or 'RGBA'")
+    array = np.asarray(value)
+    if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
+        raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), not {array.shape}")
+    if array.dtype.kind not in "fu" or (array.dtype.kind == "u" and array.dtype != np.uint8):
+        raise ValueError(f"image must be uint8, or floats from 0 to 1, not {array.dtype}")
+    check_range("image", array)
+    copy = empty_with_header(array.shape, np.uint8)
+    copy[...] = array if array.dtype == np.uint8 else np.clip(np.nan_to_num(array) * 255.0 + 0.5, 0.0, 255.0)
+    return copy
+
+
+def check_range(name: str, values: NDArray[Any]) -> None:
+    """Check that colours or intensities are uint8, or floats from 0 to 1.
+
+    NaN is allowed; the viewer shows it as 0.
+
+    Args:
+        name: name of the field, for the error text.
+        values: array of any shape.
+
+    Raises:
+        ValueError: a float is outside of 0 to 1.
+    """
+    if values.dtype == np.uint8 or not values.size:
+        return
+    low, high = values.min(), values.max()
+    if np.isnan(high):  # fmin and fmax ignore NaN, but are ten times slower than min and max
+        low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
+    if low < -RANGE_TOLERANCE or high > 1.0 + RANGE_TOLERANCE:
+        invalid = high if high > 1.0 + RANGE_TOLERANCE else low
+        raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {invalid:g}")
+
+
+def as_uint8_or_floats(values: ArrayLike) -> NDArray[Any]:
+    """Return colours as an array. Integers from 0 to 255 become uint8 if at least one of them is above 1."""
+    array = np.asarray(values)
+    is_integer = array.ndim > 0 and array.dtype.kind in "iu" and array.dtype != np.uint8
+    return _from_integers(array) if is_integer else array
+
+
+def _from_integers(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an integer 0xrrggbb, or channels from 0 to 255, as uint8. Other integers are returned unchanged.
+
+    Channels that are all 0 or 1 are unchanged, too: they count as numbers from 0 to 1.
+    """
+    if array.ndim == 0 and 0 <= array <= 0xFFFFFF:
+        number = int(array)
+        return np.array([number >> 16, number >> 8 & 255, number & 255], np.uint8)
+    if array.size and array.min() >= 0 and 1 < array.max() <= 255:
+        return array.astype(np.uint8)
+    return array
+
+
+def _parse_color(text: str) -> tuple[int, ...]:
+    """Return the channels, 0 to 255, of a CSS name or of hexadecimal digits after ``#``."""
+    digits = text[1:] if text.startswith("#") else CSS_COLORS.get(text.lower(), "")
+    if len(digits) in (3, 4):
+        digits = "".join(2 * digit for digit in digits)
+    if len(digits) in (6, 8) and set(digits) <= set(hexdigits):
+        return tuple(bytes.fromhex(digits))
+    raise ValueError(f"color {text[:40]!r} is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa")

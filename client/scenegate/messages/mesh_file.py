@@ -1,0 +1,136 @@
+"""Mesh files, which the viewer opens, or which are sent with the files that they refer to."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+from urllib.parse import unquote
+
+from numpy.typing import ArrayLike
+
+from scenegate.messages.colors import rgba
+from scenegate.messages.geometry import Geometry, number_list
+from scenegate.regular_files import read_regular
+
+MESH_SUFFIXES: Final = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl", ".vtk")
+"""Formats of mesh files that Scenegate reads."""
+MAX_FILES: Final = 1000
+"""Maximum number of files that a mesh file refers to; further ones are not sent."""
+_MATERIAL_FILE: Final = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
+_MATERIAL_IMAGE: Final = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+([^\r\n]+)", re.MULTILINE)
+_COLLADA_IMAGE: Final = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]+)<")
+_GLB_HEADER_BYTES: Final = 20
+"""Bytes before the JSON of a GLB file, of which the last eight are its length and its type."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFile(Geometry):
+    """Mesh in a file that the viewer reads.
+
+    ``data`` and the fields after it are for Scenegate; other viewers look for ``filename``.
+    """
+
+    kind = "mesh_file"
+    filename: str
+    """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL. With
+    ``data``: name of the file, whose suffix is its format."""
+    scale: float | Sequence[float] = 1.0
+    """Scale factor, or one each for x, y, z."""
+    data: bytes | None = None
+    """Content of the file; None: the viewer opens the file."""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Content of the files that ``data`` refers to, by the name that it has for them: materials, buffers, images."""
+    up: Literal["z"] | None = None
+    """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
+    default_color: ArrayLike | None = None
+    """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
+    default_texture: bytes | None = None
+    """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], **options: Any) -> MeshFile:
+        """Return a geometry with the content of a file on this machine, and of the files that it refers to.
+
+        Args:
+            path: Mesh file.
+            options: Other fields, such as ``scale`` and ``color``.
+
+        Raises:
+            ValueError: the format is not known.
+            OSError: the file cannot be read.
+        """
+        source = Path(path)
+        suffix = source.suffix.lower()
+        if suffix not in MESH_SUFFIXES:
+            raise ValueError(f"{path} is not a mesh file of a known format ({', '.join(MESH_SUFFIXES)})")
+        data = read_regular(source)
+        files = referenced_files(data, suffix, lambda name: read_regular(source.parent / unquote(name)))
+        return cls(source.name, data=data, files=files, **options)
+
+    def _fields(self) -> dict[str, Any]:
+        scale = [float(self.scale)] * 3 if isinstance(self.scale, (int, float)) else self.scale
+        fields: dict[str, Any] = {"filename": str(self.filename), "scale": number_list("scale", scale, 3)}
+        if self.data is None:
+            return fields
+        fields |= {"data": self.data, "files": dict(self.files)}
+        if self.up is not None:
+            fields["up"] = self.up
+        if self.default_color is not None:
+            fields["default_color"] = rgba(self.default_color)
+        if self.default_texture is not None:
+            fields["default_texture"] = self.default_texture
+        return fields
+
+
+def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> dict[str, bytes]:
+    """Return the files that a mesh file refers to, by name as in the mesh file. Files that cannot be read are left out.
+
+    Args:
+        data: The mesh file.
+        suffix: One of ``MESH_SUFFIXES``.
+        read: Returns the bytes of a file by its name; may raise OSError or ValueError.
+    """
+    found: dict[str, bytes] = {}
+    names = list(_names(data, suffix))
+    while names and len(found) < MAX_FILES:
+        name = names.pop()
+        if name in found:
+            continue
+        try:
+            found[name] = read(name)
+        except (OSError, ValueError):
+            continue
+        if suffix == ".obj" and name.lower().endswith(".mtl"):
+            names += _texts(_MATERIAL_IMAGE, found[name])
+    return found
+
+
+def _names(data: bytes, suffix: str) -> Iterator[str]:
+    if suffix == ".obj":
+        yield from _texts(_MATERIAL_FILE, data)
+    elif suffix == ".dae":
+        yield from _texts(_COLLADA_IMAGE, data)
+    elif suffix in (".gltf", ".glb"):
+        text = data
+        if suffix == ".glb":
+            size = int.from_bytes(data[12:16], "little")
+            text = data[_GLB_HEADER_BYTES : _GLB_HEADER_BYTES + size]
+        try:
+            document = json.loads(text)
+            entries = [*document.get("buffers", ()), *document.get("images", ())]
+            uris = [entry.get("uri") for entry in entries]
+        except (ValueError, AttributeError, TypeError, RecursionError):
+            return  # the viewer says what is wrong with it
+        yield from (uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:"))
+
+
+def _texts(pattern: re.Pattern[bytes], data: bytes) -> Iterator[str]:
+    """Yield what a pattern finds and, as names may follow options, its last word."""
+    for match in pattern.finditer(data):
+        text = match[1].strip().decode("utf-8", "replace")
+        yield from dict.fromkeys((text, text.split()[-1])) if text else ()

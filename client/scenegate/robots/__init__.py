@@ -1,0 +1,8 @@
+"""Reads robot files (URDF, SDF): links with their geometry, joints, and the poses of links for joint values."""
+
+from __future__ import annotations
+
+from scenegate.robots.errors import RobotFileError as RobotFileError
+from scenegate.robots.reader import read_robot as read_robot
+from scenegate.robots.robot import Joint as Joint
+from scenegate.robots.robot import Robot as Robot

@@ -1,0 +1,238 @@
+"""Finds and reads the files that a robot file refers to: relative and absolute paths, ``package://``, ``file://``.
+
+Robot files are named by the user, so they may name any file that the user can read.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote
+
+from scenegate.regular_files import read_file_or_pipe, read_regular
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.limits import RobotFileLimits
+from scenegate.robots.ros_packages import (
+    PATH_VARIABLES,
+    Packages,
+    folders_of,
+    folders_of_environment,
+    package_name,
+    split_url,
+)
+
+_PACKAGE_SCHEMES: Final = ("package", "model")
+"""URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+_NO_PACKAGES: Final = ("", ".", "..")
+"""First path elements of package URLs that name no package."""
+_MAX_CONFIG_BYTES: Final = 1 << 16
+"""Maximum size of a ``model.config``, which usually has less than 2 kB."""
+_CONFIG_FILE: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
+"""Name of an SDF file in a ``model.config``."""
+
+
+class RobotFiles:
+    """Reads a robot file and the files that it refers to."""
+
+    def __init__(
+        self,
+        path: Path,
+        roots: Iterable[Path],
+        limits: RobotFileLimits,
+        check: Callable[[], object] = lambda: None,
+    ) -> None:
+        """
+        Args:
+            path: The robot file, which may be a pipe.
+            roots: Folders to search for packages, and for relative file names.
+            check: Called again and again while a pipe is read; may raise an exception to cancel it.
+        """
+        self._check = check
+        self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
+        """True for a pipe, as in ``publish <(xacro …)``. Its relative names start at the working directory."""
+        self._source = path
+        self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
+        self._folder = self.path.parent
+        self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
+        self._package_roots = (*self._roots, *folders_of_environment())
+        """Folders that contain packages at any depth."""
+        self._packages = Packages(self._package_roots)
+        self._limits = limits
+        self._remaining_bytes = limits.max_total_bytes
+        self.digests: dict[str, str] = {}
+        """SHA-256 in hexadecimal of each file that has been read, by path relative to the robot file's folder."""
+
+    def read_robot_file(self) -> bytes:
+        """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
+        if not self.is_pipe:
+            return self._read(self.path, self._limits.max_file_bytes)
+        data = read_file_or_pipe(self._source, self._limits.max_file_bytes, self._check)
+        self.digests[self.path.name] = hashlib.sha256(data).hexdigest()
+        return data
+
+    def find(self, name: str) -> Path:
+        """Return the path of a file that the robot file names.
+
+        If no file has the literal name, backslashes are read as slashes, then URL escapes (``%20``) are decoded.
+
+        Args:
+            name: File name or URL.
+
+        Raises:
+            RobotFileError: There is no such file.
+        """
+        if not name or "\0" in name or len(name) > 4096:
+            raise RobotFileError(f"{name[:100]!r} is not a file name")
+        scheme, rest = split_url(name)
+        if scheme not in ("", "file", *_PACKAGE_SCHEMES):
+            raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
+        missing: list[Path] = []
+        for spelling in _spellings(rest):
+            for candidate in self._candidates(scheme, spelling):
+                if candidate.is_file():
+                    return Path(os.path.realpath(candidate))
+                missing.append(candidate)
+        raise RobotFileError(self._not_found(name, scheme, missing))
+
+    def find_model(self, uri: str, folder: Path) -> Path:
+        """Return the path of a model that an SDF file includes; raises RobotFileError if there is none.
+
+        Args:
+            uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
+            folder: Folder of the file that includes it.
+        """
+        scheme, rest = split_url(uri)
+        for candidate in self._candidates(scheme, rest) if scheme else (folder / uri,):
+            if candidate.is_file():
+                return candidate
+            if candidate.is_dir():
+                for name in (*_files_of_config(candidate / "model.config"), "model.sdf"):
+                    if (candidate / name).is_file():
+                        return candidate / name
+        raise RobotFileError(self._not_found(uri, scheme, []))
+
+    def find_package(self, name: str) -> Path | None:
+        """Return the folder of a package; None if there is none."""
+        return None if name in _NO_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
+
+    def read(self, path: Path) -> bytes:
+        """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
+        return self._read(path, self._limits.max_mesh_bytes)
+
+    def read_beside(self, mesh: Path, name: str) -> bytes:
+        """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
+
+        Args:
+            mesh: Path of the mesh file.
+            name: Path relative to the mesh file, with URL escapes.
+        """
+        paths = [mesh.parent / spelling for spelling in _spellings(name)]
+        return self.read(next((path for path in paths if path.is_file()), paths[0]))
+
+    def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
+        """Yield the paths that a file may have, in order of preference."""
+        if scheme == "file":
+            yield Path("/" + path.lstrip("/"))
+        if not scheme or (scheme == "file" and not path.startswith("/")):  # some write file://meshes/a.stl
+            yield from (folder / path for folder in (self._folder, *self._roots))
+        elif scheme != "file":
+            package, _, path_in_package = path.lstrip("/").partition("/")
+            path_in_package = path_in_package.lstrip("/")
+            if package not in _NO_PACKAGES:
+                yield from (folder / path_in_package for folder in self._package_folders(package))
+                # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
+                yield from (folder / path_in_package for folder in self.path.parents)
+
+    def _package_folders(self, package: str) -> Iterator[Path]:
+        """Yield folders that may be a package.
+
+        - Folders that contain the robot file, with that folder name or package name.
+        - Folders with that folder name or package name at or below a root, then a folder of ``PATH_VARIABLES``.
+        - The package below a prefix of ``AMENT_PREFIX_PATH``.
+        - Folders of that name beside the robot file, or beside a folder that contains it.
+        """
+        for folder in self.path.parents:
+            if folder.name == package or package_name(folder / "package.xml") == package:
+                yield folder
+        for root in self._package_roots:
+            yield root / package
+            if root.name == package:
+                yield root
+        if (found := self._packages.folder(package)) is not None:
+            yield found
+        yield from (prefix / "share" / package for prefix in folders_of("AMENT_PREFIX_PATH"))
+        yield from (folder / package for folder in self.path.parents)
+
+    def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
+        """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
+
+        Args:
+            candidates: Paths that the file could have had.
+        """
+        for candidate in candidates:
+            if candidate.exists() and not candidate.is_dir():
+                return "it is not a regular file"
+            other = _other_case(candidate)
+            if other is not None:
+                return f"there is no such file, but one whose name differs in upper and lower case: {other}"
+        if scheme not in _PACKAGE_SCHEMES:
+            return "there is no such file"
+        package = name.partition("://")[2].lstrip("/").partition("/")[0]
+        folder = self.find_package(package)
+        if folder is not None:
+            return f"there is no such file in {folder}"
+        return (
+            f"the package {package!r} is not above or beside the robot file, nor in a folder of "
+            f"{', '.join(PATH_VARIABLES)} or AMENT_PREFIX_PATH; name a folder that contains it with --root"
+        )
+
+    def _read(self, path: Path, limit: int) -> bytes:
+        remaining = min(limit, self._remaining_bytes)
+        try:
+            data = read_regular(path, remaining)
+        except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
+            if error.errno == errno.EINVAL:
+                raise RobotFileError(f"{path.name} is not a regular file") from None
+            raise
+        self._remaining_bytes -= len(data)
+        self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
+        return data
+
+
+def _files_of_config(config: Path) -> list[str]:
+    """Return the SDF files that a ``model.config`` names, the last one first: that is the newest version."""
+    try:
+        text = read_regular(config, _MAX_CONFIG_BYTES).decode("utf-8", "replace")
+    except OSError:
+        return []
+    return [name.strip() for name in _CONFIG_FILE.findall(text)[::-1]]
+
+
+def _spellings(name: str) -> list[str]:
+    """Return the spellings to try: the name itself, slashes for its backslashes, and its URL escapes decoded, too."""
+    slashes = name.replace("\\", "/")
+    return list(dict.fromkeys((name, slashes, unquote(slashes))))
+
+
+def _other_case(path: Path) -> Path | None:
+    """Return a file whose path differs from a missing one in upper and lower case only."""
+    existing = next((folder for folder in path.parents if folder.is_dir()), None)
+    if existing is None:
+        return None
+    found = existing
+    for name in path.relative_to(existing).parts:
+        try:
+            matches = [entry for entry in found.iterdir() if entry.name.casefold() == name.casefold()]
+        except OSError:
+            return None
+        if not matches:
+            return None
+        found = min(matches)
+    return found if found.is_file() else None

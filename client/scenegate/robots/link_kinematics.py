@@ -1,0 +1,112 @@
+"""Forward kinematics of a tree of links and joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.link_model import LinkJoint, LinkModel
+from scenegate.transforms import IDENTITY, from_pose
+
+
+class LinkKinematics:
+    """Forward kinematics of a tree of joints."""
+
+    def __init__(self, model: LinkModel) -> None:
+        """
+        Raises:
+            RobotFileError: A link has two parents, or joints form a cycle.
+        """
+        links = [link.name for link in model.links]
+        ordered = _parents_first(links, model.joints)
+        self._X_rest = np.array([model.X_robot_root.get(name, IDENTITY) for name in links])
+        """X_robot_link of links without a parent, the identity for others, (number of links, 4, 4)."""
+        index = {name: number for number, name in enumerate(links)}
+        self._ends = [(index[joint.parent], index[joint.child]) for joint in ordered]
+        """Indices of the parent and child link of each joint, parents first."""
+        self._X_parent_joint = np.array([joint.X_parent_joint for joint in ordered]).reshape(-1, 4, 4)
+        self._X_joint_child = np.array([joint.X_joint_child for joint in ordered]).reshape(-1, 4, 4)
+        kinds = [joint.motion.kind if joint.motion is not None else None for joint in ordered]
+        self._revolute = np.array([i for i, kind in enumerate(kinds) if kind == "revolute"], np.intp)
+        self._prismatic = np.array([i for i, kind in enumerate(kinds) if kind == "prismatic"], np.intp)
+        self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("ball", "planar", "floating")]
+        """Index and kind of each joint with several values."""
+        self._names = [joint.name for joint in ordered]
+        axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
+        self._axes = axes
+        self._K = np.array([_cross_matrix(axis) for axis in axes[self._revolute]]).reshape(-1, 3, 3)
+        """Cross product matrices of the axes of revolute joints, (number of these, 3, 3)."""
+        self._K_squared = self._K @ self._K
+
+    def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
+        """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
+        X_motion = np.tile(np.eye(4), (len(self._ends), 1, 1))
+        if len(self._revolute):  # Rodrigues: R = I + sin q K + (1 - cos q) K²
+            q = np.array([values[self._names[i]][0] for i in self._revolute])[:, None, None]
+            X_motion[self._revolute, :3, :3] += np.sin(q) * self._K + (1.0 - np.cos(q)) * self._K_squared
+        if len(self._prismatic):
+            q = np.array([values[self._names[i]] for i in self._prismatic])
+            X_motion[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
+        for i, kind in self._other_joints:
+            value = values[self._names[i]]
+            if kind == "planar":
+                X_motion[i] = _planar(self._axes[i], value)
+            else:
+                X_motion[i] = from_pose(value[:-4] or (0.0, 0.0, 0.0), value[-4:])
+        X_parent_child = self._X_parent_joint @ X_motion @ self._X_joint_child
+        X_robot_link = self._X_rest.copy()
+        for (parent, child), X in zip(self._ends, X_parent_child, strict=True):
+            X_robot_link[child] = X_robot_link[parent] @ X
+        return X_robot_link
+
+
+def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return K with K v = axis × v, (3, 3)."""
+    x, y, z = axis.tolist()
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
+    """Return the motion of a planar joint, (4, 4): a translation in the plane, and a rotation about its normal.
+
+    The plane's x axis is the projection of one axis of the joint's frame: the axis closest to the plane. For a normal
+    along z, it is x.
+
+    Args:
+        normal: (3,) unit vector.
+        value: x and y in metres, angle in radians.
+    """
+    x, y, angle = value
+    nearest_axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    plane_x = nearest_axis - normal * (normal @ nearest_axis)
+    plane_x /= np.linalg.norm(plane_x)
+    K = _cross_matrix(normal)
+    X = np.eye(4)
+    X[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    X[:3, 3] = x * plane_x + y * np.cross(normal, plane_x)
+    return X
+
+
+def _parents_first(links: Sequence[str], joints: Sequence[LinkJoint]) -> list[LinkJoint]:
+    """Return the joints, each after the joints above it. Raises RobotFileError if they do not form a tree."""
+    children: dict[str, list[LinkJoint]] = {name: [] for name in links}
+    parent_of: dict[str, LinkJoint] = {}
+    for joint in joints:
+        other = parent_of.setdefault(joint.child, joint)
+        if other is not joint:
+            raise RobotFileError(f"link {joint.child!r} is the child of two joints, {other.name!r} and {joint.name!r}")
+        children[joint.parent].append(joint)
+    ordered: list[LinkJoint] = []
+    remaining = [name for name in links if name not in parent_of]
+    while remaining:
+        below = children[remaining.pop()]
+        ordered += below
+        remaining += [joint.child for joint in below]
+    if len(ordered) != len(joints):
+        reached = {joint.name for joint in ordered}
+        cycle = [joint.name for joint in joints if joint.name not in reached]
+        raise RobotFileError(f"the joints {', '.join(cycle[:8])} form a circle: the links must be a tree")
+    return ordered

@@ -1,0 +1,107 @@
+"""Reads robot files: URDF or SDF, decided by the root element.
+
+MJCF and xacro need packages of the server's, ``scenegate[robots]``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Literal
+
+from scenegate.messages.geometry import Geometry
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.limits import RobotFileLimits
+from scenegate.robots.link_geometry import LinkGeometries
+from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import LinkModel
+from scenegate.robots.robot import GeometryUse, Robot, without_invalid_mimics
+from scenegate.robots.sdf import parse_sdf
+from scenegate.robots.urdf import parse_urdf
+from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
+from scenegate.warning_text import strict_refusal
+
+SUFFIXES: Final = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
+"""Suffixes of robot files."""
+
+
+class NeedsServerError(RobotFileError):
+    """Only the server's distribution can read the file."""
+
+
+def read_robot(
+    path: str | Path,
+    *,
+    roots: Iterable[str | Path] = (),
+    geometry: GeometryUse = "visual",
+    gltf_up: Literal["y", "z"] = "y",
+    strict: bool = False,
+    limits: RobotFileLimits | None = None,
+) -> Robot[Geometry]:
+    """Read a URDF or SDF file. Its mesh files are not decoded: the viewer reads them.
+
+    ``Robot.warnings`` has a sentence for each thing that cannot be drawn.
+
+    Args:
+        path: The file, which may be a pipe.
+        roots: Folders to search for the packages of ``package://`` names, and for relative file names.
+        geometry: Geometry of the links to return.
+        gltf_up: Up axis of glTF meshes.
+        strict: True: a warning is an error.
+        limits: Limits; None: ``RobotFileLimits()``.
+
+    Raises:
+        RobotFileError: The file cannot be read, has no tree of links, or is beyond a limit; or ``strict`` is true and
+            it has a warning. The message names the robot file and the reason.
+        NeedsServerError: The file is MJCF or has xacro elements.
+    """
+    limits = limits or RobotFileLimits()
+    warnings: list[str] = []
+    with errors_of(path):
+        files = RobotFiles(Path(path), [Path(root) for root in roots], limits)
+        root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
+        if root.tag == "mujoco" or files.path.suffix.lower() == ".xacro" or uses_xacro(root):
+            what = "MJCF" if root.tag == "mujoco" else "xacro"
+            if files.is_pipe:
+                raise RobotFileError(f"{what} is read from files only, not pipes: write it into a file first")
+            raise NeedsServerError(f"{what} needs packages of the server: pip install 'scenegate[robots]'")
+        model = parse_links(root, files, geometry, limits, warnings)
+        joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
+        robot = Robot(
+            model.name or files.path.stem,
+            tuple(link.name for link in model.links),
+            without_invalid_mimics(joints, warnings),
+            LinkGeometries(files, warnings, gltf_up).geometries_of(model.links),
+            LinkKinematics(model),
+            tuple(dict.fromkeys(warnings)),
+            digests=files.digests,
+        )
+        if strict and warnings:
+            raise RobotFileError(strict_refusal(robot.warnings))
+        return robot
+
+
+def parse_links(
+    root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
+) -> LinkModel:
+    """Return the content of a URDF or SDF file. Warnings are appended to the list."""
+    if root.tag == "robot":
+        return parse_urdf(root, use, limits, warnings)
+    if root.tag == "sdf":
+        return parse_sdf(root, files, use, limits, warnings)
+    start = f"its first element is <{root.tag[:60]}>"
+    raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")
+
+
+@contextmanager
+def errors_of(path: str | Path) -> Iterator[None]:
+    """Add the file's name to errors inside the context, and raise RobotFileError in place of OSError."""
+    try:
+        yield
+    except RobotFileError as error:
+        raise type(error)(f"{os.fspath(path)}: {error}") from None
+    except OSError as error:
+        raise RobotFileError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None

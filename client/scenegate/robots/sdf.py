@@ -1,0 +1,346 @@
+"""Parses SDF (http://sdformat.org/spec), models and worlds: links, joints, geometry, nested and included models.
+
+Elements that are invalid are left out or get a default, with a warning. Links of nested models are called
+``model::link``. All models become one robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.robots.errors import RobotFileError, name_hint, no_links
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.limits import RobotFileLimits, check_count
+from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
+from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
+from scenegate.robots.ros_packages import split_url
+from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
+from scenegate.robots.sdf_geometry import read_geometries
+from scenegate.robots.urdf_joints import joint_kind, unit_axis
+from scenegate.robots.xml_text import Element, attribute, numbers, parse_xml, with_attributes
+
+Include = Callable[[str, Path], tuple[Element, Path]]
+"""Returns the root element and folder of an included file, by its URI and the folder of the file that includes it.
+
+It raises OSError or RobotFileError."""
+
+_KINDS: Final[dict[str, JointKind | None]] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "ball": "ball",
+    "fixed": None,
+}
+"""Kind of a joint, by the attribute ``type``; None: it does not move."""
+MAX_INCLUDES: Final = 1000
+"""Maximum number of included models: worlds have fewer than 100."""
+MAX_MODEL_DEPTH: Final = 20
+"""Maximum depth of nested and included models."""
+_JOINT_FRAME_VERSION: Final = (1, 5)
+"""First version in which a joint's axis is in the joint's frame by default; before, in the model's."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scope:
+    """A model whose elements are read."""
+
+    name: str
+    """Full name of the model; ``world`` at the top."""
+    base: str
+    """Full name of the frame that poses are relative to by default, ``__model__``."""
+    folder: Path
+    """Folder of the file that the model is in."""
+    version: tuple[int, ...]
+    depth: int
+
+
+def parse_sdf(
+    root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
+) -> LinkModel:
+    """Return the content of an SDF document.
+
+    Args:
+        root: The element ``<sdf>``.
+        files: Reads included files.
+        use: Geometry to return; the other one is not read.
+        warnings: Warnings are appended to this list.
+
+    Raises:
+        RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+    """
+
+    def include(uri: str, folder: Path) -> tuple[Element, Path]:
+        path = files.find_model(uri, folder)
+        return parse_xml(files.read(path), limits.max_elements, warnings), path.parent
+
+    return _SdfReader(use, limits, include, warnings).read(root, files.path.parent)
+
+
+class _SdfReader:
+    """Reads one document with its includes."""
+
+    def __init__(self, use: GeometryUse, limits: RobotFileLimits, include: Include, warnings: list[str]) -> None:
+        """
+        Args:
+            use: Geometry to return.
+            include: Reads included files.
+            warnings: Warnings are appended to this list.
+        """
+        self._use = use
+        self._limits = limits
+        self._include = include
+        self._warnings = warnings
+        self._frames = Frames(warnings)
+        self._links: dict[str, tuple[Element, _Scope]] = {}
+        self._joints: dict[str, tuple[Element, _Scope]] = {}
+        self._include_count = 0
+
+    def read(self, root: Element, folder: Path) -> LinkModel:
+        """Return the content of a document.
+
+        Args:
+            root: The element ``<sdf>``.
+            folder: Folder of the file.
+
+        Raises:
+            RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+        """
+        scope = _Scope(WORLD, WORLD, folder, _version(root), 0)
+        worlds, models = root.findall("world"), root.findall("model")
+        name = attribute((*worlds, *models, root)[0], "name")
+        if not worlds and len(models) == 1:
+            self._add_model(models[0], scope, name, merge=True)
+        else:
+            for world in worlds or [root]:
+                self._add_content(world, scope)
+        if not self._links:
+            raise no_links(self._warnings)
+        count = sum(len(element.findall(self._use)) for element, _ in self._links.values())
+        check_count(count, self._limits.max_geometries, "geometries")
+        links = tuple(self._link(link, *found) for link, found in self._links.items())
+        joints, X_robot_root = self._tree()
+        if WORLD not in self._links and any(joint.parent == WORLD for joint in joints):
+            links = (Link(WORLD, ()), *links)
+        return LinkModel(name, links, joints, X_robot_root)
+
+    def _add_content(self, element: Element, scope: _Scope) -> None:
+        """Add the models, links, joints and frames of a world or model."""
+        if scope.depth > MAX_MODEL_DEPTH:
+            raise RobotFileError(f"models are nested more than {MAX_MODEL_DEPTH} deep, which is the limit")
+        for child in element:
+            match child.tag:
+                case "model":
+                    self._add_model(child, scope, attribute(child, "name"))
+                case "include":
+                    self._add_include(child, scope)
+                case "link":
+                    self._add_link(child, scope)
+                case "joint":
+                    self._add_joint(child, scope)
+                case "frame":
+                    self._add_frame(child, scope)
+
+    def _add_model(
+        self, model: Element, scope: _Scope, name: str, placed: Element | None = None, merge: bool = False
+    ) -> None:
+        """Add a model.
+
+        Args:
+            name: Its name in the scope.
+            placed: The ``<include>`` whose pose and placement frame override the model's.
+            merge: True: names in the model do not start with the model's name.
+        """
+        full_name = scoped(scope.name, name or f"model_{len(self._links)}")
+        frame = f"{full_name}{SEPARATOR}__merged__" if merge else full_name
+        unique = frame
+        while unique in self._frames:
+            unique += "_"
+        if unique != frame and not merge:
+            self._warnings.append(f"a second model is called {full_name!r}, it is called {unique!r}")
+            full_name = unique
+        place = placed if placed is not None and placed.find("pose") is not None else model
+        X, relative_to = read_pose(place, f"model {name!r}", self._warnings)
+        inner = scope.name if merge else full_name
+        first_link = next((attribute(link, "name") for link in model.findall("link")), "")
+        canonical = scoped(inner, attribute(model, "canonical_link") or first_link)
+        placement = attribute(model, "placement_frame")
+        if placed is not None:
+            placement = (placed.findtext("placement_frame") or placement).strip()
+        placement = scoped(inner, placement) if placement else ""
+        self._frames.add(unique, Frame(X, _resolve(scope, relative_to), canonical, placement))
+        self._add_content(model, _Scope(inner, unique, scope.folder, scope.version, scope.depth + 1))
+
+    def _add_include(self, include: Element, scope: _Scope) -> None:
+        uri = (include.findtext("uri") or "").strip()
+        self._include_count += 1
+        if self._include_count > MAX_INCLUDES:
+            raise RobotFileError(f"it includes more than {MAX_INCLUDES} models, which is the limit")
+        try:
+            root, folder = self._include(uri, scope.folder)
+        except (OSError, RobotFileError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            self._warnings.append(f"the included model {uri[:200]} is not shown: {reason}")
+            return
+        model = root if root.tag == "model" else root.find("model")
+        if model is None:
+            self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
+            return
+        name = (include.findtext("name") or attribute(model, "name")).strip()
+        merge = attribute(include, "merge") in ("true", "1")
+        inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth)
+        self._add_model(model, inner, name, include, merge)
+
+    def _add_link(self, link: Element, scope: _Scope) -> None:
+        name = attribute(link, "name")
+        if not name:
+            self._warnings.append("a <link> has no name, it is left out")
+            return
+        full_name = scoped(scope.name, name)
+        if full_name in self._links:
+            raise RobotFileError(f"two links are called {full_name!r}")
+        check_count(len(self._links) + 1, self._limits.max_links, "links")
+        X, relative_to = read_pose(link, f"link {full_name!r}", self._warnings)
+        self._frames.add(full_name, Frame(X, _resolve(scope, relative_to), full_name))
+        self._links[full_name] = (link, scope)
+
+    def _add_joint(self, joint: Element, scope: _Scope) -> None:
+        full_name = scoped(scope.name, attribute(joint, "name") or f"joint_{len(self._joints)}")
+        check_count(len(self._joints) + 1, self._limits.max_links, "joints")
+        child = scoped(scope.name, (joint.findtext("child") or "").strip())
+        X, relative_to = read_pose(joint, f"joint {full_name!r}", self._warnings)
+        self._frames.add(full_name, Frame(X, _resolve(scope, relative_to) if relative_to else child, child))
+        self._joints[full_name] = (joint, scope)
+
+    def _add_frame(self, frame: Element, scope: _Scope) -> None:
+        X, relative_to = read_pose(frame, f"frame {attribute(frame, 'name')!r}", self._warnings)
+        attached = attribute(frame, "attached_to")
+        attached_to = _resolve(scope, attached)
+        base = _resolve(scope, relative_to) if relative_to else attached_to
+        self._frames.add(scoped(scope.name, attribute(frame, "name")), Frame(X, base, attached_to))
+
+    def _link(self, name: str, element: Element, scope: _Scope) -> Link:
+        def X_link(frame: str) -> NDArray[np.float64]:
+            X_world_link = self._frames.X_world(name)
+            return np.linalg.inv(X_world_link) @ self._frames.X_world(_resolve(scope, frame))
+
+        geometries = read_geometries(element, name, self._use, X_link, self._warnings)
+        return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
+
+    def _tree(self) -> tuple[tuple[LinkJoint, ...], dict[str, NDArray[np.float64]]]:
+        """Return the joints that make a tree, and the poses of the links that have no parent.
+
+        A joint whose child has a parent already closes a loop, which SDF allows: it is left out.
+        """
+        joints: dict[str, LinkJoint] = {}
+        parent_of: dict[str, str] = {}
+        for name, (element, scope) in self._joints.items():
+            ends = self._ends(name, element, scope)
+            if ends is None:
+                continue
+            parent, child = ends
+            above: str | None = parent
+            while above is not None and above != child:
+                above = parent_of.get(above)
+            if child in parent_of or above == child:
+                self._warnings.append(f"joint {name!r}: it closes a loop of links; the joint is left out")
+                continue
+            joint = self._joint(name, element, scope, parent, child)
+            if parent != WORLD or joint.motion is not None:
+                parent_of[child] = parent
+                joints[name] = joint
+        roots = {name: self._frames.X_world(name) for name in self._links if name not in parent_of}
+        return tuple(joints.values()), roots
+
+    def _ends(self, name: str, element: Element, scope: _Scope) -> tuple[str, str] | None:
+        """Return a joint's parent (a link or ``world``) and child; None, with a warning, if one does not exist."""
+        ends = []
+        for tag in ("parent", "child"):
+            frame = _resolve(scope, (element.findtext(tag) or "-").strip())
+            link = self._frames.link_of(frame) if frame in self._frames else ""
+            if not link or (tag == "child" and link == WORLD):
+                hint = name_hint(frame, self._links)
+                self._warnings.append(f"joint {name!r}: there is no link {frame[:60]!r}{hint}; the joint is left out")
+                return None
+            ends.append(link)
+        return ends[0], ends[1]
+
+    def _joint(self, name: str, element: Element, scope: _Scope, parent: str, child: str) -> LinkJoint:
+        where = f"joint {name!r}"
+        X_world_parent, X_world_joint = self._frames.X_world(parent), self._frames.X_world(name)
+        kind = joint_kind(attribute(element, "type"), _KINDS, where, self._warnings)
+        axis = element.find("axis")
+        x, y, z = (0.0, 0.0, 1.0) if axis is None else self._axis(axis, scope, X_world_joint, where).tolist()
+        direction, kind = unit_axis((x, y, z), kind, where, self._warnings)
+        motion = None
+        if kind is not None:
+            motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), self._mimic(axis, scope, where))
+        return LinkJoint(
+            name,
+            parent,
+            child,
+            np.linalg.inv(X_world_parent) @ X_world_joint,
+            direction,
+            motion,
+            np.linalg.inv(X_world_joint) @ self._frames.X_world(child),
+        )
+
+    def _axis(
+        self, axis: Element, scope: _Scope, X_world_joint: NDArray[np.float64], where: str
+    ) -> NDArray[np.float64]:
+        """Return the axis in the joint's frame, (3,) float64, of any length."""
+        direction = np.array(numbers(with_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
+        frame = attribute(axis.find("xyz"), "expressed_in")
+        in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
+        if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
+            X_world_frame = self._frames.X_world(_resolve(scope, frame))
+            direction = X_world_joint[:3, :3].T @ X_world_frame[:3, :3] @ direction
+        return direction
+
+    def _limits_of(self, axis: Element | None, where: str) -> tuple[float, float] | None:
+        limit = axis.find("limit") if axis is not None else None
+        if limit is None:
+            return None
+        texts = with_attributes(limit)
+        values = []
+        for name, default in (("lower", -1e16), ("upper", 1e16)):
+            text = attribute(texts, name).lower()
+            infinite = text.lstrip("+-") in ("inf", "infinity")
+            values.append(default if infinite else numbers(texts, name, (default,), where, self._warnings)[0])
+        return (values[0], values[1]) if max(map(abs, values)) < 1e16 else None
+
+    def _mimic(self, axis: Element | None, scope: _Scope, where: str) -> Mimic | None:
+        mimic = axis.find("mimic") if axis is not None else None
+        if mimic is None:
+            return None
+        texts = with_attributes(mimic)
+        (multiplier,) = numbers(texts, "multiplier", (1.0,), where, self._warnings)
+        (offset,) = numbers(texts, "offset", (0.0,), where, self._warnings)
+        (reference,) = numbers(texts, "reference", (0.0,), where, self._warnings)
+        return Mimic(scoped(scope.name, attribute(mimic, "joint")), (offset, multiplier), reference)
+
+
+def _resolve(scope: _Scope, name: str) -> str:
+    """Return the full name of the frame that a pose is relative to."""
+    return scope.base if name in ("", "__model__") else scoped(scope.name, name)
+
+
+def _in_folder(geometry: LinkGeometry, folder: Path) -> LinkGeometry:
+    """Return a geometry with the relative file name of its mesh, if it has one, joined to a folder."""
+    shape = geometry.shape
+    if not isinstance(shape, MeshReference) or split_url(shape.filename)[0]:
+        return geometry
+    return replace(geometry, shape=replace(shape, filename=str(folder / shape.filename)))
+
+
+def _version(root: Element) -> tuple[int, ...]:
+    """Return the version of a document as integers; ``_JOINT_FRAME_VERSION`` if it names none."""
+    try:
+        return tuple(int(number) for number in attribute(root, "version").split("."))
+    except ValueError:
+        return _JOINT_FRAME_VERSION

@@ -1,0 +1,125 @@
+"""Poses of an SDF document: http://sdformat.org/tutorials?tut=pose_frame_semantics_proposal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.robots.xml_text import Element, attribute, finite_numbers, pose_of_rpy
+from scenegate.transforms import IDENTITY, from_pose
+
+WORLD: Final = "world"
+SEPARATOR: Final = "::"
+"""Separator between the name of a model and a name in it."""
+_MAX_DEPTH: Final = 100
+"""Maximum length of a chain of frames that are relative to each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A link, joint, model or ``<frame>``."""
+
+    X: NDArray[np.float64]
+    """(4, 4) float64: pose in the frame ``relative_to``."""
+    relative_to: str
+    """Full name of a frame."""
+    attached_to: str
+    """Full name of the frame that this one moves with; its own name for a link."""
+    placement: str = ""
+    """Full name of the frame in the model that ``X`` places; empty: the model's own frame."""
+
+
+class Frames:
+    """Frames of a document by full name: ``model::nested::link``. The world is the frame ``world``."""
+
+    def __init__(self, warnings: list[str]) -> None:
+        """
+        Args:
+            warnings: Warnings are appended to this list.
+        """
+        self._warnings = warnings
+        self._frames: dict[str, Frame] = {}
+        self._poses: dict[tuple[str, str], NDArray[np.float64]] = {}
+        """Poses by frame and base."""
+        self._in_progress: set[tuple[str, str]] = set()
+        """Frames and bases whose poses are being computed."""
+
+    def __contains__(self, name: str) -> bool:
+        return name == WORLD or name in self._frames
+
+    def add(self, name: str, frame: Frame) -> None:
+        """Add a frame."""
+        self._frames[name] = frame
+
+    def X_world(self, name: str) -> NDArray[np.float64]:
+        """Return the (4, 4) pose of a frame in the world."""
+        return self._pose(name, WORLD)
+
+    def link_of(self, name: str) -> str:
+        """Return the full name of the link that a frame moves with; ``world`` if there is none."""
+        for _ in range(_MAX_DEPTH):
+            frame = self._frames.get(name)
+            if frame is None:
+                return WORLD
+            if frame.attached_to == name:
+                return name
+            name = frame.attached_to
+        return WORLD
+
+    def _pose(self, name: str, base: str) -> NDArray[np.float64]:
+        """Return the pose of a frame in the frame ``base``, which is the world or a model around it."""
+        if name in (base, WORLD):
+            return IDENTITY
+        key = (name, base)
+        if key in self._poses:
+            return self._poses[key]
+        frame = self._frames.get(name)
+        if frame is None:
+            self._warnings.append(f"there is no frame {name[:60]!r}; the world is used")
+            return IDENTITY
+        if key in self._in_progress or len(self._in_progress) > _MAX_DEPTH:
+            self._warnings.append(f"the frame {name[:60]!r} is relative to itself or to too many others; it is ignored")
+            return IDENTITY
+        self._in_progress.add(key)
+        X = self._pose(frame.relative_to, base) @ frame.X
+        if frame.placement:
+            X = X @ np.linalg.inv(self._pose(frame.placement, name))
+        self._in_progress.remove(key)
+        self._poses[key] = X
+        return X
+
+
+def scoped(scope: str, name: str) -> str:
+    """Return the full name of something in a model.
+
+    Args:
+        scope: Full name of the model; ``world`` for a document's own names.
+        name: Name in the model, or ``world``.
+    """
+    return name if WORLD in (scope, name) else f"{scope}{SEPARATOR}{name}"
+
+
+def read_pose(element: Element, where: str, warnings: list[str]) -> tuple[NDArray[np.float64], str]:
+    """Return the (4, 4) pose of an element's ``<pose>``, and the name in ``relative_to``, which may be empty."""
+    pose = element.find("pose")
+    if pose is None:
+        return IDENTITY, ""
+    text = (pose.text or "").strip()
+    relative_to = attribute(pose, "relative_to")
+    is_quaternion = attribute(pose, "rotation_format") == "quat_xyzw"
+    numbers = finite_numbers(text)
+    if not text:
+        return IDENTITY, relative_to
+    if len(numbers) != (7 if is_quaternion else 6):
+        warnings.append(
+            f"{where}: <pose>{text[:60]}</pose> must be {7 if is_quaternion else 6} finite numbers, no pose"
+        )
+        return IDENTITY, relative_to
+    if is_quaternion:
+        x, y, z, w = numbers[3:]
+        return from_pose(numbers[:3], (w, x, y, z)), relative_to
+    angles = np.deg2rad(numbers[3:]) if attribute(pose, "degrees") in ("true", "1") else np.array(numbers[3:])
+    return pose_of_rpy(numbers[:3], angles.tolist()), relative_to

@@ -1,0 +1,119 @@
+"""Parses the visual or collision geometry of SDF links."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.messages.geometry import Box
+from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape
+from scenegate.robots.robot import GeometryUse
+from scenegate.robots.sdf_frames import read_pose
+from scenegate.robots.urdf_geometry import read_color
+from scenegate.robots.urdf_shapes import read_shape, sizes
+from scenegate.robots.xml_text import Element, InvalidAttributeError, named_elements, numbers, with_attributes
+from scenegate.transforms import IDENTITY
+
+_GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
+    "Black": (0.0, 0.0, 0.0),
+    "Blue": (0.0, 0.0, 1.0),
+    "DarkGrey": (0.175, 0.175, 0.175),
+    "Green": (0.0, 1.0, 0.0),
+    "Grey": (0.7, 0.7, 0.7),
+    "Orange": (1.0, 0.5088, 0.0468),
+    "Purple": (1.0, 0.0, 1.0),
+    "Red": (1.0, 0.0, 0.0),
+    "Turquoise": (0.0, 1.0, 1.0),
+    "White": (1.0, 1.0, 1.0),
+    "Yellow": (1.0, 1.0, 0.0),
+}
+"""Diffuse colours of Gazebo's material scripts, which are named ``Gazebo/Red``."""
+
+
+def read_geometries(
+    link: Element, name: str, use: GeometryUse, X_link: Callable[[str], NDArray[np.float64]], warnings: list[str]
+) -> tuple[LinkGeometry, ...]:
+    """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
+
+    Args:
+        X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
+    """
+    geometries = []
+    for element, where in named_elements(link, use, f"link {name!r}, {use}"):
+        if element.find("geometry/empty") is not None:
+            continue
+        X, relative_to = read_pose(element, where, warnings)
+        if relative_to:
+            X = X_link(relative_to) @ X
+        try:
+            shape, X_shape = _shape(element.find("geometry"), where, warnings)
+        except InvalidAttributeError as error:
+            warnings.append(f"{where}: {error}; it is not shown")
+            continue
+        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, warnings)))
+    return tuple(geometries)
+
+
+def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[LinkShape, NDArray[np.float64]]:
+    """Return a shape and its pose in the geometry's frame; raises InvalidAttributeError if it cannot be drawn."""
+    if geometry is None:
+        raise InvalidAttributeError("it has no shape")
+    plane = geometry.find("plane")
+    if plane is not None:
+        return _plane(plane, where, warnings)
+    cone = geometry.find("cone")
+    if cone is not None:
+        radius, length = sizes(with_attributes(cone), where, warnings, "radius", "length")
+        return Cone(radius, length), IDENTITY
+    if geometry.find("mesh/submesh") is not None:
+        warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
+    as_urdf = Element("geometry")
+    as_urdf.extend(_with_filename(with_attributes(shape)) for shape in geometry)
+    return read_shape(as_urdf, where, warnings), IDENTITY
+
+
+def _with_filename(shape: Element) -> Element:
+    """Copy a mesh's ``uri`` to the attribute ``filename``, as in URDF, and return the element."""
+    if "uri" in shape.attrib:
+        shape.set("filename", shape.attrib["uri"])
+    return shape
+
+
+def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:
+    """Return a plane as a box of height 0, and the (4, 4) rotation from +z to its normal."""
+    texts = with_attributes(plane)
+    width, height = numbers(texts, "size", (1.0, 1.0), where, warnings)
+    normal = np.array(numbers(texts, "normal", (0.0, 0.0, 1.0), where, warnings))
+    length = float(np.linalg.norm(normal))
+    if min(width, height) <= 0.0 or not 0.0 < length < np.inf:
+        raise InvalidAttributeError("size and normal of <plane> must be above 0")
+    z = normal / length
+    x = np.cross((0.0, 1.0, 0.0) if abs(z[1]) < 0.9 else (0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    return Box((width, height, 0.0)), X
+
+
+def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial | None:
+    material = element.find("material")
+    if material is None:
+        return None
+    texture = (material.findtext("pbr/metal/albedo_map") or "").strip() or None
+    texts = with_attributes(material)
+    for name in ("diffuse", "ambient"):
+        if name in texts.attrib:
+            if len(texts.attrib[name].split()) == 3:
+                texts.set(name, f"{texts.attrib[name]} 1")
+            return LinkMaterial(read_color(texts, name, where, warnings), texture)
+    script = (material.findtext("script/name") or "").strip()
+    if not script:
+        return LinkMaterial(None, texture)
+    color = _GAZEBO_COLORS.get(script.removeprefix("Gazebo/"))
+    if color is None:
+        warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
+        return LinkMaterial(None, texture)
+    return LinkMaterial((*color, 1.0), texture)

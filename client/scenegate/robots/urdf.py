@@ -1,0 +1,67 @@
+"""Parses URDF (http://wiki.ros.org/urdf/XML) and Drake's extensions of it. Reads no other files.
+
+Elements and attributes that are invalid are left out or get a default, with a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from scenegate.robots.errors import RobotFileError, no_links
+from scenegate.robots.limits import RobotFileLimits, check_count
+from scenegate.robots.link_model import Link, LinkModel
+from scenegate.robots.robot import GeometryUse
+from scenegate.robots.urdf_geometry import UrdfGeometryReader
+from scenegate.robots.urdf_joints import JOINT_TAGS, UrdfJointReader
+from scenegate.robots.xml_text import Element, attribute
+
+
+def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
+    """Return the content of a URDF document.
+
+    Args:
+        use: Geometry to return; the other one is not read.
+        warnings: Warnings are appended to this list.
+
+    Raises:
+        RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+    """
+    for element in root.iter():
+        _check_attributes(element, limits.max_attribute_chars)
+    link_elements = root.findall("link")
+    joint_elements = [child for child in root if child.tag in JOINT_TAGS]
+    check_count(len(link_elements), limits.max_links, "links")
+    check_count(len(joint_elements), limits.max_links, "joints")
+    check_count(sum(len(link.findall(use)) for link in link_elements), limits.max_geometries, "geometries")
+    links = tuple(_links(link_elements, UrdfGeometryReader(root, use, warnings), warnings))
+    if not links:
+        raise no_links(warnings)
+    names = [link.name for link in links]
+    _check_names(names)
+    joints = UrdfJointReader(names, warnings).read(joint_elements)
+    return LinkModel(attribute(root, "name"), links, joints)
+
+
+def _check_attributes(element: Element, limit: int) -> None:
+    for name, text in element.items():
+        if len(text) > limit:
+            raise RobotFileError(
+                f"{name[:60]}={text[:60]!r}... of <{element.tag[:60]}> has {len(text)} characters, the limit is {limit}"
+            )
+
+
+def _links(elements: list[Element], reader: UrdfGeometryReader, warnings: list[str]) -> Iterator[Link]:
+    for element in elements:
+        name = attribute(element, "name")
+        if name:
+            yield Link(name, reader.geometries(element, name))
+        else:
+            warnings.append("a <link> has no name, it is left out")
+
+
+def _check_names(names: list[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise RobotFileError(f"two links are called {name!r}")
+        seen.add(name)

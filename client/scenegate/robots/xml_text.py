@@ -1,0 +1,199 @@
+"""Parses XML and attributes.
+
+In all functions, ``where`` is the start of a warning: the link or joint of the element. Warnings are appended to
+the list ``warnings``.
+"""
+
+from __future__ import annotations
+
+import codecs
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final, NoReturn
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.robots.errors import RobotFileError
+
+Element = ElementTree.Element
+
+MAX_DEPTH: Final = 10_000
+"""Maximum depth of XML elements. Bodies of MJCF files contain each other: a chain of 1000 links has as many levels."""
+
+
+def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
+    """Return the root element. Tags and attributes keep their prefixes, which need no declaration: ``drake:capsule``.
+
+    As in ROS, Drake and MuJoCo, some invalid XML is accepted: white space before the XML declaration; with a warning,
+    other text in comments and Latin-1 in place of UTF-8.
+
+    Args:
+        warnings: Warnings are appended to this list.
+
+    Raises:
+        RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
+    """
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.strip(b" \t\r\n\0")
+    try:
+        return _parse(data, max_elements)
+    except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
+        reason = str(error)
+    without_comments = _remove_comments(data)
+    attempts = (
+        (without_comments, None, "comments with -- inside or in another encoding, which XML forbids, are ignored"),
+        (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
+    )
+    for text, encoding, warning in attempts:
+        try:
+            root = _parse(text, max_elements, encoding)
+        except (expat.ExpatError, LookupError):
+            continue
+        warnings.append(warning)
+        return root
+    raise RobotFileError(f"it is not XML: {reason}")
+
+
+def _parse(data: bytes, max_elements: int, encoding: str | None = None) -> Element:
+    # Without a namespace separator, expat accepts prefixes that are not declared.
+    parser = expat.ParserCreate(encoding)
+    builder = ElementTree.TreeBuilder()
+    count = depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > max_elements:
+            raise RobotFileError(f"it has more than {max_elements} XML elements, which is the limit")
+        if depth > MAX_DEPTH:
+            raise RobotFileError(f"its XML has more than {MAX_DEPTH} levels, which is the limit")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def entity(name: str, *_: object) -> NoReturn:  # entities could expand to gigabytes
+        raise RobotFileError(f"it declares the XML entity {name[:60]!r}: files with entities are refused")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = entity
+    parser.Parse(data, True)
+    return builder.close()
+
+
+def uses_xacro(root: Element) -> bool:
+    """Return True if a document has elements of xacro, under any prefix that it declares for them."""
+    prefixes = {"xacro"}
+    for element in root.iter():
+        prefixes |= {name[6:] for name, url in element.items() if name.startswith("xmlns:") and "xacro" in url}
+    return any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag)
+
+
+def _remove_comments(data: bytes) -> bytes:
+    """Return the data without comments, including those with ``--`` inside."""
+    pieces, position = [], 0
+    while (start := data.find(b"<!--", position)) >= 0 and (end := data.find(b"-->", start + 4)) >= 0:
+        pieces.append(data[position:start])
+        position = end + 3
+    return b"".join((*pieces, data[position:]))
+
+
+def named_elements(parent: Element, tag: str, where: str) -> Iterator[tuple[Element, str]]:
+    """Yield the children of a tag with the start of their warnings: with name or number if there are several."""
+    elements = parent.findall(tag)
+    for number, element in enumerate(elements, 1):
+        name = element.get("name")
+        yield element, where if len(elements) == 1 else f"{where} {repr(name) if name else number}"
+
+
+class InvalidAttributeError(ValueError):
+    """An attribute that is missing or invalid. The message has its name and value."""
+
+
+def attribute(element: Element | None, name: str) -> str:
+    """Return an attribute without surrounding space; empty if it is missing."""
+    return "" if element is None else (element.get(name) or "").strip()
+
+
+def numbers(
+    element: Element | None, name: str, default: tuple[float, ...], where: str, warnings: list[str]
+) -> tuple[float, ...]:
+    """Return as many finite numbers as the default has; the default if the attribute is missing or invalid.
+
+    An invalid attribute adds a warning.
+    """
+    if element is None or name not in element.attrib:
+        return default
+    try:
+        return required_numbers(element, name, len(default), where, warnings)
+    except InvalidAttributeError as error:
+        used = " ".join(f"{value:g}" for value in default)
+        warnings.append(f"{where}: {error}, {used} {'is' if len(default) == 1 else 'are'} used")
+        return default
+
+
+def required_numbers(element: Element, name: str, count: int, where: str, warnings: list[str]) -> tuple[float, ...]:
+    """Return the first ``count`` numbers of an attribute, which are finite.
+
+    Commas are read as spaces. Commas and surplus numbers add a warning.
+
+    Raises:
+        InvalidAttributeError: The attribute is missing or has fewer numbers.
+    """
+    if name not in element.attrib:
+        raise InvalidAttributeError(f"<{element.tag}> has no {name}")
+    text = element.attrib[name]
+    values = finite_numbers(text)
+    shown = f"{name}={text[:60]!r} of <{element.tag}>"
+    if len(values) < count:
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise InvalidAttributeError(f"{shown} must be {expected}")
+    if len(values) > count:
+        warnings.append(f"{where}: {shown} has {len(values)} numbers, the first {count} are used")
+    elif "," in text:
+        warnings.append(f"{where}: {shown} has commas, which are read as spaces")
+    return values[:count]
+
+
+def finite_numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text, separated by white space or commas; none if one of them is not a finite number."""
+    try:
+        values = tuple(float(number) for number in text.replace(",", " ").split())
+    except ValueError:
+        return ()
+    return values if all(map(math.isfinite, values)) else ()
+
+
+def origin(element: Element, where: str, warnings: list[str]) -> NDArray[np.float64]:
+    """Return the (4, 4) pose of ``<origin xyz rpy>``, metres and radians; the identity if there is none."""
+    child = element.find("origin")
+    if child is None:
+        return np.eye(4)
+    rpy = numbers(child, "rpy", (0.0, 0.0, 0.0), where, warnings)
+    return pose_of_rpy(numbers(child, "xyz", (0.0, 0.0, 0.0), where, warnings), rpy)
+
+
+def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float64]:
+    """Return a (4, 4) pose with R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).tolist(), np.cos(rpy).tolist()
+    X = np.eye(4)
+    X[:3, :3] = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    X[:3, 3] = xyz
+    return X
+
+
+def with_attributes(element: Element) -> Element:
+    """Return an SDF element in URDF's form: the texts of its child elements become attributes."""
+    texts = {child.tag: (child.text or "").strip() for child in element if not len(child)}
+    return ElementTree.Element(element.tag, {**texts, **element.attrib})

@@ -1,0 +1,7 @@
+"""Typed client of Director's tree viewer: publish geometry at paths over LCM (UDP multicast or TCPQ).
+
+- ``viewer``: the client; ``aio``: the same for asyncio.
+- ``nodes``: paths and batches; ``answer``: results of requests.
+- ``robot``: robots that joint values move; ``clicks``: clicks in the browser.
+- ``connection``: the connection to an LCM network.
+"""

@@ -1,0 +1,116 @@
+"""Connection of the tree viewer client to an LCM network. The event loop of a thread of its own sends and receives."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Mapping
+
+from scenegate.lcm.limits import TransportLimits
+from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
+
+CLOSE_SECONDS = 2.0
+"""Maximum time for messages to be sent when the connection is closed."""
+
+
+OnFailure = Callable[[ConnectionError], None]
+_LIMITS = TransportLimits(receive_buffer_bytes=128 << 10)
+"""Only responses are received, so that no more than the system's default is needed."""
+
+
+class LcmConnection:
+    """LCM connection that any thread may publish on. It connects again when it loses a TCPQ hub."""
+
+    def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
+        """Connect, and start the receiving thread.
+
+        Args:
+            url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
+            handlers: callback for each channel. The receiving thread calls it with the message.
+            timeout: seconds to wait for a hub.
+
+        Raises:
+            ConnectionError: no hub listens, or there is no route.
+        """
+        self.url = resolve_url(url)
+        self._handlers = handlers
+        self._timeout = timeout
+        self._transport = open_transport(self.url, tuple(name + WHOLE_NAME for name in handlers), _LIMITS)
+        self._changed = threading.Condition()
+        """Notified when the connection is made, lost or closed."""
+        self._closed = False
+        self._loop = asyncio.SelectorEventLoop()  # on Windows, the default one cannot watch UDP sockets
+        self._thread = threading.Thread(target=self._run, name="treeviewer-receive", daemon=True)
+        self._thread.start()
+        with self._changed:
+            connected = self._changed.wait_for(lambda: self.is_connected, timeout)
+        if not connected:
+            problem = self._transport.status().get("warning", "no connection in time")
+            self.close()
+            raise ConnectionError(f"LCM cannot join {self.url}: {problem}")
+
+    def publish(self, channel: str, message: bytes | bytearray, failed: OnFailure = lambda error: None) -> None:
+        """Send a message. Waits up to the timeout while there is no connection, but not until the message is sent.
+
+        Args:
+            failed: called by the receiving thread if the message cannot be sent.
+
+        Raises:
+            ConnectionError: no connection within the timeout.
+        """
+        if threading.current_thread() is self._thread:
+            self._send(channel, message, failed)
+            return
+        with self._changed:
+            if not self._changed.wait_for(lambda: self.is_connected or self._closed, self._timeout):
+                raise ConnectionError(f"the LCM hub {self.url} has gone")
+            if self._closed:
+                raise ConnectionError("this viewer was closed")
+            self._loop.call_soon_threadsafe(self._send, channel, message, failed)
+
+    def close(self) -> None:
+        """Stop the receiving thread. Further calls do nothing."""
+        with self._changed:
+            first, self._closed = not self._closed, True
+            self._changed.notify_all()
+        if first:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    @property
+    def is_connected(self) -> bool:
+        """False while the connection to a hub is lost."""
+        return self._transport.is_connected
+
+    def _run(self) -> None:
+        """Send and receive until the connection is closed: the body of the thread."""
+        asyncio.set_event_loop(self._loop)
+        self._loop.call_soon(self._transport.start, self._on_message, self._on_connect)
+        try:
+            self._loop.run_forever()
+            self._loop.run_until_complete(self._end())
+        finally:
+            self._loop.close()
+
+    async def _end(self) -> None:
+        try:
+            await asyncio.wait_for(self._transport.drain(0), CLOSE_SECONDS)
+        except (OSError, asyncio.TimeoutError):
+            pass
+        await self._transport.close()
+
+    def _on_connect(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
+
+    def _on_message(self, channel: str, message: bytes | memoryview, _is_local: bool) -> None:
+        handler = self._handlers.get(channel)
+        if handler is not None:
+            handler(bytes(message))
+
+    def _send(self, channel: str, message: bytes | bytearray, failed: OnFailure) -> None:
+        try:
+            self._transport.publish(channel, message)
+        except (OSError, ValueError) as error:
+            failed(ConnectionError(f"LCM could not send {len(message)} bytes to {self.url}: {error}"))

@@ -1,0 +1,130 @@
+"""``Node``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
+
+Indexing a viewer, a batch or a node returns a ``Node``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scenegate.messages.changes import Changes, Key, Path, path_of
+from scenegate.messages.geometry import Geometry, Transform
+from scenegate.tree.answer import OK, Answer
+
+
+class Sender(Protocol):
+    """Sends changes: a viewer at once, a batch at the end of its block."""
+
+    def send(self, changes: Changes) -> Answer:
+        """Send changes and wait for the response, or collect them."""
+
+
+class Node:
+    """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
+
+    __slots__ = ("_sender", "path")
+
+    def __init__(self, sender: Sender, path: Path) -> None:
+        self._sender = sender
+        self.path = path
+
+    def __getitem__(self, key: Key) -> Node:
+        return Node(self._sender, self.path + path_of(key))
+
+    def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
+        """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
+        for geometry in geometries:
+            if not isinstance(geometry, Geometry):
+                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
+        changes = Changes()
+        changes.set(self.path, [geometry.body() for geometry in geometries])
+        if transform is not None:
+            changes.transform(self.path, Transform.of(transform).body())
+        return self._sender.send(changes)
+
+    def transform(self, value: Transform | ArrayLike) -> Answer:
+        """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
+        changes = Changes()
+        changes.transform(self.path, Transform.of(value).body())
+        return self._sender.send(changes)
+
+    def set_visible(self, visible: bool) -> Answer:
+        """Show or hide this path and everything below it, in the browser and in images."""
+        changes = Changes()
+        changes.set_property(self.path, visible=bool(visible))
+        return self._sender.send(changes)
+
+    def set_opacity(self, opacity: float) -> Answer:
+        """Set the opacity of this path, 0 to 1: a factor of the alpha of everything at and below it."""
+        opacity = float(opacity)
+        if not 0.0 <= opacity <= 1.0:
+            raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
+        changes = Changes()
+        changes.set_property(self.path, opacity=opacity)
+        return self._sender.send(changes)
+
+    def delete(self) -> Answer:
+        """Delete this path and everything below it."""
+        changes = Changes()
+        changes.delete(self.path)
+        return self._sender.send(changes)
+
+
+class Batch:
+    """Collects changes for one request. Later changes of a path override earlier ones."""
+
+    def __init__(self) -> None:
+        self.changes = Changes()
+        self.answer: Answer | None = None
+        """Result of the request; None until the block has ended."""
+
+    def __getitem__(self, key: Key) -> Node:
+        return Node(self, path_of(key))
+
+    def send(self, changes: Changes) -> Answer:
+        """Add changes to the batch. The result is a placeholder: the viewer has not received them yet."""
+        self.changes.add(changes)
+        return Answer(OK)
+
+    def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
+        """See ``TreeViewer.set_transforms``."""
+        return self.send(transforms_of(paths, poses))
+
+
+def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
+    """Return the changes that replace the transforms of many paths.
+
+    Args:
+        paths: N paths, as for ``viewer[...]``.
+        poses: (N, 7): X_parent_node of each path as x, y, z in metres and the quaternion w, x, y, z.
+
+    Raises:
+        TypeError: ``paths`` is one string.
+        ValueError: the shapes differ, or a number is not finite.
+    """
+    if isinstance(paths, str):
+        raise TypeError(
+            f"paths must be a list of paths, not {_describe(paths)}; for one path use set_transforms([path], ...)"
+        )
+    keys = [path_of(path) for path in paths]
+    array = np.asarray(poses, np.float64)
+    if not keys and array.size == 0:
+        array = array.reshape(0, 7)
+    if array.shape != (len(keys), 7):
+        raise ValueError(f"poses must have shape ({len(keys)}, 7) for {len(keys)} paths, not {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"pose {int(np.argmin(np.isfinite(array).all(axis=1)))} is not finite")
+    changes = Changes()
+    for key, row in zip(keys, array.tolist(), strict=True):
+        changes.transform(key, {"translation": row[:3], "quaternion": row[3:]})
+    return changes
+
+
+def _describe(value: object) -> str:
+    """Return a short description of any value, about 40 characters, for an error text."""
+    text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
+    return text if len(text) <= 40 else f"{text[:40]}…"

@@ -1,0 +1,164 @@
+"""Robots in the tree viewer: ``PublishedRobot`` sends the geometry once, then the transforms of links that move."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Mapping
+from os import PathLike, fspath
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scenegate.messages.changes import Changes, Path, path_of
+from scenegate.messages.geometry import Geometry, Transform
+from scenegate.transforms import quaternions_of
+from scenegate.tree.answer import OK, Answer
+from scenegate.tree.nodes import Sender
+from scenegate.warning_text import strict_refusal
+
+_NEEDS_SERVER: Final = (
+    "MJCF, keyframes, gltf_up='auto', textures=False and viewers other than Scenegate need packages of the server: "
+    "pip install 'scenegate[robots]'"
+)
+
+
+if TYPE_CHECKING:
+    from scenegate.robots.robot import Joint, JointValue, Robot
+
+
+class Viewer(Sender, Protocol):
+    """A viewer to publish robots to."""
+
+    def reads_files(self) -> bool:
+        """Return True if the viewer reads the content of mesh files."""
+
+
+class PublishedRobot:
+    """A robot in the viewer: a path for each link, below the robot's path. Thread-safe."""
+
+    def __init__(self, viewer: Sender, path: Path, robot: Robot[Geometry], joints: Mapping[str, JointValue]) -> None:
+        """Publish the links of a robot. See ``TreeViewer.robot``."""
+        self._viewer = viewer
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._values = dict(joints)
+        """Values of joints that have been set, by name."""
+        self.path = path
+        """Path of the robot. The links are at ``path + (link,)``."""
+        self.warnings = robot.warnings
+        """Sentences about content of the file that is not shown."""
+        self.notes = robot.notes
+        """Sentences about choices that the reader made."""
+        self.files = tuple(robot.digests)
+        """Files that were read, by path relative to the folder of the robot file, which is first."""
+        self._poses = robot.link_poses(self._values)
+        """X_robot_link that the viewer shows, (number of links, 4, 4)."""
+        changes = Changes()
+        changes.delete(path)
+        for link, parts in zip(robot.links, robot.parts, strict=True):
+            changes.set((*path, link), [part.body() for part in parts])
+        _add_poses(changes, path, robot.links, self._poses)
+        self.answer: Answer = viewer.send(changes)
+        """Result of publishing the robot."""
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links."""
+        return self._robot.links
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """Joints that move, by name, with their limits."""
+        return self._robot.joints
+
+    @property
+    def joint_values(self) -> dict[str, tuple[float, ...]]:
+        """Values of all joints."""
+        return self._robot.joint_values(self._values)
+
+    def set_joints(self, values: Mapping[str, JointValue]) -> Answer:
+        """Set joint values. One request has the transforms of all links that move; none is sent if no link moves.
+
+        Args:
+            values: Values in radians or metres, by joint name. Other joints keep their values.
+
+        Raises:
+            ValueError: There is no such joint, or a value is invalid.
+            TreeViewerError, TimeoutError, ConnectionError: See ``TreeViewer.send``.
+        """
+        with self._lock:
+            merged = {**self._values, **values}
+            poses = self._robot.link_poses(merged)
+            moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
+            changes = Changes()
+            _add_poses(changes, self.path, [self.links[index] for index in moved], poses[moved])
+            answer = self._viewer.send(changes) if moved.size else Answer(OK)
+            self._values, self._poses = merged, poses
+        return answer
+
+    def transform(self, value: Transform | ArrayLike) -> Answer:
+        """Set the robot's pose in the frame of the node above it.
+
+        Args:
+            value: (4, 4), three numbers (a translation in metres) or a ``Transform``.
+        """
+        changes = Changes()
+        changes.transform(self.path, Transform.of(value).body())
+        return self._viewer.send(changes)
+
+    def delete(self) -> Answer:
+        """Delete the robot."""
+        changes = Changes()
+        changes.delete(self.path)
+        return self._viewer.send(changes)
+
+
+def publish_robot(
+    viewer: Viewer,
+    path: str | int | tuple[str | int, ...],
+    file: str | PathLike[str],
+    joints: Mapping[str, JointValue],
+    roots: Iterable[str | PathLike[str]],
+    geometry: Literal["visual", "collision"],
+    textures: bool,
+    keyframe: str,
+    gltf_up: Literal["y", "z", "auto"],
+    strict: bool,
+) -> PublishedRobot:
+    """Read a robot file and publish it. See ``TreeViewer.robot``."""
+    from importlib.metadata import entry_points  # these are slow to import, and most clients publish no robots
+
+    from scenegate.robots.reader import NeedsServerError, read_robot
+
+    robot = None
+    options: dict[str, Any] = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
+    needs_server = NeedsServerError(_NEEDS_SERVER)
+    if textures and not keyframe and gltf_up != "auto" and viewer.reads_files():
+        try:
+            robot = read_robot(fspath(file), **options)
+        except NeedsServerError as error:
+            needs_server = error
+    if robot is None:
+        readers = entry_points(group="scenegate.robots")
+        if not readers:
+            raise needs_server
+        robot = next(iter(readers)).load()(file, **options, keyframe=keyframe, textures=textures)
+    published = PublishedRobot(viewer, path_of(path), robot, joints)
+    if strict and published.answer.warnings:
+        published.delete()
+        raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
+    return published
+
+
+def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:
+    """Add the transforms of links to changes.
+
+    Args:
+        path: path of the robot.
+        links: names of N links.
+        poses: (N, 4, 4) X_robot_link.
+    """
+    quaternions = quaternions_of(poses[:, :3, :3]).tolist()
+    for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
+        changes.transform((*path, link), {"translation": translation, "quaternion": quaternion})

@@ -1,1 +1,0 @@
-"""Classes generated from protos/ and lcmtypes/ (`make generate`); do not edit them."""
