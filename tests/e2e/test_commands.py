@@ -189,9 +189,10 @@ def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_pat
     script.write_text("from scenegate.cli import main\nmain()\n")
     words = ["scenegate", *typed.split(" ")]
     environment = {"_SCENEGATE_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
+    environment |= {"COMP_CWORD": str(len(words) - 1), "PYTHONPATH": f"{Path.cwd()}:{Path.cwd() / 'client'}"}
     result = subprocess.run(
         [sys.executable, str(script)],
-        env={**os.environ, **environment, "COMP_CWORD": str(len(words) - 1), "PYTHONPATH": f"{Path.cwd()}:{Path.cwd() / 'client'}"},
+        env={**os.environ, **environment},
         capture_output=True,
         text=True,
         timeout=SECONDS,
