@@ -440,7 +440,7 @@ def test_a_timeout_of_one_image_is_a_sentence(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "gateway.cli",
+        "scenegate",
         "render",
         str(tmp_path / "slow.gltf"),
         "-o",

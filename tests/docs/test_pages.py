@@ -15,6 +15,7 @@ from gateway.cli.commands import app
 from gateway.settings import Settings
 from gateway.settings.option import env_of
 from gateway.settings.sources import OTHER_ENV
+from scenegate.cli import CLIENT_COMMANDS, command_parser
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
 FOREIGN = {
@@ -38,6 +39,10 @@ def known() -> dict[tuple[str, ...], set[str]]:
             walk(below, (*name, child))
 
     walk(typer.main.get_command(app), ())
+    found[()].add("--version")
+    for name in CLIENT_COMMANDS:
+        actions = command_parser(name)._actions  # noqa: SLF001 - argparse has no public list of options
+        found[name,] = {flag for action in actions for flag in action.option_strings}
     return found
 
 

@@ -186,12 +186,13 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 )
 def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_path: Path) -> None:
     script = tmp_path / "scenegate"  # the name under which the completion is installed
-    script.write_text("from gateway.cli import main\nmain()\n")
+    script.write_text("from scenegate.cli import main\nmain()\n")
     words = ["scenegate", *typed.split(" ")]
     environment = {"_SCENEGATE_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
+    environment |= {"COMP_CWORD": str(len(words) - 1), "PYTHONPATH": f"{Path.cwd()}:{Path.cwd() / 'client'}"}
     result = subprocess.run(
         [sys.executable, str(script)],
-        env={**os.environ, **environment, "COMP_CWORD": str(len(words) - 1), "PYTHONPATH": str(Path.cwd())},
+        env={**os.environ, **environment},
         capture_output=True,
         text=True,
         timeout=SECONDS,

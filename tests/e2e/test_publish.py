@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from gateway.cli.commands import app
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
 from tests.robots.files import TRIANGLE
+from tests.support import command
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import serving
@@ -49,8 +48,8 @@ def lcm() -> None:
     liblcm()
 
 
-async def scenegate(*arguments: str | Path) -> Result:
-    return await asyncio.to_thread(CliRunner().invoke, app, [str(argument) for argument in arguments])
+async def scenegate(*arguments: str | Path) -> command.Ran:
+    return await asyncio.to_thread(command.scenegate, *map(str, arguments))
 
 
 @pytest.mark.slow
@@ -93,8 +92,8 @@ async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url, *PATIENT)
-    assert done.exit_code == 0, done.output
-    assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.output
+    assert done.exit_code == 0, done.stderr
+    assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.stdout
     base = live.snapshot.root.find(("robot", "base"))
     assert base is not None
     assert base.children["a"].matrix[2, 3] == 2.0
@@ -109,7 +108,7 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url, *PATIENT)
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 0, done.stderr
     (part,) = live.snapshot.root.children["thing"].parts or ()
     corners = [(0, 0, 0), (0, 1, 0), (1, 0, 0)]
     if faces:
@@ -131,7 +130,6 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
         ("x.json", "{", "is not JSON"),
         ("x.json", "[1]", "is not a request of the protocol"),
         ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
-        ("x.obj", "v 1\n", "x.obj"),
         ("x.txt", "", "x.txt"),
     ],
 )
@@ -139,7 +137,18 @@ async def test_rejects_files_that_cannot_be_published(name: str, text: str, reas
     (tmp_path / name).write_text(text)
     done = await scenegate("publish", tmp_path / name, "--lcm-url", "memq://")
     assert done.exit_code != 0
-    assert reason in str(done.exception)
+    assert reason in done.stderr
+
+
+async def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
+    (tmp_path / "x.obj").write_text("v 1\n")
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        done = await scenegate("publish", tmp_path / "x.obj", "--lcm-url", url, *PATIENT)
+        refused = await scenegate("publish", tmp_path / "x.obj", "--strict", "--lcm-url", url, *PATIENT)
+    assert "x.obj" in done.stderr
+    assert refused.exit_code == 1
+    assert "(refused: --strict)" in refused.stderr
 
 
 async def test_plays_a_recorded_log(tmp_path: Path) -> None:
@@ -160,6 +169,6 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         done = await scenegate("play", log, "--lcm-url", url, "--speed", "0", "--channels", ".*REQUEST.*")
-        assert done.exit_code == 0, done.output
-        assert "messages played" in done.output
+        assert done.exit_code == 0, done.stderr
+        assert "messages played" in done.stderr
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})

@@ -14,18 +14,16 @@ import grpc
 import httpx2
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from typer.testing import CliRunner, Result
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
-from gateway.cli.commands import app
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.credentials import Credentials
 from scenegate.camera.imu import ImuFailure, ImuRecorder
-from scenegate.camera.stream import StreamFailure
 from tests.support import clients
 from tests.support.certificates import certificate
+from tests.support.command import Ran, scenegate
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import SECONDS
 
@@ -175,10 +173,13 @@ def test_grpc_health_checks_need_no_token(secured: Secured) -> None:
     assert answer.status == health_pb2.HealthCheckResponse.SERVING
 
 
-def streamed(secured: Secured, folder: Path, *arguments: str, **environment: str) -> Result:
+def streamed(secured: Secured, folder: Path, *arguments: str, **environment: str) -> Ran:
     (folder / "ca.pem").write_bytes(secured.pem)
     command = ["stream", f"127.0.0.1:{secured.grpc_port}", "--left", "--count", "1", "--timeout", str(SECONDS)]
-    return CliRunner().invoke(app, [*command, *arguments], env=environment)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        return scenegate(*command, *arguments)
 
 
 def test_stream_command_with_authority_and_token(secured: Secured, tmp_path: Path) -> None:
@@ -191,15 +192,15 @@ def test_stream_command_with_authority_and_token(secured: Secured, tmp_path: Pat
     ]
     for arguments, environment in ways:
         result = streamed(secured, tmp_path, *arguments, **environment)
-        assert result.exit_code == 0, result.output
-        assert "1 sets" in result.output
+        assert result.exit_code == 0, result.stderr
+        assert "1 sets" in result.stderr
 
 
 @pytest.mark.parametrize("arguments", [[], ["--token", TOKEN]], ids=["none", "another"])
 def test_stream_command_without_the_right_token(secured: Secured, tmp_path: Path, arguments: list[str]) -> None:
     result = streamed(secured, tmp_path, "--ca", str(tmp_path / "ca.pem"), *arguments)
-    assert isinstance(result.exception, StreamFailure)
-    assert "UNAUTHENTICATED: the metadata needs 'authorization: Bearer TOKEN'" in str(result.exception)
+    assert result.exit_code == 1
+    assert "UNAUTHENTICATED: the metadata needs 'authorization: Bearer TOKEN'" in result.stderr
 
 
 def test_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:

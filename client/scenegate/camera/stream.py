@@ -12,8 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import grpc
-import numpy as np
-from numpy.typing import NDArray
 
 from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
@@ -263,8 +261,3 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
             sets.close()
             break
     return progress
-
-
-def depth_of(disparity: pb.DisparityImage) -> NDArray[np.float32]:
-    """Return the depth in metres along the optical axis, (H, W). It is +inf where the disparity is invalid."""
-    return files.depth(disparity)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -33,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         if name in SERVER_COMMANDS:
             _run_of_server(name, arguments)
+        elif name.endswith("-completion") or "_SCENEGATE_COMPLETE" in os.environ:
+            _run_of_server("serve", arguments)  # Typer completes words, those of the server's commands
         elif name in CLIENT_COMMANDS:
             parser = command_parser(name)
             options = parser.parse_args(arguments[1:])

@@ -133,6 +133,8 @@ def _with_json_values(body: dict[str, Any]) -> dict[str, Any]:
     pixels of images as PNG files, which the encoder writes as base64."""
     commands = [
         {**command, "geometries": [_with_json_fields(geometry) for geometry in command["geometries"]]}
+        if "geometries" in command
+        else command
         for command in body.get("setgeometry", ())
     ]
     return {**body, "setgeometry": commands} if commands else body

@@ -9,7 +9,7 @@ const DEFAULT_HUB = "tcpq://127.0.0.1:7700";
 
 /** Code to publish on a hub, by its URL; by title of the tab. */
 const EXAMPLES: Record<string, (hub: string) => string> = {
-  Python: (hub) => `from gateway.client import Box, TreeViewer
+  Python: (hub) => `from scenegate import Box, TreeViewer
 
 with TreeViewer("${hub}") as viewer:
     viewer["box"].set(Box((0.4, 0.3, 0.2), color="orange"))`,
