@@ -20,6 +20,10 @@ ENGINE ?= docker
 IMAGE ?= scenegate
 TAG ?= latest
 
+# Sources of the browser view; they are checked where node is 20 or newer.
+WEB := gateway/viewer/web
+NODE := $(shell command -v npm >/dev/null && node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
+
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 UV := $(BIN)/uv
@@ -34,7 +38,7 @@ SITE_REPO_URL ?= $(shell sed -n 's/^Repository = "\(.*\)"/\1/p' pyproject.toml)
 SITE_ENV = SITE_REPO_URL="$(SITE_REPO_URL)" SITE_EDIT_URI="$(if $(SITE_REPO_URL),edit/main/docs/)"
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all test-lowest lint check lock generate docs web bench docs-site docs-serve mutants clean
+.PHONY: help run test test-all test-lowest lint check check-web lock generate docs web bench docs-site docs-serve mutants clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 20
@@ -63,7 +67,7 @@ lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-check: lint ## lint, format, types, import contracts, compose file, files for GitHub
+check: lint $(if $(NODE),check-web) ## lint, format, types, import contracts, compose file, files for GitHub; the page, with node
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
@@ -133,8 +137,14 @@ generate: $(VENV)/.tools ## write the protobuf classes from protos/ (needs Pytho
 	$(UV) run --quiet --no-project --python $(BIN)/python --with grpcio-tools==$(GRPCIO_TOOLS) --with "setuptools<80" \
 		python protos/generate.py $(ARGS)
 
-web: ## build the page of the browser view (needs node 20)
-	cd gateway/viewer/web && npm ci --no-audit --no-fund && npm run check && npm run build
+check-web: $(WEB)/node_modules/.package-lock.json ## lint, format, types and unit tests of the page (needs node 20)
+	cd $(WEB) && npm run --silent check
+
+web: $(WEB)/node_modules/.package-lock.json ## build the page of the browser view (needs node 20)
+	cd $(WEB) && npm run build
+
+$(WEB)/node_modules/.package-lock.json: $(WEB)/package-lock.json
+	cd $(WEB) && npm ci --no-audit --no-fund
 
 # No index names get into the locks: --no-header, and no --emit-index-url. The client is installed from client/.
 COMPILE := $(UV) pip compile pyproject.toml --no-emit-package scenegate-client --quiet --universal --python-version 3.11 --generate-hashes --no-header

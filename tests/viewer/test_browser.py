@@ -179,7 +179,9 @@ def test_textures_of_replaced_and_deleted_images_are_freed(view: tuple[View, Pub
     before = drawn()
     publish(0)
     shown.look_at("mesh")
-    shown.until(lambda: drawn()["textures"] == before["textures"] + 3, "three textures")
+    shown.until(
+        lambda: drawn()["textures"] == before["textures"] + 4, "three textures, and the one in which they are blended"
+    )
     first = drawn()
     for count in range(1, 101):
         revision = page.evaluate("scenegate.model.revision")
@@ -1022,7 +1024,7 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     page.goto(f"{url}/view")
     page.get_by_text("This browser has no WebGL 2.").wait_for()
-    shown = page.locator(".stage > img")
+    shown = page.locator(".stage img")
 
     def share(channel: int, other: int) -> float:
         pixels = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB")).astype(int)
@@ -1032,7 +1034,7 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     page.locator(".row", has_text="hidden").locator(".eye").click()
     wait_until(lambda: share(0, 1) > 0.02 and share(1, 0) == 0.0)
     page.keyboard.press("h")
-    camera = "new URL(document.querySelector('.stage > img').src).searchParams.get('camera')"
+    camera = "new URL(document.querySelector('.stage img').src).searchParams.get('camera')"
     before = page.evaluate(camera)
     page.get_by_role("button", name="Top").click()
     wait_until(lambda: page.evaluate(camera) != before)

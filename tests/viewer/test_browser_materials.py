@@ -30,7 +30,7 @@ def pbr(*color: float, **more: Any) -> dict[str, Any]:
     return {**DULL, "baseColorFactor": [*color], **more}
 
 
-UNLIT = {"extensions": {"KHR_materials_unlit": {}}}
+UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
 MATERIALS: list[dict[str, Any]] = [
     {"pbrMetallicRoughness": pbr(0.8, 0.1, 0.1, 1.0)},
     {"pbrMetallicRoughness": pbr(0.2, 0.2, 0.2, 1.0)},
@@ -102,7 +102,8 @@ def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
             }"""
         )
         view.until(lambda: view.colors().shape == (400, 500, 3), "the size")
-        query = {"camera": "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5", "width": 500, "height": 400}
+        camera = "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5"
+        query: dict[str, str | int] = {"camera": camera, "width": 500, "height": 400}
         with clients.Client(base_url=url) as http:
             response = http.get("/scene/render", params=query)
         rendered = means(np.asarray(Image.open(io.BytesIO(response.content)).convert("RGB")))

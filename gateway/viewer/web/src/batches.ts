@@ -1,6 +1,6 @@
 // Instanced drawing of opaque triangles: draws with the same mesh and material are one call, each with its own colour.
 
-import { Color, DynamicDrawUsage, InstancedMesh, Matrix4, Object3D, type BufferGeometry, type Material } from "three";
+import { type BufferGeometry, Color, DynamicDrawUsage, InstancedMesh, type Material, Matrix4, type Object3D } from "three";
 import type { TreeNode } from "./model";
 
 /** One instance in a batch. */

@@ -1,6 +1,6 @@
 // An image of linear colours in between, in which translucent surfaces are blended as light, as in the gateway's images.
 
-import { SRGBColorSpace, WebGLRenderTarget, type WebGLRenderer } from "three";
+import { SRGBColorSpace, type WebGLRenderer, WebGLRenderTarget } from "three";
 import { OutputPass } from "three/addons/postprocessing/OutputPass.js";
 
 export class LinearImage {
@@ -18,5 +18,11 @@ export class LinearImage {
     this.renderer.setRenderTarget(this.image);
     render();
     this.output.render(this.renderer, this.image, this.image, 0, false);
+  }
+
+  /** Free what the next image makes again. */
+  dispose(): void {
+    this.image.dispose();
+    this.output.dispose();
   }
 }

@@ -58,7 +58,7 @@ export class CloudProgress {
   /** Make the next chunks visible, and no others. */
   private show(count: number): void {
     const end = Math.min(this.drawnCount + count, this.chunks.length);
-    this.chunks.forEach(({ object }, i) => object.layers.set(i >= this.drawnCount && i < end ? CLOUD_LAYER : HIDDEN_LAYER));
+    for (const [i, { object }] of this.chunks.entries()) object.layers.set(i >= this.drawnCount && i < end ? CLOUD_LAYER : HIDDEN_LAYER);
     this.drawnCount = end;
   }
 

@@ -1,6 +1,6 @@
 // Colours of a point cloud: as published, along an axis, or from one of its channels.
 
-import { colorize, rangeOf, type MapName, type Range } from "./colormaps";
+import { colorize, type MapName, type Range, rangeOf } from "./colormaps";
 import type { MeshPayload, Part } from "./protocol";
 
 export interface CloudLook {

@@ -1,22 +1,12 @@
 // Colormaps of point clouds: a few stops each, interpolated linearly.
 
-type Stops = readonly (readonly [number, number, number])[];
-
-/** Stops at equal distances, 0 to 255; viridis and turbo as they are published. */
+/** Stops at equal distances; viridis and turbo as they are published. */
 export const COLOR_MAPS = {
-  turbo: [
-    [48, 18, 59], [70, 107, 227], [41, 187, 236], [49, 242, 153], [164, 252, 60], [237, 208, 58], [251, 128, 34], [210, 49, 5], [122, 4, 3],
-  ],
-  viridis: [
-    [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
-  ],
-  grey: [
-    [20, 20, 20], [250, 250, 250],
-  ],
-  "blue–red": [
-    [59, 76, 192], [221, 221, 221], [180, 4, 38],
-  ],
-} as const satisfies Record<string, Stops>;
+  turbo: ["#30123b", "#466be3", "#29bbec", "#31f299", "#a4fc3c", "#edd03a", "#fb8022", "#d23105", "#7a0403"],
+  viridis: ["#440154", "#472c7a", "#3b518b", "#2c718e", "#21908d", "#27ad81", "#5cc863", "#aadc32", "#fde725"],
+  grey: ["#141414", "#fafafa"],
+  "blue–red": ["#3b4cc0", "#dddddd", "#b40426"],
+} as const satisfies Record<string, readonly string[]>;
 
 export type MapName = keyof typeof COLOR_MAPS;
 
@@ -39,14 +29,14 @@ export function rangeOf(values: Float32Array, offset: number, stride: number): R
 
 /** Return RGBA bytes for every value; NaN is grey. */
 export function colorize(values: Float32Array, offset: number, stride: number, range: Range, map: MapName): Uint8Array {
-  const stops: Stops = COLOR_MAPS[map];
+  const stops: readonly string[] = COLOR_MAPS[map];
+  const channel = (stop: number, c: number) => Number.parseInt(stops[stop]!.slice(1 + 2 * c, 3 + 2 * c), 16);
   const table = new Uint8Array(256 * 3);
   for (let i = 0; i < 256; i++) {
     const at = (i / 255) * (stops.length - 1);
     const k = Math.min(Math.floor(at), stops.length - 2);
     for (let c = 0; c < 3; c++) {
-      const [from, to] = [stops[k]?.[c] ?? 0, stops[k + 1]?.[c] ?? 0];
-      table[3 * i + c] = Math.round(from + (at - k) * (to - from));
+      table[3 * i + c] = Math.round(channel(k, c) + (at - k) * (channel(k + 1, c) - channel(k, c)));
     }
   }
   const count = Math.floor((values.length - offset + stride - 1) / stride);
@@ -63,5 +53,5 @@ export function colorize(values: Float32Array, offset: number, stride: number, r
 
 /** Return a colormap as a CSS background. */
 export function ramp(map: MapName): string {
-  return `linear-gradient(90deg, ${COLOR_MAPS[map].map((c) => `rgb(${c.join(" ")})`).join(", ")})`;
+  return `linear-gradient(90deg, ${COLOR_MAPS[map].join(", ")})`;
 }

@@ -1,6 +1,6 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
 
-import { parse, type Click, type Message } from "./protocol";
+import { type Click, type Message, parse } from "./protocol";
 
 const FIRST_DELAY = 250;
 const MAX_DELAY = 4000;

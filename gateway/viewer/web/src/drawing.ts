@@ -5,25 +5,25 @@ import {
   BufferAttribute,
   BufferGeometry,
   Color,
+  type Intersection,
   LineSegments,
   Matrix4,
   Mesh,
+  type MeshBasicMaterial,
   Object3D,
   Points,
   Quaternion,
-  SRGBColorSpace,
   Sphere,
-  Vector3,
-  type Intersection,
+  SRGBColorSpace,
   type Material as ThreeMaterial,
-  type MeshBasicMaterial,
+  Vector3,
 } from "three";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Batch, type BatchInstance } from "./batches";
 import { CHUNK_POINTS, type CloudProgress } from "./cloudprogress";
 import { colorCloud } from "./clouds";
-import { Materials } from "./materials";
+import type { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
@@ -150,7 +150,10 @@ export class Drawing {
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
     if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera)
-      return { local, instance: this.batch(draw, this.geometry(payload), hasColors).add(node, place, new Color(...material.color.slice(0, 3))) };
+      return {
+        local,
+        instance: this.batch(draw, this.geometry(payload), hasColors).add(node, place, new Color(...material.color.slice(0, 3))),
+      };
     let object: SingleObject;
     if (payload.topology === 3) object = new Mesh(this.geometry(payload), this.materials.translucent(material, hasColors, opacity));
     else if (payload.topology === 2 && (material.lineWidth ?? 1) > 1)

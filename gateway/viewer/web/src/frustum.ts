@@ -49,7 +49,7 @@ export class Frustum {
         IMAGE_PLANE_DISTANCE,
       ];
       const corners = [corner(0, 0), corner(rig.width, 0), corner(rig.width, rig.height), corner(0, rig.height)];
-      corners.forEach((at, i) => points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at)));
+      for (const [i, at] of corners.entries()) points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at));
       // A tick above the image plane marks the up direction.
       points.push(...corner(rig.width * 0.44, 0), ...corner(rig.width * 0.5, -rig.height * 0.09));
       points.push(...corner(rig.width * 0.5, -rig.height * 0.09), ...corner(rig.width * 0.56, 0));

@@ -1,17 +1,7 @@
 // Lights of the page's own renderer: a sky, a lamp that can cast shadows, and a weak headlight, so that no side is black.
 // Metals also reflect an environment map.
 
-import {
-  Box3,
-  DirectionalLight,
-  HemisphereLight,
-  Object3D,
-  PMREMGenerator,
-  Vector3,
-  type Camera,
-  type Texture,
-  type WebGLRenderer,
-} from "three";
+import { Box3, type Camera, DirectionalLight, HemisphereLight, Object3D, PMREMGenerator, type Texture, Vector3, type WebGLRenderer } from "three";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
 
 /** Direction to the lamp: left of and behind the camera of the home view, as in the look "studio" of the gateway's images. */

@@ -2,12 +2,14 @@
 
 import {
   ClampToEdgeWrapping,
+  type Color,
   DoubleSide,
   Euler,
   FrontSide,
   ImageLoader,
   LineBasicMaterial,
   MeshBasicMaterial,
+  type MeshBasicMaterialParameters,
   MeshLambertMaterial,
   MeshStandardMaterial,
   MirroredRepeatWrapping,
@@ -15,16 +17,13 @@ import {
   NoColorSpace,
   PointsMaterial,
   RepeatWrapping,
-  SRGBColorSpace,
   Source,
+  SRGBColorSpace,
   Texture,
-  type Color,
   type Material as ThreeMaterial,
-  type MeshBasicMaterialParameters,
   type Wrapping,
 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import { h } from "./dom";
 import type { Material, TextureUse } from "./protocol";
 import { BEFORE_SURFACE, patch } from "./shaders";
 
@@ -40,7 +39,7 @@ const RETRY_MS = 2000;
 
 /** Placeholder until a texture is downloaded; three.js draws black without an image. */
 function placeholderImage(): HTMLCanvasElement {
-  const canvas = h("canvas", { width: 1, height: 1 });
+  const canvas = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
   const context = canvas.getContext("2d");
   if (context) {
     context.fillStyle = "white";
@@ -109,12 +108,7 @@ export class Materials {
   /** Return a material for a single draw, with its own colour and opacity. */
   translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = this.surface(material, vertexColors);
-      threeMaterial.color.setRGB(material.color[0], material.color[1], material.color[2], SRGBColorSpace);
-      threeMaterial.transparent = true;
-      threeMaterial.depthWrite = false;
-      threeMaterial.opacity = material.color[3] * opacity;
-      return threeMaterial;
+      return this.colored(this.surface(material, vertexColors), material, opacity, true);
     });
   }
 
@@ -185,8 +179,7 @@ export class Materials {
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
-    for (const { material } of this.shared.values())
-      if ("wireframe" in material) material.wireframe = on;
+    for (const { material } of this.shared.values()) if ("wireframe" in material) material.wireframe = on;
     this.redraw();
   }
 
@@ -198,11 +191,11 @@ export class Materials {
   }
 
   /** Set the colour of a draw and, if its node or its colour is translucent, the opacity. Return the three.js material. */
-  private colored<M extends ThreeMaterial & { color: Color }>(threeMaterial: M, material: Material, nodeOpacity: number): M {
+  private colored<M extends ThreeMaterial & { color: Color }>(threeMaterial: M, material: Material, nodeOpacity: number, blended = false): M {
     const [r, g, b, alpha] = material.color;
     threeMaterial.color.setRGB(r, g, b, SRGBColorSpace);
     const opacity = alpha * nodeOpacity;
-    if (opacity < 1) {
+    if (blended || opacity < 1) {
       threeMaterial.transparent = true;
       threeMaterial.depthWrite = false;
       threeMaterial.opacity = opacity;

@@ -1,6 +1,6 @@
 // Ambient occlusion: a post-processing pass of three.js (GTAO).
 
-import { HalfFloatType, WebGLRenderTarget, type OrthographicCamera, type PerspectiveCamera, type Scene, type WebGLRenderer } from "three";
+import { HalfFloatType, type OrthographicCamera, type PerspectiveCamera, type Scene, type WebGLRenderer, WebGLRenderTarget } from "three";
 import { EffectComposer } from "three/addons/postprocessing/EffectComposer.js";
 import { GTAOPass } from "three/addons/postprocessing/GTAOPass.js";
 import { OutputPass } from "three/addons/postprocessing/OutputPass.js";
@@ -13,11 +13,7 @@ export class AmbientOcclusion {
   private readonly composer: EffectComposer;
   private readonly pass: GTAOPass;
 
-  constructor(
-    renderer: WebGLRenderer,
-    scene: Scene,
-    camera: PerspectiveCamera | OrthographicCamera,
-  ) {
+  constructor(renderer: WebGLRenderer, scene: Scene, camera: PerspectiveCamera | OrthographicCamera) {
     this.composer = new EffectComposer(renderer, new WebGLRenderTarget(1, 1, { type: HalfFloatType, samples: 4 }));
     this.pass = new GTAOPass(scene, camera);
     for (const each of [new RenderPass(scene, camera), this.pass, new OutputPass()]) this.composer.addPass(each);

@@ -1,53 +1,64 @@
 // Display settings of this browser, from the URL (?shadows=on), an earlier visit, or the default, in this order.
 
+import { signal } from "@preact/signals";
+
 const PREFIX = "scenegate.";
 
-/** Return a setting, or the default if no source has an allowed value. */
-export function choice<T extends string>(name: string, allowed: readonly T[], fallback: T): T {
-  const values = [new URLSearchParams(location.search).get(name), kept(name)];
-  for (const value of values) {
-    const found = allowed.find((each) => each === value);
-    if (found) return found;
+export const THEMES = ["light", "dark"] as const;
+export const BACKGROUNDS = ["theme", "white", "black", "sky"] as const;
+export type Background = (typeof BACKGROUNDS)[number];
+
+/** A setting. `shown` is its current value, which a client may set, too; `choose` keeps it for the next visit. */
+export class Option<T extends string> {
+  readonly shown;
+
+  /** Value of the visitor. */
+  own: T;
+
+  constructor(
+    readonly name: string,
+    allowed: readonly T[],
+    fallback: T,
+  ) {
+    const values = [new URLSearchParams(location.search).get(name), kept(name)];
+    this.own = values.map((value) => allowed.find((each) => each === value)).find((value) => value) ?? fallback;
+    this.shown = signal(this.own);
   }
-  return fallback;
+
+  choose(value: T): void {
+    this.shown.value = this.own = value;
+    keep(this.name, value);
+  }
 }
 
-/** Return true if a setting is on. */
-export function isOn(name: string, fallback: boolean): boolean {
-  return choice(name, ["off", "on"], fallback ? "on" : "off") === "on";
-}
+export type Switch = Option<"off" | "on">;
+const toggle = (name: string, fallback: boolean): Switch => new Option(name, ["off", "on"], fallback ? "on" : "off");
 
-/** Store a setting for the next visit. */
-export function keep(name: string, value: string): void {
+export const options = {
+  grid: toggle("grid", true),
+  axes: toggle("axes", true),
+  wireframe: toggle("wireframe", false),
+  orthographic: toggle("orthographic", false),
+  shadows: toggle("shadows", false),
+  occlusion: toggle("occlusion", false),
+  shortcuts: toggle("shortcuts", true),
+  background: new Option("background", BACKGROUNDS, "theme"),
+  theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
+};
+
+/** Store a value for the next visit, or until the tab is closed. */
+export function keep(name: string, value: string, storage: "localStorage" | "sessionStorage" = "localStorage"): void {
   try {
-    localStorage.setItem(PREFIX + name, value);
+    globalThis[storage].setItem(PREFIX + name, value);
   } catch {
     // The browser does not allow storage: the setting lasts as long as the page.
   }
 }
 
-/** Store a value until the tab is closed. */
-export function keepInTab(name: string, value: unknown): void {
+/** Return a value that was stored by `keep`. */
+export function kept(name: string, storage: "localStorage" | "sessionStorage" = "localStorage"): string | null {
   try {
-    sessionStorage.setItem(PREFIX + name, JSON.stringify(value));
-  } catch {
-    // As in `keep`.
-  }
-}
-
-/** Return a value of `keepInTab`, or null. */
-export function keptInTab<T>(name: string): T | null {
-  try {
-    return JSON.parse(sessionStorage.getItem(PREFIX + name) ?? "null") as T | null;
-  } catch {
-    return null;
-  }
-}
-
-/** Return a setting that was stored at an earlier visit. */
-export function kept(name: string): string | null {
-  try {
-    return localStorage.getItem(PREFIX + name);
+    return globalThis[storage].getItem(PREFIX + name);
   } catch {
     return null;
   }

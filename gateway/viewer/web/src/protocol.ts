@@ -160,7 +160,9 @@ export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSe
 
 interface Header {
   kind: string;
-  [key: string]: unknown;
+  poses?: { ids: Span; values: Span };
+  matrices?: { ids: Span; values: Span };
+  [name: string]: unknown;
 }
 
 /** Parse a frame. The typed arrays share the message's memory. */
@@ -169,40 +171,25 @@ export function parse(buffer: ArrayBuffer): Message {
   if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
   const start = 8 + view.getUint32(4, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, start - 8))) as Header;
-  const floats = (span: Span) => new Float32Array(buffer, start + span[0], span[1]);
-  const doubles = (span: Span) => new Float64Array(buffer, start + span[0], span[1]);
-  const words = (span: Span) => new Uint32Array(buffer, start + span[0], span[1]);
-  const bytes = (span: Span) => new Uint8Array(buffer, start + span[0], span[1]);
-  switch (header.kind) {
-    case "update": {
-      const poses = header.poses as { ids: Span; values: Span } | undefined;
-      const matrices = header.matrices as { ids: Span; values: Span } | undefined;
-      return {
-        kind: "update",
-        from: header.from as number,
-        revision: header.revision as number,
-        removed: (header.removed as number[] | undefined) ?? [],
-        nodes: (header.nodes as NodeUpdate[] | undefined) ?? [],
-        poseIds: poses ? words(poses.ids) : new Uint32Array(),
-        poses: poses ? floats(poses.values) : new Float32Array(),
-        matrixIds: matrices ? words(matrices.ids) : new Uint32Array(),
-        matrices: matrices ? doubles(matrices.values) : new Float64Array(),
-      };
-    }
-    case "mesh":
-      return {
-        kind: "mesh",
-        id: header.id as number,
-        topology: header.topology as 1 | 2 | 3,
-        box: header.box as [Vector, Vector] | undefined,
-        position: floats(header.position as Span),
-        normal: header.normal ? floats(header.normal as Span) : undefined,
-        color: header.color ? bytes(header.color as Span) : undefined,
-        uv: header.uv ? floats(header.uv as Span) : undefined,
-        uv1: header.uv1 ? floats(header.uv1 as Span) : undefined,
-        index: header.index ? words(header.index as Span) : undefined,
-      };
-    default:
-      return header as unknown as Message;
-  }
+  const floats = ([at, count]: Span = [0, 0]) => new Float32Array(buffer, start + at, count);
+  const words = ([at, count]: Span = [0, 0]) => new Uint32Array(buffer, start + at, count);
+  const { poses, matrices } = header;
+  const [at, count] = matrices?.values ?? [0, 0];
+  if (header.kind === "update")
+    return {
+      removed: [],
+      nodes: [],
+      ...header,
+      poseIds: words(poses?.ids),
+      poses: floats(poses?.values),
+      matrixIds: words(matrices?.ids),
+      matrices: new Float64Array(buffer, start + at, count),
+    } as unknown as SceneUpdate;
+  if (header.kind !== "mesh") return header as unknown as Message;
+  const { color, index, ...rest } = header as unknown as Record<string, Span>;
+  const mesh: Record<string, unknown> = { ...rest };
+  for (const name of ["position", "normal", "uv", "uv1"]) if (rest[name]) mesh[name] = floats(rest[name]);
+  if (color) mesh.color = new Uint8Array(buffer, start + color[0], color[1]);
+  if (index) mesh.index = words(index);
+  return mesh as unknown as MeshPayload;
 }

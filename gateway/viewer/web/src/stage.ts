@@ -6,6 +6,7 @@ import {
   Box3Helper,
   Color,
   GridHelper,
+  type Intersection,
   Object3D,
   OrthographicCamera,
   PerspectiveCamera,
@@ -14,12 +15,11 @@ import {
   Vector2,
   Vector3,
   WebGLRenderer,
-  type Intersection,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LinearImage } from "./blending";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
-import { h } from "./dom";
+import { frame } from "./framing";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
@@ -30,8 +30,6 @@ const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
 /** Distance between the origin of the page's scene and the view's target above which the origin moves, metres: in single
  * precision, coordinates are 0.06 mm apart there. */
 const MAX_TARGET_DISTANCE = 1000;
-/** Size of the view as a multiple of that of the framed boxes. */
-const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
 const DIRECTIONS: Record<Direction, [number, number, number]> = {
   home: [1, -1.2, 0.8],
@@ -60,13 +58,24 @@ const BUTTONS: readonly Button[] = ["left", "middle", "right"];
 
 /** Return a renderer, or null in a browser without WebGL 2. */
 function newRenderer(): WebGLRenderer | null {
-  const canvas = h("canvas");
+  const canvas = document.createElement("canvas");
   const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
   if (!context) return null;
   const renderer = new WebGLRenderer({ canvas, context });
   renderer.shadowMap.enabled = true;
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   return renderer;
+}
+
+export interface StageCallbacks {
+  /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
+  imageUrl(): string;
+  /** Returns true if the scene has translucent surfaces. */
+  isTranslucent(): boolean;
+  /** Called after an image was drawn. */
+  drawn(): void;
+  /** Called after `origin` has changed. */
+  originMoved(): void;
 }
 
 export class Stage {
@@ -104,20 +113,11 @@ export class Stage {
   /** Point of the world at which `scene` has its origin. It is near the view's target, where coordinates have to be precise. */
   readonly origin = new Vector3();
 
-  /**
-   * @param imageUrl returns the URL of the gateway's image of this view, which is shown without WebGL
-   * @param isTranslucent returns true if the scene has translucent surfaces
-   * @param drawn called after an image was drawn
-   * @param originMoved called after `origin` has changed
-   */
   constructor(
     private readonly holder: HTMLElement,
-    private readonly imageUrl: () => string,
-    private readonly isTranslucent: () => boolean,
-    private readonly drawn: () => void,
-    private readonly originMoved: () => void,
+    private readonly callbacks: StageCallbacks,
   ) {
-    this.canvas = this.renderer?.domElement ?? h("img", { alt: "", draggable: "false" });
+    this.canvas = this.renderer?.domElement ?? Object.assign(new Image(), { alt: "", draggable: false });
     this.linearImage = this.renderer && new LinearImage(this.renderer);
     this.lights = new Lights(this.renderer);
     this.canvas.tabIndex = 0;
@@ -248,43 +248,12 @@ export class Stage {
     this.redraw();
   }
 
-  /**
-   * Move the camera to the nearest place from which all boxes are in view, with equal margins.
-   *
-   * A point with coordinates a (to the right), b (up) and c (towards the camera) is in view of a camera at (x, y, distance)
-   * if |a - x| <= tanX * (distance - c) and |b - y| <= tanY * (distance - c).
-   */
+  /** Move the camera to the nearest place from which all boxes are in view, with equal margins. */
   private frame(boxes: Box3[], direction: Vector3): void {
-    const right = this.camera.up.clone().cross(direction).normalize();
-    const up = direction.clone().cross(right);
-    const tanY = TAN_HALF_FOV / MARGIN;
-    const tanX = tanY * this.perspective.aspect;
-    const extent = { right: -Infinity, left: -Infinity, top: -Infinity, bottom: -Infinity };
-    const range = new Box3();
-    const corner = new Vector3();
-    for (const { min, max } of boxes)
-      for (let k = 0; k < 8; k++) {
-        corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
-        const [a, b, c] = [corner.dot(right), corner.dot(up), corner.dot(direction)];
-        range.expandByPoint(corner.set(a, b, c));
-        extent.right = Math.max(extent.right, a + tanX * c);
-        extent.left = Math.max(extent.left, -a + tanX * c);
-        extent.top = Math.max(extent.top, b + tanY * c);
-        extent.bottom = Math.max(extent.bottom, -b + tanY * c);
-      }
-    const distance = Math.max((extent.right + extent.left) / (2 * tanX), (extent.top + extent.bottom) / (2 * tanY));
-    const depth = (range.min.z + range.max.z) / 2;
-    const target = new Vector3()
-      .addScaledVector(right, (extent.right - extent.left) / 2)
-      .addScaledVector(up, (extent.top - extent.bottom) / 2)
-      .addScaledVector(direction, depth);
-    const [x, y] = [target.dot(right), target.dot(up)];
-    const halfWidth = Math.max(range.max.x - x, x - range.min.x);
-    const halfHeight = Math.max(range.max.y - y, y - range.min.y, halfWidth / this.perspective.aspect);
-    for (const camera of [this.perspective, this.orthographic])
-      camera.position.copy(target).addScaledVector(direction, Math.max(distance - depth, 1e-3));
+    const { position, target, halfHeight } = frame(boxes, direction, this.camera.up, TAN_HALF_FOV, this.perspective.aspect);
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(position);
     this.controls.target.copy(target);
-    this.finishPlacing(Math.max(1e-3, MARGIN * halfHeight));
+    this.finishPlacing(halfHeight);
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the framed box. */
@@ -374,7 +343,7 @@ export class Stage {
     this.world.position.copy(this.origin).negate();
     this.grid.position.z = -this.origin.z; // near the target, at the world's height 0
     this.controls.update();
-    this.originMoved();
+    this.callbacks.originMoved();
     this.redraw();
   }
 
@@ -393,8 +362,8 @@ export class Stage {
     this.dirty = false;
     this.scene.updateMatrixWorld();
     this.camera.updateMatrixWorld();
-    image.src = `${this.imageUrl()}&number=${this.frames}`;
-    this.drawn();
+    image.src = `${this.callbacks.imageUrl()}&number=${this.frames}`;
+    this.callbacks.drawn();
   }
 
   private drawImage(renderer: WebGLRenderer): void {
@@ -404,12 +373,14 @@ export class Stage {
     this.clouds.start(performance.now(), this.occlusion !== null);
     if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
     else this.render(renderer);
-    this.drawn();
+    this.callbacks.drawn();
   }
 
   private render(renderer: WebGLRenderer): void {
     const draw = () => renderer.render(this.scene, this.camera);
-    if (this.linearImage && this.isTranslucent()) this.linearImage.draw(draw);
+    const translucent = this.callbacks.isTranslucent();
+    if (!translucent) this.linearImage?.dispose();
+    if (translucent && this.linearImage) this.linearImage.draw(draw);
     else draw();
   }
 

@@ -1,30 +1,19 @@
-// Light or dark theme, and the colours of the background.
+// Colours of the background, the grid and the stereo camera's frustum.
 
-import { choice } from "./options";
+import type { Background } from "./options";
 
-export const THEMES = ["light", "dark"] as const;
-export type Theme = (typeof THEMES)[number];
-
-/** Colours of the background, the grid and the stereo camera's frustum. */
 export interface BackgroundColors {
   background: string;
   grid: string;
   frustum: string;
 }
 
-const BACKGROUND_COLORS = {
+const BACKGROUND_COLORS: Record<Exclude<Background, "theme">, BackgroundColors> = {
   white: { background: "#ffffff", grid: "#c9cfd9", frustum: "#6a1fd0" },
   black: { background: "#000000", grid: "#363d49", frustum: "#c39bff" },
   // The background of the images that the gateway renders.
   sky: { background: "#cce5ff", grid: "#a3bbd6", frustum: "#6a1fd0" },
-} as const satisfies Record<string, BackgroundColors>;
-
-export type Background = "theme" | keyof typeof BACKGROUND_COLORS;
-export const BACKGROUNDS: readonly Background[] = ["theme", "white", "black", "sky"];
-
-export function startingBackground(): Background {
-  return choice("background", BACKGROUNDS, "theme");
-}
+};
 
 export function backgroundColors(name: Background): BackgroundColors {
   if (name !== "theme") return BACKGROUND_COLORS[name];
@@ -43,8 +32,4 @@ export function colorsOn(rgb: [number, number, number]): BackgroundColors {
     grid: css((channel) => (light ? 0.8 * channel : 0.75 * channel + 0.25)),
     frustum: light ? "#6a1fd0" : "#c39bff",
   };
-}
-
-export function startingTheme(): Theme {
-  return choice("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 }

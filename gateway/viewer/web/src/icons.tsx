@@ -12,20 +12,18 @@ const PATHS = {
   chevron: "M6 3.5L10.5 8 6 12.5",
   eye: "M1.5 8S4 3.8 8 3.8 14.5 8 14.5 8 12 12.2 8 12.2 1.5 8 1.5 8zM8 8m-1.9 0a1.9 1.9 0 1 0 3.8 0a1.9 1.9 0 1 0-3.8 0",
   hidden: "M1.5 8S4 3.8 8 3.8 14.5 8 14.5 8 12 12.2 8 12.2 1.5 8 1.5 8zM3 13.5l10-11",
-  display: "M2 4.5h5M11 4.5h3M9 4.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0M2 11.5h3M9 11.5h5M7 11.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0",
+  display:
+    "M2 4.5h5M11 4.5h3M9 4.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0M2 11.5h3M9 11.5h5M7 11.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0",
   panel: "M2 2.5h12v11H2zM10 2.5v11",
   copy: "M5.5 5.5h8v8h-8zM3.5 10.5h-1v-8h8v1",
 } as const;
 
-export type Icon = keyof typeof PATHS;
+export type IconName = keyof typeof PATHS;
 
-export function icon(name: Icon): SVGSVGElement {
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-  svg.setAttribute("viewBox", "0 0 16 16");
-  svg.setAttribute("class", "icon");
-  svg.setAttribute("aria-hidden", "true");
-  const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  path.setAttribute("d", PATHS[name]);
-  svg.append(path);
-  return svg;
+export function Icon({ name }: { name: IconName }) {
+  return (
+    <svg viewBox="0 0 16 16" class="icon" aria-hidden="true">
+      <path d={PATHS[name]} />
+    </svg>
+  );
 }

@@ -1,22 +1,6 @@
-// Small helpers for building the page.
+// Numbers, lists and paths as text.
 
-type Attributes = Record<string, string | number | boolean | ((event: Event) => void)>;
-
-/** Create an element with attributes (functions for "onclick" and other events) and children. */
-export function h<K extends keyof HTMLElementTagNameMap>(
-  tag: K,
-  attributes: Attributes = {},
-  ...children: (Node | string)[]
-): HTMLElementTagNameMap[K] {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (typeof value === "function") element.addEventListener(name.slice(2), value);
-    else if (typeof value === "boolean") element.toggleAttribute(name, value);
-    else element.setAttribute(name, String(value));
-  }
-  element.append(...children);
-  return element;
-}
+import type { Path } from "./protocol";
 
 /** Format a number with four significant digits, and at least three decimals from 1000; an integer with all digits. */
 export function short(value: number): string {
@@ -37,6 +21,6 @@ export function counted(texts: string[]): string[] {
 }
 
 /** Format a path; the number 3 is `#3`, the string is `3`. */
-export function pathText(path: (string | number)[]): string {
+export function pathText(path: Path): string {
   return path.length ? path.map((name) => (typeof name === "number" ? `#${name}` : name || '""')).join(" / ") : "scene";
 }

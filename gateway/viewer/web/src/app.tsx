@@ -1,0 +1,115 @@
+// The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
+
+import { useSignal } from "@preact/signals";
+import { DetailsPanel } from "./detailspanel";
+import { EmptyState } from "./emptystate";
+import { Lightbox } from "./lightbox";
+import { keep, kept } from "./options";
+import { type Side, TABS, type Tab } from "./panels";
+import { RendersPanel } from "./renderspanel";
+import { SensorsPanel } from "./sensorspanel";
+import { StatusBar } from "./statusbar";
+import { TabList } from "./tabs";
+import { Toolbar } from "./toolbar";
+import { TreePanel } from "./treepanel";
+import type { Viewer } from "./viewer";
+
+const MIN_WIDTH = 160;
+/** Step of an arrow key, pixels. */
+const STEP = 16;
+
+interface SplitterProps {
+  side: Side;
+  label: string;
+  /** Width of the panel, pixels; null: the default. */
+  width: number | null;
+  onResize: (width: number | null) => void;
+}
+
+/** Handle between a panel and the view: dragged, or moved by the arrow keys. */
+function Splitter({ side, label, width, onResize }: SplitterProps) {
+  const resize = (pixels: number) => onResize(Math.round(Math.min(Math.max(pixels, MIN_WIDTH), 0.6 * innerWidth)));
+  const onPointerMove = ({ currentTarget, pointerId, clientX }: PointerEvent) => {
+    if ((currentTarget as Element).hasPointerCapture(pointerId)) resize(side === "left" ? clientX : innerWidth - clientX);
+  };
+  const onKeyDown = (event: KeyboardEvent) => {
+    const step = { ArrowLeft: -STEP, ArrowRight: STEP }[event.key];
+    if (!step) return;
+    const edge = (event.currentTarget as Element).getBoundingClientRect()[side];
+    resize(side === "left" ? edge + step : innerWidth - edge - step);
+    event.preventDefault();
+  };
+  return (
+    <div
+      class={`splitter ${side}`}
+      role="separator"
+      tabIndex={0}
+      aria-orientation="vertical"
+      aria-label={label}
+      aria-valuenow={width ?? MIN_WIDTH}
+      title="Drag to resize"
+      onPointerDown={({ currentTarget, pointerId }) => currentTarget.setPointerCapture(pointerId)}
+      onPointerMove={onPointerMove}
+      onKeyDown={onKeyDown}
+      onDblClick={() => onResize(null)}
+    />
+  );
+}
+
+/** @param attach puts the view into an element */
+export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Element | null) => void }) {
+  const { session, panels } = viewer;
+  const widths = { left: useSignal(Number(kept("left-width")) || null), right: useSignal(Number(kept("right-width")) || null) };
+  const splitter = (side: Side, label: string) => (
+    <Splitter
+      side={side}
+      label={label}
+      width={widths[side].value}
+      onResize={(width) => {
+        widths[side].value = width;
+        keep(`${side}-width`, width ? String(width) : "");
+      }}
+    />
+  );
+  const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
+  const tab = panels.tab.value;
+  const pages: Record<Tab, preact.ComponentChild> = {
+    Selection: <DetailsPanel viewer={viewer} />,
+    Stereo: <SensorsPanel viewer={viewer} />,
+    Renders: <RendersPanel viewer={viewer} />,
+  };
+  const { notice, graphicsNotice } = session;
+  const hint = notice.value.text || graphicsNotice.value;
+  const isCentred = notice.value.text !== "" && notice.value.centre;
+  const id = (name: Tab) => `page-${name.toLowerCase()}`;
+  return (
+    <>
+      <Toolbar viewer={viewer} />
+      <div class={`layout${panels.left.value ? "" : " no-left"}${panels.right.value ? "" : " no-right"}`} style={width("left") + width("right")}>
+        <nav class="drawer left">
+          <TreePanel viewer={viewer} />
+        </nav>
+        <main class="stage">
+          <div class="view" ref={attach} />
+          <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
+            {hint}
+          </p>
+          {session.isEmpty.value && <EmptyState />}
+          {splitter("left", "Width of the scene tree")}
+          {splitter("right", "Width of the panels")}
+        </main>
+        <aside class="drawer right" aria-label="Panels">
+          <TabList names={TABS} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />
+          {TABS.map((name) => (
+            <div key={name} class="page" role="tabpanel" id={id(name)} aria-label={name} tabIndex={-1} hidden={name !== tab}>
+              {pages[name]}
+            </div>
+          ))}
+        </aside>
+        <div class="shade" onClick={() => panels.closeDrawers()} />
+      </div>
+      <StatusBar session={session} />
+      <Lightbox full={panels.full} />
+    </>
+  );
+}

@@ -1,0 +1,75 @@
+// Buttons and form controls of the page.
+
+import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
+import { Icon, type IconName } from "./icons";
+
+interface ButtonProps extends ButtonHTMLAttributes {
+  icon: IconName;
+  /** Tooltip, and the label of a button without text. */
+  title: string;
+  pressed?: boolean;
+}
+
+export function Button({ icon, title, pressed, children, ...more }: ButtonProps) {
+  return (
+    <button type="button" title={title} aria-label={children ? undefined : title} aria-pressed={pressed} {...more}>
+      <Icon name={icon} />
+      {children}
+    </button>
+  );
+}
+
+interface LinkProps {
+  icon: IconName;
+  title: string;
+  /** Name of the downloaded file. */
+  file: string;
+  url: () => string;
+  children?: ComponentChildren;
+}
+
+/** Link to a file whose URL is known when it is clicked. */
+export function Download({ icon, title, file, url, children }: LinkProps) {
+  return (
+    <a class="button" href="./" download={file} title={title} onClick={({ currentTarget }) => (currentTarget.href = url())}>
+      <Icon name={icon} />
+      {children}
+    </a>
+  );
+}
+
+interface SliderProps {
+  label: string;
+  value: number;
+  max?: number;
+  step?: number;
+  title?: string;
+  onInput: (value: number) => void;
+  onChange?: (value: number) => void;
+}
+
+/** Slider, from 0 to 1 by default. */
+export function Slider({ label, onInput, onChange, ...more }: SliderProps) {
+  const read = (set?: (value: number) => void) => (event: TargetedEvent<HTMLInputElement>) => set?.(Number(event.currentTarget.value));
+  return <input type="range" min={0} max={1} step={0.05} aria-label={label} onInput={read(onInput)} onChange={read(onChange)} {...more} />;
+}
+
+interface SelectProps<T extends string> {
+  label: string;
+  value: T;
+  /** Values and their texts. */
+  choices: [T, string][];
+  onChange: (value: T) => void;
+}
+
+export function Select<T extends string>({ label, value, choices, onChange }: SelectProps<T>) {
+  return (
+    <select aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
+      {choices.map(([each, text]) => (
+        <option key={each} value={each}>
+          {text}
+        </option>
+      ))}
+    </select>
+  );
+}

@@ -1,0 +1,35 @@
+// Dialog with an image in full size.
+
+import type { Signal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { Button, Download } from "./controls";
+
+export interface FullImage {
+  title: string;
+  /** URL; of a live image another one for each of its frames. */
+  source: () => string;
+  fileName: string;
+}
+
+export function Lightbox({ full }: { full: Signal<FullImage | null> }) {
+  const dialog = useRef<HTMLDialogElement>(null);
+  const { value: image } = full;
+  const close = () => {
+    full.value = null;
+  };
+  useEffect(() => (image ? dialog.current?.showModal() : dialog.current?.close()), [image]);
+  return (
+    <dialog ref={dialog} aria-label="Image" onClose={close} onClick={({ target, currentTarget }) => target === currentTarget && close()}>
+      {image && (
+        <>
+          <header>
+            <h2>{image.title}</h2>
+            <Download icon="download" title="Save the image" file={image.fileName} url={image.source} />
+            <Button icon="close" aria-label="Close" title="Close (Esc)" onClick={close} />
+          </header>
+          <img alt={image.title} src={image.source()} />
+        </>
+      )}
+    </dialog>
+  );
+}

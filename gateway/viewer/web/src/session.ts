@@ -1,0 +1,81 @@
+// What the views of the page show: the scene, the selection, the connection and the gateway's state. Without a browser.
+
+import { batch, computed, signal } from "@preact/signals";
+import { Model, type ModelChange, type TreeNode } from "./model";
+import type { Path, SceneUpdate, Status } from "./protocol";
+
+export type ConnectionState = "connecting" | "open" | "closed";
+
+export class Session {
+  readonly model = new Model();
+  readonly selected = signal<TreeNode | null>(null);
+  /** Path of a selected node that was removed: it is selected again when it is published. */
+  readonly awaited = signal<Path | null>(null);
+  /** Node to which the tree opens and scrolls. */
+  readonly revealed = signal<TreeNode | null>(null);
+  /** Number of changes of nodes: added, removed, geometry, visibility, opacity. */
+  readonly changes = signal(0);
+  readonly isEmpty = signal(false);
+  readonly connection = signal<{ state: ConnectionState; reason: string }>({ state: "connecting", reason: "" });
+  readonly status = signal<Status | null>(null);
+  /** Updated once a second, as poses are shown. */
+  readonly rates = signal({ nodes: 0, revision: 0, updates: 0, frames: 0 });
+  /** Message about the connection. */
+  readonly notice = signal({ text: "", centre: false });
+  /** Message about the graphics device. */
+  readonly graphicsNotice = signal("");
+  /** True while clients stream images of the stereo camera. */
+  readonly streaming = computed(() => (this.status.value?.facts ?? []).some(({ name, value }) => name === "streams" && Number(value) > 0));
+  private updates = 0;
+  private framesBefore = 0;
+
+  select(node: TreeNode | null, reveal = false): void {
+    batch(() => {
+      this.awaited.value = null;
+      this.selected.value = node;
+      if (reveal) this.revealed.value = node;
+    });
+  }
+
+  /** Apply an update to the scene and to the selection. */
+  apply(update: SceneUpdate): ModelChange {
+    const change = this.model.apply(update);
+    this.updates += 1;
+    batch(() => {
+      if (change.added.length || change.removed.length || change.changed.size) this.changes.value += 1;
+      this.followSelection();
+      this.isEmpty.value = this.model.root.children.size === 0 && !this.model.root.parts;
+      this.notice.value = { text: "", centre: false };
+    });
+    return change;
+  }
+
+  /** Select the node at the path of the selected one, after either was removed or added. */
+  private followSelection(): void {
+    const { selected, awaited, model } = this;
+    if (selected.value && model.nodes.get(selected.value.id) !== selected.value) awaited.value = selected.value.path;
+    if (!awaited.value) return;
+    selected.value = model.find(awaited.value);
+    if (selected.value) awaited.value = null;
+  }
+
+  setConnection(state: ConnectionState, reason: string): void {
+    const closed = reason || "The gateway does not respond; ";
+    batch(() => {
+      this.connection.value = { state, reason };
+      if (state === "open") this.notice.value = { text: "Waiting for the scene …", centre: true };
+      else if (this.model.revision === 0) this.notice.value = { text: reason || `${closed}this page keeps trying.`, centre: true };
+      else this.notice.value = { text: reason || `${closed}this is the scene as it was.`, centre: false };
+      if (state === "closed") this.status.value = null;
+    });
+  }
+
+  /** Count the last second. Return true if there were updates. */
+  tick(frames: number): boolean {
+    const { updates, model } = this;
+    this.rates.value = { nodes: model.nodes.size - 1, revision: model.revision, updates, frames: frames - this.framesBefore };
+    this.framesBefore = frames;
+    this.updates = 0;
+    return updates > 0;
+  }
+}

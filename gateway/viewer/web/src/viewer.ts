@@ -1,0 +1,249 @@
+// The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
+
+import { effect, signal } from "@preact/signals";
+import type { Box3, Color, Vector3 } from "three";
+import { Clicks } from "./clicks";
+import { Drawing } from "./drawing";
+import { Frustum } from "./frustum";
+import { Materials } from "./materials";
+import type { TreeNode } from "./model";
+import { keep, kept, type Option, options } from "./options";
+import type { Panels } from "./panels";
+import type { Click, PageSettings, SceneUpdate } from "./protocol";
+import type { Session } from "./session";
+import { type CameraView, type Direction, Stage } from "./stage";
+import { backgroundColors, colorsOn } from "./theme";
+
+/** Time in which the home view follows the nodes that are added. */
+const FRAMING_MS = 2000;
+
+/** The camera, and the home camera that a client had set, are kept until the tab is closed, unless it is the home view. */
+interface KeptView extends CameraView {
+  home: string;
+}
+
+export class Viewer {
+  readonly stage: Stage;
+  readonly materials: Materials;
+  readonly drawing: Drawing;
+  readonly frustum: Frustum;
+  private readonly clicks: Clicks;
+  private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
+  /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
+  private framingEnds = Infinity;
+  /** `stage.placements` after the home view was last framed. */
+  private framed: number;
+  /** JSON of the last home camera that a client has set. */
+  private lastHome = "";
+
+  constructor(
+    readonly session: Session,
+    readonly panels: Panels,
+    private readonly holder: HTMLElement,
+    report: (click: Click) => void,
+  ) {
+    const redraw = () => this.stage.redraw();
+    this.stage = new Stage(holder, {
+      imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
+      isTranslucent: () => this.materials.areTranslucent,
+      drawn: () => this.materials.disposeUnused(),
+      originMoved: () => this.placeAll(),
+    });
+    const { stage } = this;
+    this.framed = stage.placements;
+    this.materials = new Materials(redraw, () => stage.lights.environmentMap);
+    this.drawing = new Drawing(session.model, this.materials, stage.clouds, stage.origin, redraw);
+    stage.content.add(this.drawing.root);
+    this.frustum = new Frustum(redraw);
+    stage.world.add(this.frustum.object);
+    this.clicks = new Clicks(stage, this.drawing, report);
+    stage.onTap((x, y, button) => this.tap(x, y, button));
+    this.followOptions();
+    this.followGraphicsDevice();
+    this.keepCamera();
+  }
+
+  /** Follow the display options and the selection. */
+  private followOptions(): void {
+    const { stage, session, panels } = this;
+    const follow = (option: Option<"off" | "on">, set: (on: boolean) => void) => effect(() => set(option.shown.value === "on"));
+    follow(options.grid, (on) => stage.show(stage.grid, on));
+    follow(options.axes, (on) => stage.show(stage.axes, on));
+    follow(options.wireframe, (on) => this.materials.setWireframe(on));
+    follow(options.orthographic, (on) => stage.setOrthographic(on));
+    follow(options.shadows, () => this.placeShadows());
+    follow(options.occlusion, (on) => stage.setOcclusion(on));
+    effect(() => {
+      document.documentElement.dataset.theme = options.theme.shown.value;
+      const { background } = this.settings.value;
+      const name = options.background.shown.value;
+      const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
+      this.frustum.material.color.set(colors.frustum);
+      stage.setBackground(colors.background, colors.grid);
+    });
+    effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
+    effect(() => {
+      session.changes.value;
+      this.highlight(session.selected.value);
+    });
+  }
+
+  /** Say that the graphics device is lost, and come back with it. */
+  private followGraphicsDevice(): void {
+    const { graphicsNotice } = this.session;
+    const { stage } = this;
+    if (!stage.renderer) graphicsNotice.value = "This browser has no WebGL 2. These are the gateway's own images of the scene.";
+    stage.canvas.addEventListener("webglcontextlost", () => {
+      graphicsNotice.value = "The browser has lost its graphics device. The view returns when it is back.";
+    });
+    stage.canvas.addEventListener("webglcontextrestored", () => {
+      stage.lights.forgetEnvironment();
+      this.materials.renewEnvironment();
+      graphicsNotice.value = "";
+      stage.redraw();
+    });
+  }
+
+  private keepCamera(): void {
+    const { stage } = this;
+    const view = JSON.parse(kept("view", "sessionStorage") ?? "null") as KeptView | null;
+    if (view) {
+      this.lastHome = view.home;
+      this.framingEnds = 0;
+      stage.placeCamera(view);
+    }
+    // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
+    addEventListener("resize", () => {
+      if (stage.placements !== this.framed) return;
+      stage.resize();
+      this.look("home");
+    });
+    addEventListener("pagehide", () => {
+      const moved = stage.placements !== this.framed;
+      keep("view", JSON.stringify(moved ? { ...stage.view, home: this.lastHome } : null), "sessionStorage");
+    });
+  }
+
+  apply(update: SceneUpdate): void {
+    const change = this.session.apply(update);
+    this.drawing.apply(change);
+    this.highlight(this.session.selected.peek());
+    if (!this.session.isEmpty.peek() && (change.added.length || this.framingEnds === Infinity)) this.frameFirstNodes();
+    if (change.added.length || change.removed.length) this.placeShadows();
+    this.stage.redraw();
+  }
+
+  /** Frame the scene while its first nodes arrive, unless the camera was moved meanwhile. */
+  private frameFirstNodes(): void {
+    const now = performance.now();
+    if (this.framingEnds === Infinity) this.framingEnds = now + FRAMING_MS;
+    else if (now > this.framingEnds || this.stage.placements !== this.framed) return;
+    this.look("home");
+  }
+
+  /** Apply the view settings of a client. */
+  configure(next: PageSettings): void {
+    if (next.grid !== this.settings.peek().grid) options.grid.shown.value = next.grid === null ? options.grid.own : next.grid ? "on" : "off";
+    this.settings.value = next;
+    this.clicks.setPaths(next.clickable);
+    const home = JSON.stringify(next.home);
+    if (!next.home || home === this.lastHome) return;
+    this.lastHome = home;
+    this.look("home");
+  }
+
+  private placeAll(): void {
+    this.drawing.moveAll();
+    this.highlight(this.session.selected.peek());
+    this.placeShadows();
+  }
+
+  private highlight(node: TreeNode | null): void {
+    this.stage.outline(node ? this.drawing.bounds(node) : null);
+  }
+
+  /** Fit the lamp's shadow map to the scene, if shadows are on. */
+  placeShadows(): void {
+    const on = options.shadows.shown.peek() === "on";
+    this.stage.setShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+  }
+
+  private tap(x: number, y: number, button: Click["button"]): void {
+    const hit = this.stage.pick(x, y);
+    const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
+    if (hit && node) this.clicks.report(node, hit.point.add(this.stage.origin).toArray(), button);
+    if (button === "left") this.select(node, true);
+  }
+
+  select = (node: TreeNode | null, reveal = false): void => {
+    this.session.select(node, reveal);
+    if (node) this.panels.show("Selection");
+  };
+
+  changed = (node: TreeNode): void => {
+    for (const each of node.subtree()) this.drawing.refresh(each);
+    this.session.changes.value += 1;
+    this.stage.redraw();
+  };
+
+  /** Frame a node; default: the selection, or everything. */
+  fit = (node: TreeNode | null = this.session.selected.peek()): void => {
+    this.stage.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
+  };
+
+  look = (direction: Direction): void => {
+    const { home } = this.settings.peek();
+    if (direction === "home" && home) this.stage.placeCamera(home);
+    else this.stage.look(direction, this.drawing.focusBoxes(this.session.model.root));
+    if (direction === "home") this.framed = this.stage.placements;
+  };
+
+  boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.origin);
+
+  pointSize = (pixels: number): void => this.materials.setPointSize(pixels);
+
+  file = (): string => `scene.glb?${this.viewQuery()}`;
+
+  rendering = (): string => `scene/render?${this.imageQuery()}`;
+
+  /** Download the view as it is shown; without WebGL, an image of the gateway. */
+  snapshot = (): void => {
+    const save = (href: string) => Object.assign(document.createElement("a"), { href, download: "scenegate.png" }).click();
+    if (!this.stage.renderer) save(this.rendering());
+    this.stage.renderer?.domElement.toBlob((image) => {
+      if (!image) return;
+      const url = URL.createObjectURL(image);
+      save(url);
+      setTimeout(() => URL.revokeObjectURL(url), 10_000);
+    });
+  };
+
+  /** Return this view's camera in the gateway's syntax. */
+  private cameraText(): string {
+    const { camera, perspective, orthographic, origin, controls } = this.stage;
+    const text = (v: Vector3) =>
+      v
+        .toArray()
+        .map((x) => x.toFixed(5))
+        .join(",");
+    const at = (v: Vector3) => text(v.clone().add(origin));
+    const size = camera === perspective ? `fovy=${perspective.fov}` : `xmag=${(orthographic.right / orthographic.zoom).toPrecision(9)}`;
+    return `eye=${at(camera.position)};target=${at(controls.target)};up=${text(camera.up)};${size}`;
+  }
+
+  /** Return this view as parameters of `/scene.glb`. */
+  private viewQuery(): URLSearchParams {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    const changed = [...this.session.model.nodes.values()].filter(({ shown, visible }) => (shown ?? visible) !== visible);
+    const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
+    const camera = this.cameraText();
+    return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
+  }
+
+  /** Return the parameters of the gateway's image of this view. */
+  private imageQuery(): URLSearchParams {
+    const query = this.viewQuery();
+    query.set("background", (this.stage.scene.background as Color).getHexString());
+    return query;
+  }
+}
