@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from pkgutil import walk_packages
 from typing import Final
 
 from gateway.runtime.kernels import cache
@@ -34,7 +35,7 @@ class Part:
     excluding: tuple[str, ...] = ()
     """Names as above, of kernels that are left out."""
     modules: tuple[str, ...] = ()
-    """Modules that define the kernels, besides those of the rasterizer."""
+    """Modules and packages that define the kernels, besides those of the rasterizer."""
 
     def has_kernel(self, name: str) -> bool:
         """Return True for the full name of a kernel of this part."""
@@ -43,7 +44,9 @@ class Part:
     def compile_or_load(self) -> None:
         """Compile the kernels, or load them from the cache."""
         for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *self.modules):
-            import_module(module)
+            package = import_module(module)
+            for each in walk_packages(getattr(package, "__path__", ()), f"{module}."):
+                import_module(each.name)
         from renderers.compiler.jit import KERNELS
 
         for kernel in KERNELS:
